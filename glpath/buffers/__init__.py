@@ -1,0 +1,1 @@
+"""The papers' structures, each usable alone."""

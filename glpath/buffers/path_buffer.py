@@ -1,0 +1,321 @@
+"""Path-buffer: the z-buffer with a near value per pixel [PB 2].
+
+One scan conversion of the scene along a direction finds, for every origin in the buffer, the nearest surface beyond
+it. Many parallel rays are cast by one draw of the scene, wherever they start.
+
+What is done otherwise than in the paper:
+
+- *Sub-pixel positions.* The paper starts a ray at the centre of the nearest pixel. Here the fragment shader tests
+  coverage and depth at the ray's own place in the cell, and triangles are grown to every cell they touch, so the
+  answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
+- *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
+- *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
+  loses a roulette without bias: the four survivors stand for all of the cell [PB appendix B].
+
+Cost:     one draw of the scene per direction, whatever the number of origins, and a few maps over origins and cells.
+Poor at:  few origins in a large scene; origins that crowd into few cells.
+Limits:   2**20 origins a scan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import UsageError
+from glpath.gl.gpu_scene import GpuScene, triangle_glsl
+from glpath.gl.passes import Pass
+from glpath.gl.program import Program, load_program
+
+MAX_PATHS = 1 << 20
+#: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
+MAX_PACKED_BITS = 13
+_EPOCHS = 4095
+_NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
+
+#: `path_report.frag` and `path_result.glsl` say the same.
+MISSED, LOST, DEAD = -1, -2, -3
+
+
+@dataclass(frozen=True)
+class ScanView:
+    """The view of one scan: a direction and how the grid of cells lies across it.
+
+    direction : (3,) unit, the way of a path with sign +1
+    roll      : angle of the grid about the direction, radians
+    jitter    : (2,) in [0, 1), where the grid starts, in cells
+    seed      : decides who wins the roulette of a crowded cell
+    """
+
+    direction: NDArray[np.float64]
+    roll: float = 0.0
+    jitter: tuple[float, float] = (0.5, 0.5)
+    seed: int = 0
+
+    def frame(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Unit vectors (u, v) that make a right-handed frame with the direction."""
+        d = self.direction
+        # Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+        sign = np.copysign(1.0, d[2])
+        a = -1.0 / (sign + d[2])
+        b = d[0] * d[1] * a
+        x = np.array([1.0 + sign * d[0] ** 2 * a, sign * b, -sign * d[0]])
+        y = np.array([b, sign + d[1] ** 2 * a, -d[1]])
+        c, s = np.cos(self.roll), np.sin(self.roll)
+        return c * x + s * y, c * y - s * x
+
+
+class Hits(NamedTuple):
+    """What rays hit.
+
+    triangle : (N,) int32, number of the triangle, -1 where nothing is hit
+    t        : (N,) float64, distance along the ray, inf where nothing is hit
+    """
+
+    triangle: NDArray[np.int32]
+    t: NDArray[np.float64]
+
+
+class PathBuffer:
+    """Casts parallel rays by scan conversion.
+
+    Parameters
+    ----------
+    gl    : the context
+    scene : what is scanned
+    paths : (columns, rows) of the path states; columns * rows <= 2**20
+    cells : (columns, rows) of the buffer; by default as many as paths
+
+    `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
+    `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`, with
+    `textures`, `buffers` and the uniforms that `scan_positions` returned.
+    """
+
+    def __init__(
+        self, gl: moderngl.Context, scene: GpuScene, paths: tuple[int, int], cells: tuple[int, int] | None = None
+    ) -> None:
+        if paths[0] * paths[1] > MAX_PATHS:
+            raise UsageError(
+                f"path-buffer: {paths[0]} x {paths[1]} paths; one scan holds at most {MAX_PATHS}",
+                "Cast them in several calls, or render the image in tiles.",
+            )
+        self.gl = gl
+        self.scene = scene
+        self.paths = paths
+        self.cells = cells = cells or paths
+        count = cells[0] * cells[1]
+        self.id_bits = max(1, (scene.count - 1).bit_length())
+        self.packed = self.id_bits <= MAX_PACKED_BITS
+        self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38"}
+        if self.packed:
+            # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
+            self.defines |= {"PACKED": 1, "ID_BITS": self.id_bits, "DEPTH_LEVELS": (0x7E000000 >> self.id_bits) - 64}
+        self._epoch = 0
+        self._scans = 0
+
+        self._flights = self._texture(paths, "u4")
+        self._slots = gl.buffer(reserve=16 * count)
+        self._overflow = gl.buffer(reserve=4 * count)
+        self._slot_texture = self._texture(cells, "u4")
+        self._z0 = self._texture(cells, "f4")
+        self._place = self._texture(cells, "u4")
+        self._found = self._texture(cells, "f4")
+        self._grid_size = (min(16, paths[0]), min(16, paths[1]))
+        self._grid = self._texture(self._grid_size, "f4")
+        self._bounds = self._texture((1, 1), "f4")
+
+        self._textures = textures = {
+            "triangles": scene.texture,
+            "path_position": self._flights,  # until the first scan brings its own
+            "path_grid": self._grid,
+            "path_bounds": self._bounds,
+            "path_flights": self._flights,
+            "cell_slots": self._slot_texture,
+            "cell_z0": self._z0,
+            "cell_place": self._place,
+        }
+        self.textures = {"path_flights": self._flights, "cell_slots": self._slot_texture, "cell_found": self._found}
+        self.buffers = {1: self._overflow}
+        self._report: tuple[Pass, moderngl.Texture] | None = None
+
+        def program(fragment: str, vertex: str = "fullscreen.vert", **defines: object) -> Program:
+            return load_program(
+                gl,
+                vertex=vertex,
+                fragment=fragment,
+                generated={"TRIANGLE": triangle_glsl()},
+                defines=self.defines | defines,
+            )
+
+        def target(*attachments: moderngl.Texture) -> moderngl.Framebuffer:
+            return gl.framebuffer(list(attachments))
+
+        bounds = program("path_bounds.frag", FROM_PATHS=1)
+        self._position_passes = [
+            Pass("bounds of the paths", gl, bounds, target(self._grid), textures=textures),
+            Pass("bounds of the grid", gl, program("path_bounds.frag"), target(self._bounds), textures=textures),
+            Pass(
+                "launch",
+                gl,
+                program("path_launch.frag"),
+                target(self._flights),
+                textures=textures,
+                buffers={0: self._slots, 1: self._overflow},
+            ),
+        ]
+        self._cell_pass = Pass(
+            "cells", gl, program("path_cells.frag"), target(self._z0, self._place), textures=textures
+        )
+        self._scene_passes = []
+        for name, defines, found, blend, clear in self._scan_stages(textures):
+            self._scene_passes.append(
+                Pass(
+                    name,
+                    gl,
+                    program("path_scan.frag", "path_scan.vert", **defines),
+                    target(found),
+                    vertices=3 * scene.count,
+                    blend=blend,
+                    clear=(clear,) * 4,
+                    textures=textures,
+                )
+            )
+
+    def _scan_stages(
+        self, textures: dict[str, moderngl.Texture]
+    ) -> list[tuple[str, dict[str, object], moderngl.Texture, str, float]]:
+        if self.packed:
+            return [("scan scene", {}, self._found, "min", 3e38)]
+        textures["cell_nearest"] = self._texture(self.cells, "f4")
+        return [
+            ("scan depth", {"NEAREST": 1}, textures["cell_nearest"], "min", 1e30),
+            ("scan triangle", {}, self._found, "max", 0.0),
+        ]
+
+    def _texture(self, size: tuple[int, int], dtype: str) -> moderngl.Texture:
+        texture = self.gl.texture(size, 4, dtype=dtype)
+        texture.filter = _NEAREST
+        return texture
+
+    def _view_uniforms(self, view: ScanView) -> dict[str, object]:
+        """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
+        u, v = view.frame()
+        if self._epoch == 0:
+            # Keys of an older scan are larger than all of a newer one; when the epochs run out, start over.
+            self._epoch = _EPOCHS
+            self._slots.clear(chunk=b"\xff\xff\xff\xff")
+            self._overflow.clear()
+        self._epoch -= 1
+        columns, rows = self.paths
+        return {
+            "path_u": tuple(u),
+            "path_v": tuple(v),
+            "path_d": tuple(view.direction),
+            "scene_centre": tuple(self.scene.centre),
+            "scene_diameter": 2.0 * self.scene.radius,
+            "cell_count": (float(self.cells[0]), float(self.cells[1])),
+            "cell_columns": self.cells[0],
+            "cell_jitter": view.jitter,
+            "scan_epoch": self._epoch,
+            "permutation_seed": view.seed & 0xFFFFFFFF,
+            "path_columns": columns,
+        }
+
+    def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
+        """ScanConvertPositions [PB table 4]: z0 of every live path. Returns the scan's uniforms.
+
+        position : RGBA32F of `paths` texels: place in world space; in w +1 or -1 for the way, 0 for no path
+        """
+        uniforms = self._view_uniforms(view)
+        self._textures["path_position"] = position
+        columns, rows = self.paths
+        grid = self._grid_size
+        block = (-(-columns // grid[0]), -(-rows // grid[1]))
+        self._position_passes[0].run(uniforms | {"source_size": self.paths, "block": block})
+        self._position_passes[1].run(uniforms | {"source_size": grid, "block": grid})
+        self._position_passes[2].run(uniforms)
+        self.gl.memory_barrier()
+        self._slot_texture.write(self._slots)
+        self._cell_pass.run(uniforms)
+        return uniforms
+
+    def scan_scene(self, uniforms: dict[str, object]) -> None:
+        """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
+        for stage in self._scene_passes:
+            stage.run(uniforms)
+
+    def cast(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Hits:
+        """The nearest surface beyond each origin, exactly: what lost the roulette is cast again.
+
+        Parameters
+        ----------
+        origins   : (N, 3), world space; N up to the buffer's number of paths
+        direction : (3,), need not be unit
+        way       : (N,) +1 to look along the direction (default), -1 against it
+
+        A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 5e-4 of a
+        cell) counts as the one that the ray starts on.
+        """
+        start = np.asarray(origins, np.float64).reshape(-1, 3)
+        n = len(start)
+        columns, rows = self.paths
+        if n > columns * rows:
+            raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
+        d = np.asarray(direction, np.float64)
+        if d.shape != (3,) or not np.all(np.isfinite(d)) or not np.any(d):
+            raise UsageError(f"path-buffer: direction {d!r}; three finite numbers, not all zero, are needed")
+        if not np.all(np.isfinite(start)):
+            raise UsageError("path-buffer: an origin is not finite")
+        d = d / np.linalg.norm(d)
+        sign = np.ones(n) if way is None else np.sign(np.asarray(way, np.float64))
+
+        triangle = np.full(n, MISSED, np.int32)
+        open_ = np.flatnonzero(sign)
+        state = np.zeros((rows * columns, 4), np.float32)
+        state[:n, :3] = start
+        position = self._texture(self.paths, "f4")
+        round_ = 0
+        while len(open_):
+            state[:, 3] = 0
+            state[open_, 3] = sign[open_]
+            position.write(state.tobytes())
+            uniforms = self.scan_positions(position, ScanView(d, roll=0.7 * round_, seed=round_))
+            self.scan_scene(uniforms)
+            answer = self._read_report(uniforms)[open_]
+            done = answer != LOST
+            triangle[open_[done]] = answer[done]
+            open_ = open_[~done]
+            round_ += 1
+
+        t = np.full(n, np.inf)
+        hit = triangle >= 0
+        which = triangle[hit]
+        normals = self.scene.scene.normals[which]
+        corner = self.scene.scene.triangles[which, 0]
+        along = d * sign[hit, None]
+        t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
+        return Hits(triangle, t)
+
+    def _read_report(self, uniforms: dict[str, object]) -> NDArray[np.int32]:
+        if self._report is None:
+            texture = self.gl.texture(self.paths, 1, dtype="i4")
+            texture.filter = _NEAREST
+            program = load_program(
+                self.gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=self.defines
+            )
+            stage = Pass(
+                "report",
+                self.gl,
+                program,
+                self.gl.framebuffer([texture]),
+                textures=self.textures,
+                buffers=self.buffers,
+            )
+            self._report = stage, texture
+        stage, texture = self._report
+        stage.run(uniforms)
+        return np.frombuffer(texture.read(), np.int32)

@@ -1,0 +1,119 @@
+"""A pass: one draw or dispatch with all the state it depends on.
+
+moderngl's scopes restore neither blend nor depth function nor viewport, so nothing here relies on what was
+set before: `Pass.run` sets everything, every time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import moderngl
+
+from glpath.gl.program import Program
+
+BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
+    "min": (moderngl.MIN, (moderngl.ONE, moderngl.ONE)),
+    "max": (moderngl.MAX, (moderngl.ONE, moderngl.ONE)),
+}
+
+
+@dataclass
+class Pass:
+    """One draw: a program and the target, blend, depth and viewport state it depends on.
+
+    name     : the paper's word for the stage; used in timings, GL debug groups and errors
+    target   : framebuffer drawn to, whole
+    vertices : count per instance; there are no vertex buffers, vertices are pulled by gl_VertexID
+    blend    : None, "min" or "max", for all attachments
+    depth    : test and write depth (less)
+    clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
+    """
+
+    name: str
+    gl: moderngl.Context
+    program: Program
+    target: moderngl.Framebuffer
+    vertices: int = 3
+    instances: int = 1
+    blend: str | None = None
+    depth: bool = False
+    clip_distances: int = 0
+    clear: tuple[float, float, float, float] | None = None
+    textures: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+    buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._vertex_array = self.gl.vertex_array(self.program.gl, [])
+        self._flags = (moderngl.BLEND if self.blend else 0) | (moderngl.DEPTH_TEST if self.depth else 0)
+        # A program may use fewer textures than a family of passes offers, never more.
+        missing = set(self.program.samplers) - set(self.textures)
+        assert not missing, f"{self.name}: no texture for {sorted(missing)}"
+
+    def run(self, uniforms: Mapping[str, object]) -> None:
+        """Set the whole state and draw."""
+        gl = self.gl
+        target = self.target
+        target.viewport = (0, 0, *target.size)
+        target.scissor = None
+        target.use()
+        gl.enable_only(self._flags)
+        for i in range(self.clip_distances):
+            gl.enable_direct(0x3000 + i)  # GL_CLIP_DISTANCE0
+        if self.blend:
+            equation, function = BLENDS[self.blend]
+            gl.blend_equation = equation
+            gl.blend_func = function
+        if self.depth:
+            gl.depth_func = "<"
+            target.depth_mask = True
+        if self.clear is not None:
+            target.clear(*self.clear)
+        for name, unit in self.program.samplers.items():
+            self.textures[name].use(unit)
+        for binding, buffer in self.buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+        self.program.set(uniforms)
+        with gl.debug_scope(self.name):
+            self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+        for i in range(self.clip_distances):
+            gl.disable_direct(0x3000 + i)
+
+
+class Stopwatch:
+    """Milliseconds by stage of the frame.
+
+    Off by default, as it costs: on a hardware device each stage is a GL timer query; on a software device, where
+    such a query only sees the submission, the stage is run to its end (finish before and after).
+    """
+
+    def __init__(self, gl: moderngl.Context, hardware: bool, enabled: bool = False) -> None:
+        self.enabled = enabled
+        self.milliseconds: dict[str, float] = {}
+        self._gl = gl
+        self._hardware = hardware
+
+    @contextmanager
+    def stage(self, name: str) -> Any:
+        if not self.enabled:
+            yield
+            return
+        if self._hardware:
+            query = self._gl.query(time=True)
+            with query:
+                yield
+            spent = query.elapsed * 1e-6
+        else:
+            self._gl.finish()
+            start = time.perf_counter()
+            yield
+            self._gl.finish()
+            spent = (time.perf_counter() - start) * 1e3
+        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent
+
+
+Staged = Callable[[], None]

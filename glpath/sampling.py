@@ -1,0 +1,106 @@
+"""Sample points of a path set, from a counter: (seed, path set, use) and nothing else.
+
+All paths of a set share their directions and their light point [PB 3.1, 3.3], so these are a handful of numbers per
+set, made on the CPU. By default they are one point of a scrambled Sobol sequence (Owen-style scrambling of Matousek
+1998 as scipy has it): the error then falls almost as 1/n instead of 1/sqrt(n). `random` is independent uniform
+numbers, as in the paper.
+
+Poor at: comparing two scenes path by path where depth differs; the dimensions of a set depend on the depth only in
+number, never in order, so a deeper render repeats the shallower one's numbers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Sampling = Literal["sobol", "random"]
+
+# Order of the dimensions: the best ones of the sequence to what varies most.
+_PIXEL = slice(0, 2)
+_LIGHT = slice(2, 5)
+_FIRST_DIRECTION = 5
+
+
+@dataclass(frozen=True)
+class PathSetSample:
+    """The numbers that the paths of one set share, each in [0, 1).
+
+    pixel      : (2,) place in the pixel, x to the right and y down
+    light      : (3,) which emitter, and where on it
+    directions : (depth - 1, 2)
+    """
+
+    pixel: NDArray[np.float64]
+    light: NDArray[np.float64]
+    directions: NDArray[np.float64]
+
+
+class PathSetSampler:
+    """Numbers for path sets 0, 1, 2, ... of a render.
+
+    Parameters
+    ----------
+    seed      : any whole number >= 0; another seed is another, independent render
+    max_depth : vertices of a path, as in the paper
+    sampling  : "sobol" or "random"
+    """
+
+    _CHUNK = 256
+
+    def __init__(self, seed: int, max_depth: int, sampling: Sampling = "sobol") -> None:
+        self.seed = seed
+        self.dimensions = _FIRST_DIRECTION + 2 * max(max_depth - 1, 0)
+        self.sampling = sampling
+        self._chunk = -1
+        self._points = np.empty((0, self.dimensions))
+
+    def __getitem__(self, index: int) -> PathSetSample:
+        if index // self._CHUNK != self._chunk:
+            self._chunk = index // self._CHUNK
+            self._points = self._make(self._chunk * self._CHUNK)
+        u = self._points[index % self._CHUNK]
+        return PathSetSample(u[_PIXEL], u[_LIGHT], u[_FIRST_DIRECTION:].reshape(-1, 2))
+
+    def _make(self, start: int) -> NDArray[np.float64]:
+        if self.sampling == "random":
+            # A Philox stream per chunk, keyed by the seed: no state is carried from chunk to chunk.
+            bits = np.random.Philox(key=self.seed, counter=[0, 0, 0, start])
+            return np.random.Generator(bits).random((self._CHUNK, self.dimensions))
+        from scipy.stats import qmc  # slow to import, and not needed to look at a scene
+
+        with warnings.catch_warnings():
+            # scipy warns of sample counts that are not powers of two; ours is, but starts anywhere.
+            warnings.simplefilter("ignore", UserWarning)
+            sobol = qmc.Sobol(self.dimensions, scramble=True, rng=np.random.default_rng(self.seed))
+            if start:
+                sobol.fast_forward(start)
+            # Never exactly 1, where a table would be overrun.
+            return np.minimum(sobol.random(self._CHUNK), 1.0 - 1e-9)
+
+
+def counter_hash(*counter: int) -> int:
+    """32 bits from whole numbers: the seed of what a shader then hashes per path."""
+    text = ",".join(map(str, counter)).encode()
+    return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little")
+
+
+def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) unit vectors with z >= 0, density 1 / (2 pi), from u (..., 2)."""
+    z = u[..., 0]
+    r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
+    phi = 2.0 * np.pi * u[..., 1]
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+
+
+def uniform_sphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) unit vectors, density 1 / (4 pi), from u (..., 2) [PB A.2]."""
+    z = 1.0 - 2.0 * u[..., 0]
+    r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
+    phi = 2.0 * np.pi * u[..., 1]
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)

@@ -1,0 +1,73 @@
+// direct.glsl: light that reaches a surface from the light point of this path set [PB A.3].
+// Needs:  constants.glsl, <TRIANGLE>
+// Units:  radiance W sr^-1 m^-2; a density per area.
+//
+// The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
+// plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
+#include "hemicube.glsl"
+
+uniform usampler2D light_buffer;
+uniform float light_resolution;
+uniform vec3 light_radiance;   // 0 without light
+uniform float light_density;   // of the light point
+uniform float direction_density;  // of a shared direction, per solid angle; 0: the light sample stands alone
+
+// Veach's power heuristic: the share of a sample drawn with density a where b could have drawn it as well.
+float power_heuristic(float a, float b)
+{
+    float a2 = a * a, b2 = b * b;
+    return a2 / max(a2 + b2, 1e-37);
+}
+
+// Does something stand between the light point and `position` on `receiver`?
+bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
+{
+    vec3 w = position - light_position;
+    vec3 p = vec3(dot(w, light_tangent), dot(w, light_bitangent), dot(w, light_normal));
+    int face = 0;
+    if (p.z < max(abs(p.x), abs(p.y)))
+        face = abs(p.x) >= abs(p.y) ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
+    vec3 right, up, axis;
+    hemicube_face(face, right, up, axis);
+    float along = dot(w, axis);
+    vec2 q = vec2(dot(w, right), dot(w, up)) / along;
+
+    float low = face == 0 ? -1.0 : 0.0;
+    vec4 rectangle = hemicube_rectangle(face);
+    vec2 atlas = vec2(2.0, 1.5) * light_resolution;
+    vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
+    vec2 texel = clamp(floor(vec2(0.5 * (q.x + 1.0), (q.y - low) / (1.0 - low)) * extent), vec2(0.0), extent - 1.0);
+    int seen = int(texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r) - 1;
+    if (seen < 0 || seen == receiver) return false;
+
+    // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
+    const float rounding = 1e-4;
+    vec4 plane = triangle_texel(seen, TRIANGLE_PLANE);
+    float offset = plane.w - dot(plane.xyz, light_position);
+    float at = offset / dot(plane.xyz, w);
+    if (!(at > 0.0 && at < 1.0 - rounding)) return false;
+
+    // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
+    // the buffer knows for certain, the occluder must be in front as well.
+    vec2 centre = (texel + 0.5) / extent;
+    vec3 c = axis + right * (2.0 * centre.x - 1.0) + up * (low + (1.0 - low) * centre.y);
+    float occluder = offset / dot(plane.xyz, c);
+    float surface = (receiver_plane.w - dot(receiver_plane.xyz, light_position)) / dot(receiver_plane.xyz, c);
+    return surface <= 0.0 || occluder < surface * (1.0 - rounding);
+}
+
+// Radiance that a Lambertian surface of reflectance 1 sends on, from the light point. `normal` is on the lit side.
+// `last`: no direction continues the path, so no other sample shares this light.
+vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, bool last)
+{
+    vec3 w = light_position - position;
+    float r2 = dot(w, w);
+    vec3 wi = w * inversesqrt(r2);
+    float cos_surface = dot(normal, wi);
+    float cos_light = -dot(light_normal, wi);
+    if (cos_surface <= 0.0 || cos_light <= 0.0 || r2 == 0.0) return vec3(0.0);
+    float g = cos_surface * cos_light / r2;
+    float share = last ? 1.0 : power_heuristic(light_density * r2 / cos_light, direction_density);
+    bool dark = in_shadow(position, receiver, receiver_plane);
+    return dark ? vec3(0.0) : light_radiance * (share * g / (PI * light_density));
+}

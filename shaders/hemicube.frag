@@ -1,0 +1,8 @@
+// hemicube.frag: which triangle the light point sees; its number + 1, 0 for none.
+flat in uint triangle_id;
+layout(location = 0) out uint seen;
+
+void main()
+{
+    seen = triangle_id + 1u;
+}

@@ -1,0 +1,36 @@
+// hemicube.vert: the scene seen from a light point, on the five faces of a hemicube (Cohen & Greenberg 1985).
+// One instanced draw: instance = face, each in its own rectangle of one atlas, kept apart by clip distances.
+//   face 0     the top, R x R, looks along light_normal
+//   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
+#include <TRIANGLE>
+#include "hemicube.glsl"
+
+uniform vec2 light_range;  // near and far distance along a face's axis
+
+flat out uint triangle_id;
+
+void main()
+{
+    int triangle = gl_VertexID / 3;
+    triangle_id = uint(triangle);
+    vec3 world = triangle_texel(triangle, TRIANGLE_VERTEX0 + gl_VertexID - 3 * triangle).xyz;
+
+    vec3 right, up, axis;
+    hemicube_face(gl_InstanceID, right, up, axis);
+    vec3 r = world - light_position;
+    vec3 p = vec3(dot(r, right), dot(r, up), dot(r, axis));
+    bool top = gl_InstanceID == 0;
+
+    gl_ClipDistance[0] = p.z - p.x;
+    gl_ClipDistance[1] = p.z + p.x;
+    gl_ClipDistance[2] = p.z - p.y;
+    gl_ClipDistance[3] = top ? p.z + p.y : p.y;
+
+    vec4 rectangle = hemicube_rectangle(gl_InstanceID);
+    float low = top ? -1.0 : 0.0;
+    // From the face's plane to its rectangle of the atlas, homogeneous.
+    vec2 q = vec2((p.x + p.z) * 0.5 * rectangle.z + rectangle.x * p.z,
+                  (p.y - low * p.z) / (1.0 - low) * rectangle.w + rectangle.y * p.z);
+    float n = light_range.x, f = light_range.y;
+    gl_Position = vec4(2.0 * q - p.z, ((f + n) * p.z - 2.0 * f * n) / (f - n), p.z);
+}

@@ -1,0 +1,30 @@
+// path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and place of the paths in each cell.
+// Runs over: cells. A channel is a slot, so that one fragment of the scene serves four paths.
+#include "constants.glsl"
+#include "path_flight.glsl"
+
+uniform usampler2D cell_slots;
+uniform usampler2D path_flights;
+uniform int path_columns;
+
+layout(location = 0) out vec4 z0;
+layout(location = 1) out uvec4 place;
+
+void fill(uint key, out float z, out uint where)
+{
+    bool taken = (key >> KEY_BITS) == scan_epoch;
+    int path = taken ? int(unpermute(key & KEY_MASK)) : 0;
+    uvec4 flight = texelFetch(path_flights, ivec2(path % path_columns, path / path_columns), 0);
+    // An empty slot starts behind everything: nothing is beyond it.
+    z = taken ? uintBitsToFloat(flight.z) : INFINITE_DEPTH;
+    where = taken ? flight.y : 0u;
+}
+
+void main()
+{
+    uvec4 keys = texelFetch(cell_slots, ivec2(gl_FragCoord.xy), 0);
+    fill(keys.x, z0.x, place.x);
+    fill(keys.y, z0.y, place.y);
+    fill(keys.z, z0.z, place.z);
+    fill(keys.w, z0.w, place.w);
+}

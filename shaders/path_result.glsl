@@ -1,0 +1,34 @@
+// path_result.glsl: what a scan found for a path.
+// Needs: path_flight.glsl
+uniform usampler2D path_flights;
+uniform usampler2D cell_slots;
+uniform sampler2D cell_found;
+layout(std430, binding = 1) readonly buffer Overflow { uint overflow[]; };
+uniform int cell_columns;
+
+const int PATH_DEAD = -3;    // was not launched
+const int PATH_LOST = -2;    // lost the roulette of its cell
+const int PATH_MISSED = -1;  // nothing lies beyond its start
+
+// The triangle found, or one of the above. `weight`: how many paths of the cell this one stands for.
+int path_result(ivec2 path, out float weight)
+{
+    weight = 1.0;
+    uvec4 flight = texelFetch(path_flights, path, 0);
+    if (flight.x == NO_FLIGHT) return PATH_DEAD;
+    ivec2 cell = ivec2(flight.x & 0xffffu, flight.x >> 16u);
+    bvec4 own = equal(texelFetch(cell_slots, cell, 0), uvec4(flight.w));
+    if (!any(own)) return PATH_LOST;
+
+    uint crowd = overflow[cell.y * cell_columns + cell.x];
+    if ((crowd >> KEY_BITS) == 4095u - scan_epoch) weight = 1.0 + 0.25 * float(crowd & KEY_MASK);
+
+    vec4 found = texelFetch(cell_found, cell, 0);
+    float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
+#ifdef PACKED
+    if (word >= NOTHING_FOUND) return PATH_MISSED;
+    return int((floatBitsToUint(word) - 0x00800000u) & ((1u << ID_BITS) - 1u));
+#else
+    return int(word) - 1;
+#endif
+}

@@ -1,0 +1,63 @@
+// path_scan.frag: WritePixel of the path-buffer [PB table 5] for four paths of a cell at once.
+// A surface is written where it is beyond z0 and nearer than what was found so far. The first test is here, against the
+// z0 texture, at the path's own place in the cell: whether the triangle covers that place, and its depth there (exact
+// for a plane in an orthographic view). The second is the blend equation MIN on what this shader writes.
+// Both hemispheres: a path against the direction looks down the depth axis.
+//   PACKED     depth above and the triangle's number below, as one float: their order is the order of their bits
+//   otherwise  two scans: NEAREST writes the depth alone; the next finds whose depth it was (blend MAX)
+#include "constants.glsl"
+
+uniform sampler2D cell_z0;
+uniform usampler2D cell_place;
+#if !defined(PACKED) && !defined(NEAREST)
+uniform sampler2D cell_nearest;
+#endif
+
+flat in vec4 corner_ab;
+flat in vec2 corner_c;
+flat in vec3 depth_plane;
+flat in uint triangle_id;
+
+layout(location = 0) out vec4 found;
+
+// A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 1e-3 cells,
+// which a steep surface turns into depth.
+const float DEPTH_TOLERANCE = 2e-6;
+const float PLACE_TOLERANCE = 5e-4;
+
+vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
+{
+    // The tolerance closes the seam between two triangles of one edge.
+    return e.x * (y - p.y) - e.y * (x - p.x) + 2e-4 * (abs(e.x) + abs(e.y));
+}
+
+void main()
+{
+    ivec2 cell = ivec2(gl_FragCoord.xy);
+    vec4 z0 = texelFetch(cell_z0, cell, 0);
+    uvec4 place = texelFetch(cell_place, cell, 0);
+    vec4 x = vec4(place & 0xffffu) * (1.0 / 65535.0);
+    vec4 y = vec4((place >> 16u) & 0x7fffu) * (1.0 / 32767.0);
+    vec4 way = 1.0 - 2.0 * vec4(place >> 31u);
+
+    // Corners relative to the cell: differences of near numbers are exact.
+    vec2 a = corner_ab.xy - vec2(cell);
+    vec2 b = corner_ab.zw - vec2(cell);
+    vec2 c = corner_c - vec2(cell);
+    vec4 inside = min(min(left_of(a, b - a, x, y), left_of(b, c - b, x, y)), left_of(c, a - c, x, y));
+    vec4 z = depth_plane.x * (x - a.x) + depth_plane.y * (y - a.y) + depth_plane.z;
+    vec4 t = (z - z0) * way;
+
+    float least = DEPTH_TOLERANCE + PLACE_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
+    bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(least))));
+#if defined(PACKED)
+    uvec4 word = (uvec4(min(t, 1.0) * float(DEPTH_LEVELS)) << ID_BITS) | uvec4(triangle_id);
+    // Above the denormals, below the infinities.
+    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + 0x00800000u), hit);
+#elif defined(NEAREST)
+    found = mix(vec4(INFINITE_DEPTH), t, hit);
+#else
+    bvec4 nearest = lessThanEqual(t, texelFetch(cell_nearest, cell, 0) * (1.0 + 1e-6));
+    found = mix(vec4(0.0), vec4(float(triangle_id) + 1.0), bvec4(uvec4(hit) & uvec4(nearest)));
+#endif
+}

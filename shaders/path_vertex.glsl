@@ -1,0 +1,68 @@
+// path_vertex.glsl: one vertex of a path: direct light, and the direction in which it goes on [PB A.3, table 6].
+// Needs:  constants.glsl, <TRIANGLE>, direct.glsl, random.glsl
+// Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
+uniform vec3 next_direction;    // shared by all paths [PB 3.1]
+uniform bool last_vertex;
+uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
+uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
+uniform float cosine_roulette;  // see below; 0 for the paper's plain estimator
+
+struct PathState
+{
+    vec4 position;  // w: +1 goes on along the direction, -1 against it, 0 has ended
+    vec3 beta;      // throughput, the next reflection included
+    vec3 radiance;
+};
+
+PathState ended(vec3 radiance)
+{
+    return PathState(vec4(0.0), vec3(0.0), radiance);
+}
+
+// The side of the surface that a ray along `d` arrives on: +1 front, -1 back.
+float side_hit(vec4 plane, vec3 d)
+{
+    return dot(plane.xyz, d) < 0.0 ? 1.0 : -1.0;
+}
+
+vec3 emitted(vec4 emission, float side)
+{
+    // The sign of w: both sides emit.
+    return side > 0.0 || emission.w < 0.0 ? emission.rgb : vec3(0.0);
+}
+
+PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float side, vec3 beta, vec3 radiance)
+{
+    vec3 normal = plane.xyz * side;
+    vec4 reflectance = triangle_texel(triangle, TRIANGLE_REFLECTANCE);
+    vec3 throughput = side > 0.0 || reflectance.w != 0.0 ? beta * reflectance.rgb : vec3(0.0);
+    radiance += throughput * direct_light(position, normal, triangle, plane, last_vertex);
+    if (last_vertex) return ended(radiance + throughput * ambient);
+
+    float c = dot(normal, next_direction);
+#ifdef WHOLE_SPHERE
+    // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
+    if (c <= 0.0) return ended(radiance);
+    float way = 1.0;
+    float weight = 4.0 * c;
+#else
+    float way = c < 0.0 ? -1.0 : 1.0;
+    c = abs(c);
+    float weight = 2.0 * c;
+    // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
+    float chance = min(1.0, c * cosine_roulette);
+    if (cosine_roulette > 0.0) {
+        if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
+        weight /= chance;
+    }
+#endif
+    throughput *= weight;
+    float most = max(throughput.r, max(throughput.g, throughput.b));
+    if (roulette) {
+        float stay = min(1.0, most);
+        if (random_number(path, USE_ROULETTE) >= stay) return ended(radiance);
+        throughput /= stay;
+    }
+    if (most <= 0.0) return ended(radiance);
+    return PathState(vec4(position, way), throughput, radiance);
+}

@@ -1,0 +1,19 @@
+// random.glsl: a random number from a counter, so that any path of any set can be traced anywhere.
+// Source: Jarzynski & Olano 2020, Hash Functions for GPU Rendering (pcg).
+uniform uint random_seed;  // (seed, path set, depth) folded on the CPU
+
+const uint USE_COSINE = 1u;
+const uint USE_ROULETTE = 2u;
+
+uint pcg(uint v)
+{
+    uint state = v * 747796405u + 2891336453u;
+    uint word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+// Uniform in [0, 1): `path` is the pixel's number in the whole image.
+float random_number(uint path, uint use)
+{
+    return float(pcg(path + pcg(random_seed + use)) >> 8u) * (1.0 / 16777216.0);
+}
