@@ -1,0 +1,94 @@
+"""Headless global illumination by scan conversion, on OpenGL 4.3 with or without a GPU.
+
+    import glpath
+    film = glpath.render("cornell-box", spp=64)
+    film.save("cornell-box.png")
+
+`import glpath` loads nothing; each name brings what it needs when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glpath.compare import relative_mse
+    from glpath.errors import (
+        ContextError,
+        GlpathError,
+        ImageError,
+        SceneError,
+        SceneWarning,
+        ShaderError,
+        UsageError,
+    )
+    from glpath.film import Film
+    from glpath.image import read_image
+    from glpath.rendering import Progress, RenderInterrupted, render
+    from glpath.scene import Scene, load_scene
+
+    __version__: str
+
+# Where each public name lives. The module of `render` is called `rendering`, as a module `glpath.render` would take
+# the function's place in this package whenever somebody imports from it.
+_HOME = {
+    "ContextError": "errors",
+    "Film": "film",
+    "GlpathError": "errors",
+    "ImageError": "errors",
+    "Progress": "rendering",
+    "RenderInterrupted": "rendering",
+    "Scene": "scene",
+    "SceneError": "errors",
+    "SceneWarning": "errors",
+    "ShaderError": "errors",
+    "UsageError": "errors",
+    "load_scene": "scene",
+    "read_image": "image",
+    "relative_mse": "compare",
+    "render": "rendering",
+}
+
+__all__ = [
+    "ContextError",
+    "Film",
+    "GlpathError",
+    "ImageError",
+    "Progress",
+    "RenderInterrupted",
+    "Scene",
+    "SceneError",
+    "SceneWarning",
+    "ShaderError",
+    "UsageError",
+    "__version__",
+    "load_scene",
+    "read_image",
+    "relative_mse",
+    "render",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        value: Any = _version()
+    elif name in _HOME:
+        value = getattr(import_module(f"glpath.{_HOME[name]}"), name)
+    else:
+        raise AttributeError(f"module 'glpath' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("glpath")
+    except PackageNotFoundError:
+        return "0+unknown"  # run from a checkout that is not installed

@@ -57,8 +57,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 }
 
 // Radiance that a Lambertian surface of reflectance 1 sends on, from the light point. `normal` is on the lit side.
-// `last`: no direction continues the path, so no other sample shares this light.
-vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, bool last)
+vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
 {
     vec3 w = light_position - position;
     float r2 = dot(w, w);
@@ -67,7 +66,12 @@ vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane,
     float cos_light = -dot(light_normal, wi);
     if (cos_surface <= 0.0 || cos_light <= 0.0 || r2 == 0.0) return vec3(0.0);
     float g = cos_surface * cos_light / r2;
-    float share = last ? 1.0 : power_heuristic(light_density * r2 / cos_light, direction_density);
+#ifdef LAST_VERTEX
+    // No direction goes on from here, so no other sample shares this light.
+    float share = 1.0;
+#else
+    float share = power_heuristic(light_density * r2 / cos_light, direction_density);
+#endif
     bool dark = in_shadow(position, receiver, receiver_plane);
     return dark ? vec3(0.0) : light_radiance * (share * g / (PI * light_density));
 }

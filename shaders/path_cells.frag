@@ -5,7 +5,6 @@
 
 uniform usampler2D cell_slots;
 uniform usampler2D path_flights;
-uniform int path_columns;
 
 layout(location = 0) out vec4 z0;
 layout(location = 1) out uvec4 place;
@@ -13,8 +12,8 @@ layout(location = 1) out uvec4 place;
 void fill(uint key, out float z, out uint where)
 {
     bool taken = (key >> KEY_BITS) == scan_epoch;
-    int path = taken ? int(unpermute(key & KEY_MASK)) : 0;
-    uvec4 flight = texelFetch(path_flights, ivec2(path % path_columns, path / path_columns), 0);
+    ivec2 path = path_of(taken ? unpermute(key & KEY_MASK) : 0u);
+    uvec4 flight = texelFetch(path_flights, path, 0);
     // An empty slot starts behind everything: nothing is beyond it.
     z = taken ? uintBitsToFloat(flight.z) : INFINITE_DEPTH;
     where = taken ? flight.y : 0u;

@@ -31,6 +31,20 @@ uint unpermute(uint x)
     return x ^ (permutation_seed & KEY_MASK);
 }
 
+// A path's number runs along its row. The division in float is exact below 2^20; in integers it is slow on llvmpipe.
+uniform int path_columns;
+
+uint path_number(ivec2 path)
+{
+    return uint(path.y * path_columns + path.x);
+}
+
+ivec2 path_of(uint number)
+{
+    int row = int((float(number) + 0.5) / float(path_columns));
+    return ivec2(int(number) - row * path_columns, row);
+}
+
 uint pack_place(vec2 place, bool against)
 {
     uvec2 q = uvec2(clamp(place, 0.0, 1.0) * vec2(65535.0, 32767.0) + 0.5);

@@ -7,7 +7,6 @@
 #include "path_flight.glsl"
 
 uniform sampler2D path_position;
-uniform int path_columns;
 
 layout(std430, binding = 0) buffer Slots { uint slot[]; };
 layout(std430, binding = 1) buffer Overflow { uint overflow[]; };
@@ -23,7 +22,7 @@ void main()
 
     vec3 c = cell_space(path_view(), position.xyz);
     ivec2 cell = clamp(ivec2(floor(c.xy)), ivec2(0), ivec2(cell_count) - 1);
-    uint key = (scan_epoch << KEY_BITS) | permute(uint(path.y * path_columns + path.x));
+    uint key = (scan_epoch << KEY_BITS) | permute(path_number(path));
     flight = uvec4(uint(cell.y << 16 | cell.x), pack_place(c.xy - vec2(cell), position.w < 0.0), floatBitsToUint(c.z), key);
 
     int number = cell.y * int(cell_count.x) + cell.x;

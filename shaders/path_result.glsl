@@ -3,8 +3,7 @@
 uniform usampler2D path_flights;
 uniform usampler2D cell_slots;
 uniform sampler2D cell_found;
-layout(std430, binding = 1) readonly buffer Overflow { uint overflow[]; };
-uniform int cell_columns;
+uniform usampler2D cell_overflow;
 
 const int PATH_DEAD = -3;    // was not launched
 const int PATH_LOST = -2;    // lost the roulette of its cell
@@ -20,7 +19,7 @@ int path_result(ivec2 path, out float weight)
     bvec4 own = equal(texelFetch(cell_slots, cell, 0), uvec4(flight.w));
     if (!any(own)) return PATH_LOST;
 
-    uint crowd = overflow[cell.y * cell_columns + cell.x];
+    uint crowd = texelFetch(cell_overflow, cell, 0).r;
     if ((crowd >> KEY_BITS) == 4095u - scan_epoch) weight = 1.0 + 0.25 * float(crowd & KEY_MASK);
 
     vec4 found = texelFetch(cell_found, cell, 0);

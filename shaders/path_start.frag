@@ -1,28 +1,24 @@
 // path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions].
-// Runs over: the pixels of the window. Output: path states.
+// Runs over: the pixels of the window. Output: see path_state.glsl
 #include "constants.glsl"
 #include <TRIANGLE>
 #include "eye.glsl"
 #include "random.glsl"
 #include "direct.glsl"
 #include "path_vertex.glsl"
+#include "path_state.glsl"
 
 uniform usampler2D eye_buffer;
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
-layout(location = 0) out vec4 position;
-layout(location = 1) out vec4 beta;
-layout(location = 2) out vec4 radiance;
-
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    position = vec4(0.0);
-    beta = vec4(0.0);
-    radiance = vec4(0.0);
     int triangle = int(texelFetch(eye_buffer, pixel, 0).r) - 1;
-    if (triangle < 0) return;
-
+    if (triangle < 0) {
+        leave(pixel, ended(vec3(0.0)), 0.0);
+        return;
+    }
     vec4 plane = triangle_texel(triangle, TRIANGLE_PLANE);
     vec3 d = eye_direction(gl_FragCoord.xy);
     vec3 x = eye_position + d * ((plane.w - dot(plane.xyz, eye_position)) / dot(plane.xyz, d));
@@ -30,8 +26,5 @@ void main()
     vec3 Le = emitted(triangle_texel(triangle, TRIANGLE_EMISSION), side);
     ivec2 whole = pixel + image_window.xy;
     uint path = uint(whole.y * image_window.z + whole.x);
-    PathState state = path_vertex(path, x, triangle, plane, side, vec3(1.0), Le);
-    position = state.position;
-    beta = vec4(state.beta, 0.0);
-    radiance = vec4(state.radiance, 0.0);
+    leave(pixel, path_vertex(path, x, triangle, plane, side, vec3(1.0), Le), 0.0);
 }

@@ -2,7 +2,6 @@
 // Needs:  constants.glsl, <TRIANGLE>, direct.glsl, random.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_direction;    // shared by all paths [PB 3.1]
-uniform bool last_vertex;
 uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
 uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
 uniform float cosine_roulette;  // see below; 0 for the paper's plain estimator
@@ -36,9 +35,10 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
     vec3 normal = plane.xyz * side;
     vec4 reflectance = triangle_texel(triangle, TRIANGLE_REFLECTANCE);
     vec3 throughput = side > 0.0 || reflectance.w != 0.0 ? beta * reflectance.rgb : vec3(0.0);
-    radiance += throughput * direct_light(position, normal, triangle, plane, last_vertex);
-    if (last_vertex) return ended(radiance + throughput * ambient);
-
+    radiance += throughput * direct_light(position, normal, triangle, plane);
+#ifdef LAST_VERTEX
+    return ended(radiance + throughput * ambient);
+#else
     float c = dot(normal, next_direction);
 #ifdef WHOLE_SPHERE
     // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
@@ -65,4 +65,5 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
     }
     if (most <= 0.0) return ended(radiance);
     return PathState(vec4(position, way), throughput, radiance);
+#endif
 }

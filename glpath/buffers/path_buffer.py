@@ -26,6 +26,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass
@@ -43,30 +44,16 @@ MISSED, LOST, DEAD = -1, -2, -3
 
 @dataclass(frozen=True)
 class ScanView:
-    """The view of one scan: a direction and how the grid of cells lies across it.
+    """The view of one scan.
 
     direction : (3,) unit, the way of a path with sign +1
-    roll      : angle of the grid about the direction, radians
     jitter    : (2,) in [0, 1), where the grid starts, in cells
     seed      : decides who wins the roulette of a crowded cell
     """
 
     direction: NDArray[np.float64]
-    roll: float = 0.0
     jitter: tuple[float, float] = (0.5, 0.5)
     seed: int = 0
-
-    def frame(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Unit vectors (u, v) that make a right-handed frame with the direction."""
-        d = self.direction
-        # Duff et al. 2017, Building an Orthonormal Basis, Revisited.
-        sign = np.copysign(1.0, d[2])
-        a = -1.0 / (sign + d[2])
-        b = d[0] * d[1] * a
-        x = np.array([1.0 + sign * d[0] ** 2 * a, sign * b, -sign * d[0]])
-        y = np.array([b, sign + d[1] ** 2 * a, -d[1]])
-        c, s = np.cos(self.roll), np.sin(self.roll)
-        return c * x + s * y, c * y - s * x
 
 
 class Hits(NamedTuple):
@@ -92,7 +79,7 @@ class PathBuffer:
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`, with
-    `textures`, `buffers` and the uniforms that `scan_positions` returned.
+    `textures` and the uniforms that `scan_positions` returned.
     """
 
     def __init__(
@@ -120,11 +107,15 @@ class PathBuffer:
         self._flights = self._texture(paths, "u4")
         self._slots = gl.buffer(reserve=16 * count)
         self._overflow = gl.buffer(reserve=4 * count)
+        # Copies of the two for reading: a texel is fetched much faster than a word of a buffer on llvmpipe.
         self._slot_texture = self._texture(cells, "u4")
+        self._overflow_texture = gl.texture(cells, 1, dtype="u4")
+        self._overflow_texture.filter = _NEAREST
         self._z0 = self._texture(cells, "f4")
         self._place = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
-        self._grid_size = (min(16, paths[0]), min(16, paths[1]))
+        # Wide, as llvmpipe shares work in tiles of 64 x 64 texels.
+        self._grid_size = (min(128, paths[0]), min(8, paths[1]))
         self._grid = self._texture(self._grid_size, "f4")
         self._bounds = self._texture((1, 1), "f4")
 
@@ -138,8 +129,7 @@ class PathBuffer:
             "cell_z0": self._z0,
             "cell_place": self._place,
         }
-        self.textures = {"path_flights": self._flights, "cell_slots": self._slot_texture, "cell_found": self._found}
-        self.buffers = {1: self._overflow}
+        self.textures = {"path_flights": self._flights, "cell_slots": self._slot_texture, "cell_found": self._found, "cell_overflow": self._overflow_texture}
         self._report: tuple[Pass, moderngl.Texture] | None = None
 
         def program(fragment: str, vertex: str = "fullscreen.vert", **defines: object) -> Program:
@@ -203,7 +193,7 @@ class PathBuffer:
 
     def _view_uniforms(self, view: ScanView) -> dict[str, object]:
         """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
-        u, v = view.frame()
+        u, v = tight_frame(view.direction, self.scene.corners)
         if self._epoch == 0:
             # Keys of an older scan are larger than all of a newer one; when the epochs run out, start over.
             self._epoch = _EPOCHS
@@ -218,7 +208,6 @@ class PathBuffer:
             "scene_centre": tuple(self.scene.centre),
             "scene_diameter": 2.0 * self.scene.radius,
             "cell_count": (float(self.cells[0]), float(self.cells[1])),
-            "cell_columns": self.cells[0],
             "cell_jitter": view.jitter,
             "scan_epoch": self._epoch,
             "permutation_seed": view.seed & 0xFFFFFFFF,
@@ -240,8 +229,14 @@ class PathBuffer:
         self._position_passes[2].run(uniforms)
         self.gl.memory_barrier()
         self._slot_texture.write(self._slots)
+        self._overflow_texture.write(self._overflow)
         self._cell_pass.run(uniforms)
         return uniforms
+
+    def any_paths(self) -> bool:
+        """Was any path alive in the last `scan_positions`? Waits for the device."""
+        least_u, _, least_minus_u, _ = np.frombuffer(self._bounds.read(), np.float32)
+        return bool(least_u <= -least_minus_u)
 
     def scan_scene(self, uniforms: dict[str, object]) -> None:
         """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
@@ -283,7 +278,7 @@ class PathBuffer:
             state[:, 3] = 0
             state[open_, 3] = sign[open_]
             position.write(state.tobytes())
-            uniforms = self.scan_positions(position, ScanView(d, roll=0.7 * round_, seed=round_))
+            uniforms = self.scan_positions(position, ScanView(d, seed=round_))
             self.scan_scene(uniforms)
             answer = self._read_report(uniforms)[open_]
             done = answer != LOST
@@ -313,7 +308,6 @@ class PathBuffer:
                 program,
                 self.gl.framebuffer([texture]),
                 textures=self.textures,
-                buffers=self.buffers,
             )
             self._report = stage, texture
         stage, texture = self._report

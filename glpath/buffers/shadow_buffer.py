@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.buffers.path_buffer import ScanView
+from glpath.buffers.frame import frame_about
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
@@ -59,7 +59,7 @@ class HemicubeShadowBuffer:
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float
     ) -> dict[str, object]:
         """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal."""
-        tangent, bitangent = ScanView(normal, roll).frame()
+        tangent, bitangent = frame_about(normal, roll)
         reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
         return {
             "light_position": tuple(position),

@@ -35,7 +35,7 @@ def triangle_glsl() -> str:
         "vec4 triangle_texel(int triangle, int what)",
         "{",
         f"    int i = triangle * {len(names)} + what;",
-        f"    return texelFetch(triangles, ivec2(i % {_WIDTH}, i / {_WIDTH}), 0);",
+        f"    return texelFetch(triangles, ivec2(i & {_WIDTH - 1}, i >> {_WIDTH.bit_length() - 1}), 0);",
         "}",
     ]
     return "\n".join(lines)
@@ -87,6 +87,7 @@ class GpuScene:
     texture  : RGBA float32, see TRIANGLE_LAYOUT
     emitters : None for a scene without light
     centre, radius : a sphere around everything, scene units
+    corners  : (8, 3) of the box around everything, about the centre
     """
 
     def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
@@ -96,6 +97,8 @@ class GpuScene:
         self.brightest = max((float(s.emission.max()) for s in scene.shapes), default=0.0)
         low, high = scene.bounds
         self.centre = 0.5 * (low + high)
+        signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
+        self.corners = signs * (high - low)
         self.radius = max(float(np.linalg.norm(scene.triangles.reshape(-1, 3) - self.centre, axis=1).max()), 1e-30)
 
         table = np.zeros((self.count, len(TRIANGLE_LAYOUT), 4), np.float32)

@@ -98,6 +98,7 @@ class Program:
         self.label = label
         self.samplers: dict[str, int] = {}
         self._uniforms: dict[str, moderngl.Uniform] = {}
+        self._values: dict[str, object] = {}
         for name in sorted(gl):
             member = gl[name]
             if not isinstance(member, moderngl.Uniform):
@@ -110,15 +111,14 @@ class Program:
                 self._uniforms[name] = member
 
     def set(self, uniforms: Mapping[str, object]) -> None:
-        """Set those of the given uniforms that this program uses; bytes are written as they are."""
+        """Set those of the given uniforms that this program uses: numbers, or tuples for vectors."""
         for name, value in uniforms.items():
             uniform = self._uniforms.get(name)
-            if uniform is None:
+            # Most stay as they were from set to set, and a call into GL costs more than a comparison.
+            if uniform is None or self._values.get(name) == value:
                 continue
-            if isinstance(value, bytes):
-                uniform.write(value)
-            else:
-                uniform.value = value
+            uniform.value = value
+            self._values[name] = value
 
 
 def load_program(

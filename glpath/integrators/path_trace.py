@@ -31,9 +31,10 @@ from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
-from glpath.sampling import PathSetSampler, Sampling, counter_hash, uniform_hemisphere, uniform_sphere
+from glpath.sampling import PathSetSample, PathSetSampler, Sampling, counter_hash, uniform_hemisphere, uniform_sphere
 
 Directions = Literal["hemisphere", "sphere"]
+Uniforms = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -65,19 +66,15 @@ class PathTraceSettings:
         return asdict(self)
 
 
-class Sums(NamedTuple):
-    """What path sets have added up to.
+class VertexPasses(NamedTuple):
+    """One stage of the frame, from each of the two sets of states into the other, or into the sums.
 
-    radiance : (h, w, 3) float64, sum over path sets, row 0 at the top
-    casts    : rays cast through the path-buffer
-    lost     : of these, how many lost the roulette of their cell
-    dropped  : samples that were not finite and count as 0
+    inner : [from states]
+    last  : [from states][from sums]
     """
 
-    radiance: NDArray[np.float64]
-    casts: int
-    lost: int
-    dropped: int
+    inner: list[Pass]
+    last: list[list[Pass]]
 
 
 class PathTracer:
@@ -96,12 +93,14 @@ class PathTracer:
         window: tuple[int, int, int, int],
         *,
         hardware: bool,
+        timings: bool = False,
     ) -> None:
         self.gl = gl
         self.scene = scene
         self.settings = settings
         self.window = window
-        self.stopwatch = Stopwatch(gl, hardware)
+        self.stopwatch = Stopwatch(gl, hardware, timings)
+        self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
         self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
         size = window[2:]
         cells = tuple(max(1, round(n * settings.cell_share)) for n in size)
@@ -109,23 +108,31 @@ class PathTracer:
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
         # The largest power of two such that radiance as bright as the lamp has 36 bits; see accumulate.frag.
         self._quanta = 2.0 ** (36 - int(np.ceil(np.log2(max(scene.brightest, 1e-30)))))
-        self._constant = self._constant_uniforms()
+        self.look_at(window)
         self._make_passes(size)
+
+    def look_at(self, window: tuple[int, int, int, int]) -> None:
+        """Go on with another window of the same size."""
+        assert window[2:] == self.path_buffer.paths, f"a window of {window[2:]}, made for {self.path_buffer.paths}"
+        self.window = window
+        self._constant = self._constant_uniforms()
 
     # The frame.
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel [PB table 3]."""
         sample = self._sampler[index]
-        vertex = self.light_from(index, sample.light)
-        vertex |= self.start_at_eye(index, sample.pixel, sample.directions, vertex)
+        light = self.light_from(index, sample.light)
+        self.start_at_eye(index, sample, light)
         for depth in range(1, self.settings.max_depth):
-            scan = self.scan_positions(index, depth, sample.directions)
-            self.scan_scene(scan)
-            self.advance(index, depth, sample.directions, vertex | scan)
-        self.accumulate()
+            scan = self.scan_positions(index, depth, sample)  # z0 of every live path
+            self.scan_scene(scan)  # the nearest surface beyond z0
+            last = depth == self.settings.max_depth - 1 or self._all_ended(depth)
+            self.advance(index, depth, sample, light | scan, last)  # radiance, throughput, new positions
+            if last:
+                break
 
-    def light_from(self, index: int, u: NDArray[np.float64]) -> dict[str, object]:
+    def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
         """A light point and its shadow-buffer [PB 3.3]."""
         emitters = self.scene.emitters
         if emitters is None:
@@ -138,93 +145,117 @@ class PathTracer:
             self.shadow_buffer.scan(frame)
         return frame | {"light_radiance": tuple(radiance), "light_density": density}
 
-    def start_at_eye(
-        self, index: int, pixel: NDArray[np.float64], directions: NDArray[np.float64], light: dict[str, object]
-    ) -> dict[str, object]:
+    def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
-        eye = self._eye_uniforms(pixel)
+        eye = self._eye_uniforms(sample.pixel)
         with self.stopwatch.stage("eye"):
             self._eye_pass.run(eye)
         with self.stopwatch.stage("first vertex"):
-            self._start_pass.run(self._constant | eye | light | self._vertex_uniforms(index, 0, directions))
-        self._current = 0
-        return {}
+            self._run_vertex(self._start_passes, index, 0, sample, eye | light, self.settings.max_depth == 1)
 
-    def scan_positions(self, index: int, depth: int, directions: NDArray[np.float64]) -> dict[str, object]:
+    def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Uniforms:
         """z0 of every live path."""
-        counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(4)]
+        counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(3)]
         view = ScanView(
-            direction=self._direction(directions, depth - 1),
-            roll=2.0 * np.pi * counter[0] / 2**32,
-            jitter=(counter[1] / 2**32, counter[2] / 2**32),
-            seed=counter[3],
+            direction=self._direction(sample, depth - 1),
+            jitter=(counter[0] / 2**32, counter[1] / 2**32),
+            seed=counter[2],
         )
         with self.stopwatch.stage("scan positions"):
             return self.path_buffer.scan_positions(self._state[self._current][0], view)
 
-    def scan_scene(self, scan: dict[str, object]) -> None:
+    def scan_scene(self, scan: Uniforms) -> None:
         """The nearest surface beyond z0."""
         with self.stopwatch.stage("scan scene"):
             self.path_buffer.scan_scene(scan)
 
-    def advance(
-        self, index: int, depth: int, directions: NDArray[np.float64], uniforms: dict[str, object]
-    ) -> None:
-        """Radiance, throughput and new positions from what the scan found [PB table 6]."""
+    def advance(self, index: int, depth: int, sample: PathSetSample, uniforms: Uniforms, last: bool) -> None:
+        """Radiance, throughput and new positions from what the scan found [PB table 6]; at last, the sums."""
         with self.stopwatch.stage("advance"):
-            self._advance_passes[self._current].run(
-                self._constant | uniforms | self._vertex_uniforms(index, depth, directions)
-            )
-        self._current = 1 - self._current
+            self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
 
-    def accumulate(self) -> None:
-        """Add the set to the sums."""
-        with self.stopwatch.stage("accumulate"):
-            self._accumulate_passes[self._current][self._sum].run({"quanta": self._quanta})
-        self._sum = 1 - self._sum
+    def take(self) -> NDArray[np.float64]:
+        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
 
-    def take(self) -> Sums:
-        """Read the sums back and start again from zero."""
+        Multiples of one power of two, so that float64 adds them without rounding.
+        """
         low, high = (
-            np.frombuffer(t.read(), np.uint32).reshape(self.window[3], self.window[2], 4)[::-1]
-            for t in self._sums[self._sum]
+            np.frombuffer(texture.read(), np.uint32).reshape(self.window[3], self.window[2], 4)[::-1]
+            for texture in self._sums[self._sum]
         )
-        radiance = (high[..., :3] * 2.0**32 + low[..., :3]) / self._quanta
         for texture in self._sums[self._sum]:
-            texture.write(bytes(16 * self.window[2] * self.window[3]))
+            texture.write(bytes(texture.width * texture.height * 16))
         events = high[..., 3]
-        return Sums(radiance, int(low[..., 3].sum()), int((events & 0xFFFFF).sum()), int((events >> 20).sum()))
+        self._counts += np.array(
+            [low[..., 3].sum(), (events & 0xFFFFF).sum(), (events >> 20).sum()], dtype=np.int64
+        )
+        return (high[..., :3] * 2.0**32 + low[..., :3]) / self._quanta
+
+    def statistics(self) -> dict[str, object]:
+        """What was counted in the path sets taken so far.
+
+        paths_cast      : rays cast through the path-buffer
+        paths_lost      : of these, how many lost the roulette of their cell
+        dropped_samples : not finite, and counted as 0
+        stage_ms        : milliseconds by stage, where timed
+        """
+        names = ("paths_cast", "paths_lost", "dropped_samples")
+        counts: dict[str, object] = {name: int(n) for name, n in zip(names, self._counts, strict=True)}
+        if self.stopwatch.enabled:
+            counts["stage_ms"] = dict(self.stopwatch.milliseconds)
+        return counts
 
     # What the frame is made of.
 
-    def _direction(self, directions: NDArray[np.float64], bounce: int) -> NDArray[np.float64]:
+    def _direction(self, sample: PathSetSample, bounce: int) -> NDArray[np.float64]:
         if self.settings.directions == "sphere":
-            return uniform_sphere(directions[bounce])
-        return uniform_hemisphere(directions[bounce])
+            return uniform_sphere(sample.directions[bounce])
+        return uniform_hemisphere(sample.directions[bounce])
 
-    def _vertex_uniforms(self, index: int, depth: int, directions: NDArray[np.float64]) -> dict[str, object]:
-        last = depth == self.settings.max_depth - 1
-        direction = np.zeros(3) if last else self._direction(directions, depth)
+    def _all_ended(self, depth: int) -> bool:
+        """Have all paths ended by roulette? Asking makes the CPU wait, so only where it can save scans."""
         roulette = self.settings.roulette
-        return {
-            "next_direction": tuple(direction),
-            "last_vertex": last,
-            "roulette": roulette is not None and depth + 1 >= roulette,
-            "random_seed": counter_hash(self.settings.seed, index, depth, 5),
-        }
+        return roulette is not None and depth >= roulette and not self.path_buffer.any_paths()
 
-    def _constant_uniforms(self) -> dict[str, object]:
+    def _run_vertex(
+        self,
+        passes: VertexPasses,
+        index: int,
+        depth: int,
+        sample: PathSetSample,
+        uniforms: Uniforms,
+        last: bool,
+    ) -> None:
+        """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
+        if last:
+            passes.last[self._current][self._sum].run(self._constant | uniforms)
+            self._sum = 1 - self._sum
+            return
+        roulette = self.settings.roulette
+        passes.inner[self._current].run(
+            self._constant
+            | uniforms
+            | {
+                "next_direction": tuple(self._direction(sample, depth)),
+                "roulette": roulette is not None and depth + 1 >= roulette,
+                "random_seed": counter_hash(self.settings.seed, index, depth, 5),
+            }
+        )
+        self._current = 1 - self._current
+
+    def _constant_uniforms(self) -> Uniforms:
         sphere = self.settings.directions == "sphere"
         width, height = self.scene.scene.camera.resolution
         x, y, _, h = self.window
         return {
             "ambient": self.settings.ambient,
+            "quanta": self._quanta,
             "cosine_roulette": 0.0 if sphere else self.settings.cosine_roulette,
             "direction_density": 0.0 if sphere else 1.0 / (2.0 * np.pi),
             "image_window": (x, height - y - h, width, height),
         }
 
-    def _eye_uniforms(self, pixel: NDArray[np.float64]) -> dict[str, object]:
+    def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
         camera = self.scene.scene.camera
         right, up, forward = camera.frame()
         width, height = camera.resolution
@@ -263,26 +294,42 @@ class PathTracer:
         self._sum = 0
         for texture in self._sums[0]:
             texture.write(bytes(16 * size[0] * size[1]))
-        targets = [gl.framebuffer(state) for state in self._state]
-        defines = dict(self.path_buffer.defines)
-        if self.settings.directions == "sphere":
-            defines["WHOLE_SPHERE"] = 1
-
-        def program(fragment: str, vertex: str = "fullscreen.vert") -> Program:
-            return load_program(
-                gl,
-                vertex=vertex,
-                fragment=fragment,
-                generated={"TRIANGLE": triangle_glsl()},
-                defines=defines,
-            )
-
+        state_targets = [gl.framebuffer(state) for state in self._state]
+        sum_targets = [gl.framebuffer(pair) for pair in self._sums]
         textures = {
             "triangles": self.scene.texture,
             "light_buffer": self.shadow_buffer.texture,
             "eye_buffer": eye_buffer,
             **self.path_buffer.textures,
         }
+        defines = dict(self.path_buffer.defines)
+        if self.settings.directions == "sphere":
+            defines["WHOLE_SPHERE"] = 1
+
+        def program(fragment: str, vertex: str = "fullscreen.vert", **more: object) -> Program:
+            return load_program(
+                gl,
+                vertex=vertex,
+                fragment=fragment,
+                generated={"TRIANGLE": triangle_glsl()},
+                defines=defines | more,
+            )
+
+        def vertex_passes(name: str, fragment: str) -> VertexPasses:
+            inner, last = program(fragment), program(fragment, LAST_VERTEX=1)
+            states = [
+                textures | dict(zip(("path_position", "path_beta", "path_radiance"), state, strict=True))
+                for state in self._state
+            ]
+            sums = [dict(zip(("sum_low", "sum_high"), pair, strict=True)) for pair in self._sums]
+            return VertexPasses(
+                [Pass(name, gl, inner, state_targets[1 - i], textures=states[i]) for i in range(2)],
+                [
+                    [Pass(name, gl, last, sum_targets[1 - j], textures=states[i] | sums[j]) for j in range(2)]
+                    for i in range(2)
+                ],
+            )
+
         self._eye_pass = Pass(
             "eye",
             gl,
@@ -293,36 +340,5 @@ class PathTracer:
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=textures,
         )
-        self._start_pass = Pass("first vertex", gl, program("path_start.frag"), targets[0], textures=textures)
-        advance = program("path_advance.frag")
-        accumulate = program("accumulate.frag")
-        names = ("path_position", "path_beta", "path_radiance")
-        self._advance_passes = [
-            Pass(
-                "advance",
-                gl,
-                advance,
-                targets[1 - i],
-                textures=textures | dict(zip(names, self._state[i], strict=True)),
-                buffers=self.path_buffer.buffers,
-            )
-            for i in range(2)
-        ]
-        sums = [gl.framebuffer(pair) for pair in self._sums]
-        self._accumulate_passes = [
-            [
-                Pass(
-                    "accumulate",
-                    gl,
-                    accumulate,
-                    sums[1 - j],
-                    textures={
-                        "path_radiance": self._state[i][2],
-                        "sum_low": self._sums[j][0],
-                        "sum_high": self._sums[j][1],
-                    },
-                )
-                for j in range(2)
-            ]
-            for i in range(2)
-        ]
+        self._start_passes = vertex_passes("first vertex", "path_start.frag")
+        self._advance_passes = vertex_passes("advance", "path_advance.frag")

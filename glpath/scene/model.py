@@ -97,20 +97,13 @@ class Scene:
     @property
     def normals(self) -> Float64:
         """(T, 3) float64 unit normals, out of the front."""
-        n = np.cross(
-            self.triangles[:, 1] - self.triangles[:, 0],
-            self.triangles[:, 2] - self.triangles[:, 0],
-        )
-        return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny)
+        n = _area_vectors(self.triangles)
+        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
 
     @property
     def areas(self) -> Float64:
         """(T,) float64 triangle areas, scene units squared."""
-        n = np.cross(
-            self.triangles[:, 1] - self.triangles[:, 0],
-            self.triangles[:, 2] - self.triangles[:, 0],
-        )
-        return 0.5 * np.linalg.norm(n, axis=1)
+        return np.asarray(np.linalg.norm(_area_vectors(self.triangles), axis=1))
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
@@ -134,3 +127,9 @@ class Scene:
         for m in self.materials:
             h.update(np.array([*m.reflectance, m.two_sided], "<f8").tobytes())
         return h.hexdigest()
+
+
+def _area_vectors(triangles: Float64) -> Float64:
+    """(T, 3) float64: along each front normal, as long as the triangle is large."""
+    edges = triangles[:, 1:] - triangles[:, :1]
+    return np.asarray(0.5 * np.cross(edges[:, 0], edges[:, 1]))

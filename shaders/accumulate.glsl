@@ -1,8 +1,9 @@
-// accumulate.frag: adds a path set to the sums, exactly.
-// Runs over: the pixels of the window. The sums are 64-bit integers, a low and a high word a channel, of a quantum that
-// is a power of two: adding integers is associative, so any split of the path sets gives the same bits.
-// Output: low.rgb, high.rgb the sums; low.a casts; high.a losses, and from bit 20 on dropped samples.
-uniform sampler2D path_radiance;
+// accumulate.glsl: adds a sample to the sums, exactly.
+// The sums are 64-bit integers, a low and a high word a channel, of a quantum that is a power of two: adding integers
+// is associative, so any split of the path sets gives the same bits.
+//   low.rgb, high.rgb  the sums
+//   low.a              rays cast
+//   high.a             of these lost, and from bit 20 on samples dropped
 uniform usampler2D sum_low;
 uniform usampler2D sum_high;
 uniform float quanta;  // per unit of radiance
@@ -10,22 +11,20 @@ uniform float quanta;  // per unit of radiance
 layout(location = 0) out uvec4 low;
 layout(location = 1) out uvec4 high;
 
-void main()
+// radiance.a: casts + 1024 * losses
+void accumulate(ivec2 pixel, vec4 radiance)
 {
-    ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 radiance = texelFetch(path_radiance, pixel, 0);
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);
     // No NaN, no infinity, nothing beyond the words.
     bool bad = !(all(greaterThanEqual(scaled, vec3(0.0))) && all(lessThan(scaled, vec3(9.0e18))));
     if (bad) scaled = vec3(0.0);
     vec3 upper = floor(scaled * (1.0 / 4294967296.0));
-    uvec3 add_high = uvec3(upper);
     uvec3 add_low = uvec3(scaled - upper * 4294967296.0);
 
     uvec4 old_low = texelFetch(sum_low, pixel, 0);
     uvec4 old_high = texelFetch(sum_high, pixel, 0);
     low.rgb = old_low.rgb + add_low;
-    high.rgb = old_high.rgb + add_high + uvec3(lessThan(low.rgb, old_low.rgb));
+    high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
     uint events = uint(radiance.a);
     low.a = old_low.a + (events & 1023u);
     high.a = old_high.a + (events >> 10u) + (bad ? 1u << 20u : 0u);

@@ -1,0 +1,57 @@
+# glpath from a fresh checkout. `make` lists the targets.
+#
+# The set-up is done once: each stamp in .venv says that what it names is installed as pyproject.toml wants it.
+
+SPP    ?= 256
+BENCH  ?= path-buffer
+PYTHON ?=
+export PYTHON
+
+BIN    := .venv/bin
+STAMPS := .venv/.glpath
+
+.PHONY: help render test lint evidence bench wheel clean
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' Makefile
+	@echo "Variables: SPP=256 (make render), BENCH=path-buffer (make bench), PYTHON=python3.12 (which one to use)"
+
+render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png and .exr
+	@mkdir -p out
+	$(BIN)/glpath render cornell-box -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
+
+test: lint ## set up, check the style and the types, then run the test suite
+	$(BIN)/python -m pytest -m "not evidence"
+
+lint: $(STAMPS)-test ## only check the style, the types and who imports whom
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+evidence: $(STAMPS)-reference ## set up with Mitsuba, then run the slow comparisons
+	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m pytest -m evidence
+
+bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
+	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/glpath bench $(BENCH)
+
+wheel: $(STAMPS) ## build the wheel into dist
+	$(BIN)/python -m pip wheel --disable-pip-version-check --no-deps -w dist .
+
+clean: ## remove all that the other targets made
+	rm -rf .venv out dist build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMPS): pyproject.toml
+	sh .ci/setup
+	@touch $@
+
+$(STAMPS)-test: pyproject.toml
+	sh .ci/setup test
+	@touch $(STAMPS) $@
+
+$(STAMPS)-reference: pyproject.toml
+	sh .ci/setup test,reference
+	@touch $(STAMPS) $(STAMPS)-test $@

@@ -1,0 +1,6 @@
+"""`python -m glpath` is `glpath`."""
+
+from glpath.cli.main import run
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,275 @@
+"""Mitsuba 3 as the peer: the same scene, camera, depth and pixel filter, for checking and for timing.
+
+Mitsuba is the `reference` extra and is imported only inside functions, so that nothing else needs it.
+Its LLVM variant is the fast one on a CPU. Dr.Jit loads libLLVM itself; the LLVM 14 and 15 of Debian 12
+crash under it, so that `find_llvm` looks for 16 or newer.
+
+Poor at:  ambient light at the last depth, which Mitsuba's path integrator does not have.
+Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import GlpathError
+from glpath.scene.model import Float64, Scene, Shape
+
+Sampler = Literal["independent", "multijitter"]
+Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
+
+OLDEST_LLVM = 16
+LIBRARY_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/local/lib",
+    "/usr/lib/llvm-*/lib",
+)
+
+# The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from
+# either side meets the side that faces it first.
+SIDE_OFFSET = 1e-5
+
+
+def find_llvm(folders: Iterable[str] = LIBRARY_FOLDERS) -> str | None:
+    """The libLLVM for Dr.Jit: DRJIT_LIBLLVM_PATH if it is set, else the newest of version 16 or later, else None.
+
+    folders : where to look, glob patterns allowed
+    """
+    named = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if named:
+        return named
+    found: list[tuple[int, str]] = []
+    for pattern in folders:
+        # libLLVM-19.so, libLLVM.so.19.1, libLLVM-15.so.1: the first number is the major version.
+        for path in Path("/").glob(f"{pattern.lstrip('/')}/libLLVM[-.]*so*"):
+            version = re.match(r"libLLVM(?:-|\.so\.)(\d+)", path.name)
+            if version and int(version[1]) >= OLDEST_LLVM:
+                found.append((int(version[1]), str(path)))
+    return max(found)[1] if found else None
+
+
+def best_variant() -> tuple[Variant, str]:
+    """The fastest variant that works here, and a note for the reader ('' when it is the LLVM one)."""
+    if find_llvm():
+        return "llvm_ad_rgb", ""
+    return "scalar_rgb", (
+        f"Mitsuba runs as scalar_rgb, many times slower than llvm_ad_rgb: no libLLVM >= {OLDEST_LLVM} found. "
+        "Install one (Debian: apt install libllvm19) or set DRJIT_LIBLLVM_PATH."
+    )
+
+
+def load_mitsuba(variant: str | None = None) -> Any:
+    """The module `mitsuba` with `variant` (default: `best_variant`) set; GlpathError when it cannot be had."""
+    variant = variant or best_variant()[0]
+    if variant.startswith("llvm"):
+        llvm = find_llvm()
+        if llvm is None:
+            raise GlpathError(
+                f"Mitsuba's variant {variant} needs libLLVM >= {OLDEST_LLVM}, and none was found.",
+                "apt install libllvm19, or set DRJIT_LIBLLVM_PATH to the library, or take variant scalar_rgb.",
+            )
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm  # read once, when Dr.Jit first starts LLVM
+    try:
+        import mitsuba
+    except ImportError as error:
+        raise GlpathError(
+            f"Mitsuba 3 cannot be imported ({error}); it is needed only as a peer and a reference.",
+            "pip install glpath[reference]",
+        ) from error
+    if variant not in mitsuba.variants():
+        raise GlpathError(
+            f"Mitsuba {mitsuba.__version__} has no variant {variant!r}; it has {', '.join(mitsuba.variants())}."
+        )
+    mitsuba.set_variant(variant)
+    return mitsuba
+
+
+def to_mitsuba(
+    scene: Scene,
+    max_depth: int,
+    *,
+    sampler: Sampler = "multijitter",
+    spp: int = 64,
+    variant: str | None = None,
+) -> Any:
+    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel.
+
+    Depth: Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. No Russian roulette.
+    Pixels: box filter, one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis 'y'.
+    Materials: Mitsuba's diffuse is one-sided with a black back, as `Material.two_sided = False`.
+    Lights: Mitsuba's area light emits on the side of the normal only; a two-sided one becomes two meshes a
+    hundred-thousandth of the scene's diagonal apart.
+    """
+    mi = load_mitsuba(variant)
+    described: dict[str, Any] = {
+        "type": "scene",
+        "integrator": _integrator(max_depth),
+        "sensor": _sensor(mi, scene, sampler, spp),
+    }
+    low, high = scene.bounds
+    offset = SIDE_OFFSET * float(np.linalg.norm(high - low))
+    for i, shape in enumerate(scene.shapes):
+        corners = scene.triangles[shape.first : shape.first + shape.count]
+        material = scene.materials[shape.material]
+        diffuse = _diffuse(material.reflectance)
+        if shape.emits and shape.emission_two_sided:
+            n = scene.normals[shape.first : shape.first + shape.count, None, :]
+            back = diffuse if material.two_sided else _diffuse(np.zeros(3))
+            described[f"shape{i}_front"] = _mesh(mi, shape, corners + offset * n, diffuse)
+            described[f"shape{i}_back"] = _mesh(mi, shape, (corners - offset * n)[:, ::-1], back)
+        else:
+            bsdf = {"type": "twosided", "bsdf": diffuse} if material.two_sided else diffuse
+            described[f"shape{i}"] = _mesh(mi, shape, corners, bsdf)
+    return mi.load_dict(described)
+
+
+def mitsuba_cornell_box(
+    max_depth: int = 3, *, sampler: Sampler = "multijitter", spp: int = 64, variant: str | None = None
+) -> Any:
+    """`mi.cornell_box()` as it is shipped (256 x 256), but box filter, our depth and no Russian roulette."""
+    mi = load_mitsuba(variant)
+    described = mi.cornell_box()
+    described["integrator"] = _integrator(max_depth)
+    described["sensor"]["film"]["rfilter"] = {"type": "box"}
+    described["sensor"]["sampler"] = {"type": sampler, "sample_count": spp}
+    return mi.load_dict(described)
+
+
+def render_mitsuba(
+    scene: Scene,
+    spp: int,
+    max_depth: int,
+    *,
+    seed: int = 0,
+    sampler: Sampler = "multijitter",
+    variant: str | None = None,
+) -> Float64:
+    """Radiance (H, W, 3) float64, row 0 at the top, linear Rec. 709, by Mitsuba's path integrator.
+
+    spp : samples per pixel; multijitter takes the next number that factors into its strata
+    """
+    peer = to_mitsuba(scene, max_depth, sampler=sampler, spp=spp, variant=variant)
+    return render_peer(peer, spp, seed)
+
+
+def render_peer(peer: Any, spp: int, seed: int = 0) -> Float64:
+    """Radiance (H, W, 3) float64 of a `mitsuba.Scene`; returns when it is there, not when it is queued."""
+    mi: Any = importlib.import_module("mitsuba")  # its variant is the one that `peer` was made with
+    return np.array(mi.render(peer, spp=spp, seed=seed), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class PeerTiming:
+    """How long a picture takes Mitsuba, kernel compilation not counted.
+
+    seconds : (repeats,) float64 wall time of each picture, warm
+    images  : (repeats, H, W, 3) float64, one per repeat, each of its own seed
+    """
+
+    spp: int
+    seconds: NDArray[np.float64]
+    images: NDArray[np.float64]
+
+    @property
+    def ms_per_sample(self) -> float:
+        """Milliseconds per sample of all pixels, from the fastest repeat: noise of a shared machine only adds."""
+        return 1e3 * float(self.seconds.min()) / self.spp
+
+
+def time_to_render(
+    scene: Scene | Any,
+    spp: int,
+    max_depth: int,
+    *,
+    repeats: int = 3,
+    seed: int = 1,
+    sampler: Sampler = "multijitter",
+    variant: str | None = None,
+) -> PeerTiming:
+    """Times `repeats` pictures of `scene` (ours, or a `mitsuba.Scene`, whose own depth and sampler then hold).
+
+    One picture of the same spp goes first, so that the kernel, which depends on spp, is compiled and in the cache.
+    """
+    peer = (
+        to_mitsuba(scene, max_depth, sampler=sampler, spp=spp, variant=variant)
+        if isinstance(scene, Scene)
+        else scene
+    )
+    import drjit
+
+    render_peer(peer, spp, seed + repeats)
+    seconds, images = [], []
+    for i in range(repeats):
+        drjit.sync_thread()
+        start = time.perf_counter()
+        image = render_peer(peer, spp, seed + i)
+        drjit.sync_thread()
+        seconds.append(time.perf_counter() - start)
+        images.append(image)
+    return PeerTiming(spp, np.array(seconds), np.stack(images))
+
+
+def _integrator(max_depth: int) -> dict[str, Any]:
+    return {"type": "path", "max_depth": max_depth + 1, "rr_depth": 1_000_000}
+
+
+def _diffuse(reflectance: Float64) -> dict[str, Any]:
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [float(v) for v in reflectance]}}
+
+
+def _sensor(mi: Any, scene: Scene, sampler: Sampler, spp: int) -> dict[str, Any]:
+    camera = scene.camera
+    low, high = scene.bounds
+    diagonal = float(np.linalg.norm(high - low))
+    reach = float(np.linalg.norm(camera.position - 0.5 * (low + high))) + diagonal
+    width, height = camera.resolution
+    return {
+        "type": "perspective",
+        "fov_axis": "y",
+        "fov": float(camera.fov),
+        "near_clip": 1e-4 * diagonal,
+        "far_clip": reach,
+        # Mitsuba's camera has its x to the left of the picture and flips it in look_at: row 0 is towards `up`,
+        # column 0 is away from Camera.frame()'s right, as here.
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=camera.position.tolist(), target=camera.target.tolist(), up=camera.up.tolist()
+        ),
+        "sampler": {"type": sampler, "sample_count": spp},
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+    }
+
+
+def _mesh(mi: Any, shape: Shape, corners: Float64, bsdf: dict[str, Any]) -> Any:
+    """A Mitsuba mesh of (n, 3, 3) corners. No vertex is shared, so that no normal is smoothed."""
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    properties["face_normals"] = True
+    if shape.emits:
+        radiance = {"type": "rgb", "value": [float(v) for v in shape.emission]}
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+    mesh = mi.Mesh(shape.name, vertex_count=3 * len(corners), face_count=len(corners), props=properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ascontiguousarray(corners, np.float32).ravel()
+    parameters["faces"] = np.arange(3 * len(corners), dtype=np.uint32)
+    parameters.update()
+    return mesh

@@ -1,0 +1,298 @@
+"""`glpath devices` and `glpath doctor`: what renders here, and what is missing where nothing does."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from glpath.errors import ContextError
+from glpath.gl.context import (
+    EGL_LIBRARY,
+    GL_LIBRARIES,
+    REQUIRED_VERSION,
+    DeviceProbe,
+    get_context,
+    list_devices,
+)
+from glpath.gl.osmesa import load_osmesa
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+# What OpenGL 4.3 guarantees, as far as rendering here runs into it: with less the driver's version is a claim.
+LIMITS = {
+    "GL_MAX_TEXTURE_SIZE": 16384,
+    "GL_MAX_ARRAY_TEXTURE_LAYERS": 2048,
+    "GL_MAX_DRAW_BUFFERS": 8,
+    "GL_MAX_TEXTURE_IMAGE_UNITS": 16,
+    "GL_MAX_IMAGE_UNITS": 8,
+    "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": 8,
+    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": 1024,
+}
+
+PACKAGES = (
+    "numpy",
+    "moderngl",
+    "glcontext",
+    "pyrr",
+    "imageio",
+    "OpenEXR",
+    "scipy",
+    "msgspec",
+    "trimesh",
+    "rich",
+    "typer",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add both commands to the command line."""
+    app.command()(devices)
+    app.command()(doctor)
+
+
+def devices(as_json: Json = False) -> None:
+    """List every device that can render, and the one that is taken by itself (auto).
+
+    Each device is tried in a process of its own. GLPATH_BACKEND and GLPATH_DEVICE change what auto takes.
+    Exit code 0 when one renders, 1 when none does.
+    """
+    probes = list_devices()
+    if as_json:
+        typer.echo(json.dumps([_as_plain(p) for p in probes], indent=2))
+    else:
+        _print(_device_table(probes))
+    if not any(p.auto for p in probes):
+        raise typer.Exit(1)
+
+
+def _as_plain(probe: DeviceProbe) -> dict[str, Any]:
+    plain = asdict(probe)
+    if probe.info:
+        plain["info"]["driver"] = probe.info.driver
+    return plain
+
+
+def _device_table(probes: list[DeviceProbe]) -> Table:
+    table = Table("auto", "backend", "device", "renderer", "OpenGL", "driver", "kind")
+    for p in probes:
+        taken = "→" if p.auto else ""
+        if p.info:
+            version = f"{p.info.version_code // 100}.{p.info.version_code // 10 % 10}"
+            kind = "hardware" if p.info.hardware else "software"
+            table.add_row(taken, p.backend, str(p.index), p.info.renderer, version, p.info.driver, kind)
+        else:
+            table.add_row(taken, p.backend, str(p.index), p.error, "-", "-", "fails")
+    return table
+
+
+def _print(table: Table) -> None:
+    for column in table.columns:
+        column.overflow = "fold"  # the end of a renderer's name is what tells two devices apart
+    Console(markup=False, highlight=False).print(table)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of `glpath doctor`.
+
+    status : ok; missing (rendering needs it); note (it works without, but better with it)
+    found  : what there is
+    remedy : what to type
+    """
+
+    check: str
+    status: str
+    found: str
+    remedy: str = ""
+
+
+def doctor(as_json: Json = False) -> None:
+    """Say what rendering needs on this machine, what is missing, and the package that brings it.
+
+    Exit code 0 when rendering is possible, 1 otherwise.
+    """
+    findings = examine()
+    possible = all(f.status != "missing" for f in findings)
+    if as_json:
+        typer.echo(json.dumps({"possible": possible, "findings": [asdict(f) for f in findings]}, indent=2))
+    else:
+        table = Table("", "check", "found", "remedy")
+        for f in findings:
+            table.add_row(f.status, f.check, f.found, f.remedy)
+        _print(table)
+        typer.echo("Rendering is possible here." if possible else "Rendering is not possible here.")
+    if not possible:
+        raise typer.Exit(1)
+
+
+def examine() -> list[Finding]:
+    """All checks, in the order in which one thing needs the other.
+
+    What only one way of rendering needs counts as missing only when no way is left.
+    """
+    try:
+        probes, wrong = list_devices(), ""
+    except ContextError as error:
+        probes, wrong = [], str(error)
+    renders = any(p.auto for p in probes)
+    checks: list[Callable[[], Iterator[Finding]]] = [
+        _python,
+        _packages,
+        lambda: _libraries(renders),
+        lambda: _context(probes, wrong),
+        lambda: _limits() if renders else iter(()),
+        _threads,
+        _shader_cache,
+        _gpu_access,
+    ]
+    return [finding for check in checks for finding in check()]
+
+
+def _python() -> Iterator[Finding]:
+    version = ".".join(map(str, sys.version_info[:3]))
+    good = sys.version_info >= (3, 11)
+    yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
+
+
+def _packages() -> Iterator[Finding]:
+    versions, absent = [], []
+    for name in PACKAGES:
+        try:
+            versions.append(f"{name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            absent.append(name)
+    if absent:
+        yield Finding(
+            "packages", "missing", "not installed: " + ", ".join(absent), "pip install " + " ".join(absent)
+        )
+    else:
+        yield Finding("packages", "ok", ", ".join(versions))
+
+
+def _libraries(renders: bool) -> Iterator[Finding]:
+    lacking = "note" if renders else "missing"
+    if _loads(EGL_LIBRARY):
+        functions = next((name for name in GL_LIBRARIES if _loads(name)), "")
+        yield Finding("libEGL", "ok", f"{EGL_LIBRARY}, functions from {functions}")
+    else:
+        yield Finding("libEGL", lacking, f"{EGL_LIBRARY} cannot be loaded", "apt-get install libegl1")
+    drivers = _drivers()
+    if drivers:
+        yield Finding("EGL driver", "ok", ", ".join(drivers))
+    else:
+        yield Finding("EGL driver", lacking, "neither Mesa's nor a vendor's", "apt-get install libgl1-mesa-dri")
+    if load_osmesa() is not None:
+        yield Finding("libOSMesa", "ok", "the last resort, can be loaded")
+    else:
+        yield Finding("libOSMesa", "ok", "absent; only needed where EGL fails (Debian 12: libosmesa6)")
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _drivers() -> list[str]:
+    """Mesa's software rasterizer and vendors' EGL drivers."""
+    folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
+    folders += [*Path("/usr/lib").glob("*-linux-gnu*/dri"), Path("/usr/lib/dri"), Path("/usr/lib64/dri")]
+    # Mesa's own file, or from 24.2 the library that all its drivers moved to
+    mesa = [f for folder in folders for f in folder.glob("swrast_dri.so")]
+    mesa += [f for folder in folders for f in folder.parent.glob("libgallium-*.so")]
+    found = [f"Mesa ({mesa[0]})"] if mesa and _loads("libEGL_mesa.so.0") else []
+    return found + [name for name in ("libEGL_nvidia.so.0",) if _loads(name)]
+
+
+def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
+    name = f"OpenGL {REQUIRED_VERSION // 100}.{REQUIRED_VERSION // 10 % 10}"
+    if wrong:
+        yield Finding(name, "missing", wrong, "unset GLPATH_BACKEND GLPATH_DEVICE")
+        return
+    taken = next((p for p in probes if p.auto), None)
+    for p in probes:
+        if p.info:
+            yield Finding(name, "ok", str(p.info) + (", taken by auto" if p is taken else ""))
+        else:
+            status = "note" if taken else "missing"
+            yield Finding(name, status, p.error)
+    if not taken:
+        remedy = "apt-get install libegl1 libgl1-mesa-dri"
+        chosen = [f"{k}={os.environ[k]}" for k in ("GLPATH_BACKEND", "GLPATH_DEVICE") if os.environ.get(k)]
+        if chosen:
+            remedy = "unset GLPATH_BACKEND GLPATH_DEVICE, or " + remedy
+        yield Finding(name, "missing", " ".join(["no device can be taken", *chosen]), remedy)
+
+
+def _limits() -> Iterator[Finding]:
+    # Only after a probe has shown that the device does not kill its process.
+    try:
+        limits = get_context().limits()
+    except ContextError as error:
+        yield Finding("limits", "missing", error.message, error.remedy)
+        return
+    low = [f"{name} {limits[name]} (guaranteed: {least})" for name, least in LIMITS.items() if limits[name] < least]
+    if low:
+        yield Finding("limits", "note", "; ".join(low), "smaller pictures, a newer driver or another device")
+    else:
+        named = ", ".join(
+            f"{name.removeprefix('GL_MAX_').lower().replace('_', ' ')} {limits[name]}" for name in LIMITS
+        )
+        yield Finding("limits", "ok", named)
+
+
+def _threads() -> Iterator[Finding]:
+    cores = len(os.sched_getaffinity(0))
+    chosen = os.environ.get("LP_NUM_THREADS")
+    text = f"{cores} cores, LP_NUM_THREADS " + (
+        f"= {chosen}" if chosen is not None else "not set: llvmpipe uses all"
+    )
+    if chosen is not None and chosen.isdigit() and int(chosen) < cores:
+        yield Finding("threads", "note", text, "unset LP_NUM_THREADS")
+    else:
+        yield Finding("threads", "ok", text)
+
+
+def _shader_cache() -> Iterator[Finding]:
+    if os.environ.get("MESA_SHADER_CACHE_DISABLE", "").lower() in ("1", "true", "yes"):
+        remedy = "unset MESA_SHADER_CACHE_DISABLE"
+        yield Finding("shader cache", "note", "switched off: shaders are compiled anew at each start", remedy)
+        return
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path(os.environ.get("HOME") or "/") / ".cache")
+    folder = Path(os.environ.get("MESA_SHADER_CACHE_DIR") or home)
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if os.access(existing, os.W_OK | os.X_OK):
+        yield Finding("shader cache", "ok", str(folder))
+    else:
+        text = f"{existing} is not writable: shaders are compiled anew at each start"
+        yield Finding("shader cache", "note", text, "export MESA_SHADER_CACHE_DIR=/a/writable/folder")
+
+
+def _gpu_access() -> Iterator[Finding]:
+    nodes = sorted(Path("/dev/dri").glob("renderD*")) if Path("/dev/dri").is_dir() else []
+    closed = [n for n in nodes if not os.access(n, os.R_OK | os.W_OK)]
+    if closed:
+        text = ", ".join(str(n) for n in closed) + " may not be opened by this user"
+        yield Finding("/dev/dri", "note", text, "usermod -aG render $USER, then log in again")
+    elif nodes:
+        yield Finding("/dev/dri", "ok", ", ".join(str(n) for n in nodes))
+    else:
+        yield Finding("/dev/dri", "ok", "no graphics card shown to this system; software rendering")
+    if Path("/dev/nvidiactl").exists() and not _loads("libEGL_nvidia.so.0"):
+        remedy = "install the driver's EGL library (libnvidia-gl); in a container NVIDIA_DRIVER_CAPABILITIES=all"
+        yield Finding("NVIDIA", "note", "a card, but no libEGL_nvidia.so.0 to draw with", remedy)

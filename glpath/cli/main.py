@@ -1,0 +1,85 @@
+"""The `glpath` command: what its subcommands have in common, which is how things go wrong.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted. What a user can cause is printed as one block without
+a traceback; a traceback is a mistake of glpath's.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+import glpath
+from glpath.cli import bench, compare, devices, render, scenes
+from glpath.cli.render import INTERRUPTED
+from glpath.errors import GlpathError, SceneWarning, UsageError
+
+FAILED, WRONG_USAGE = 1, 2
+
+
+class Commands(TyperGroup):
+    """Turns exceptions and warnings of every subcommand into lines on stderr and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", SceneWarning)
+            _show_scene_warnings_as_lines()
+            try:
+                return super().invoke(ctx)
+            except GlpathError as error:
+                typer.echo(f"glpath: error: {error}", err=True)
+                raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
+            except KeyboardInterrupt as stop:
+                typer.echo("glpath: interrupted", err=True)
+                raise typer.Exit(INTERRUPTED) from stop
+
+
+def _show_scene_warnings_as_lines() -> None:
+    usual = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, SceneWarning):
+            typer.echo(f"glpath: warning: {message}", err=True)
+        else:
+            usual(message, category, *place, **more)
+
+    warnings.showwarning = show
+
+
+app = typer.Typer(
+    name="glpath",
+    cls=Commands,
+    help="Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen.",
+    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written).",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"glpath {glpath.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end."),
+    ] = False,
+) -> None:
+    pass
+
+
+for _commands in (render, compare, scenes, devices, bench):
+    _commands.register(app)
+
+
+def run() -> None:
+    """The entry point of the `glpath` script and of `python -m glpath`."""
+    app(prog_name="glpath")

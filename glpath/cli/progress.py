@@ -1,0 +1,159 @@
+"""How far a render is, on stderr: a bar on a terminal, lines elsewhere, or JSON for programs.
+
+Each is a context manager that yields what `rendering.render` calls as `on_progress`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import TYPE_CHECKING, TextIO
+
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from glpath.rendering import Progress
+
+Report = Callable[["Progress"], None]
+
+MODES = ("auto", "bar", "lines", "json", "none")
+
+# Seconds between two lines: five at first, then a twentieth of the time that went by, so that neither a short nor a
+# long render fills the log, and at most two minutes, as continuous integration ends what is silent for long.
+_SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
+
+# Seconds between two JSON objects.
+_JSON_INTERVAL = 0.1
+
+
+def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report]:
+    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
+    if mode == "auto":
+        mode = "bar" if Console(file=stream).is_terminal else "lines"
+    return {"bar": _bar, "lines": _lines, "json": _json, "none": _none}[mode](stream)
+
+
+@contextmanager
+def _none(stream: TextIO) -> Iterator[Report]:
+    yield lambda progress: None
+
+
+@contextmanager
+def _bar(stream: TextIO) -> Iterator[Report]:
+    from rich import progress as rich_progress
+
+    console = Console(file=stream, highlight=False)
+    columns = (
+        rich_progress.TextColumn("{task.description}", markup=False),
+        rich_progress.BarColumn(bar_width=None),
+        rich_progress.TextColumn("{task.fields[sets]}", markup=False),
+        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
+    )
+    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None, sets="", detail="")
+        renderer = ""
+
+        def report(progress: Progress) -> None:
+            nonlocal renderer
+            if progress.renderer != renderer:
+                renderer = progress.renderer
+                console.print(f"rendering on {renderer}", markup=False)
+            started = progress.done > 0
+            bar.update(
+                task,
+                description=progress.stage,
+                completed=progress.done,
+                total=progress.total if started else None,  # without a total the bar pulses
+                sets=f"{progress.done}/{progress.total} path sets",
+                detail=", ".join(_details(progress)) if started else "",
+            )
+
+        yield report
+
+
+@contextmanager
+def _lines(stream: TextIO) -> Iterator[Report]:
+    renderer = stage = ""
+    next_line = 0.0
+
+    def report(progress: Progress) -> None:
+        nonlocal renderer, stage, next_line
+        now = progress.elapsed_s
+        if progress.renderer != renderer:
+            renderer = progress.renderer
+            print(f"rendering on {renderer}", file=stream, flush=True)
+        if progress.stage == stage and now < next_line and progress.done < progress.total:
+            return
+        if progress.stage != stage and progress.done == 0:
+            print(progress.stage, file=stream, flush=True)
+        else:
+            details = "".join(f", {text}" for text in _details(progress))
+            share = 100 * progress.done / max(progress.total, 1)
+            count = f"{progress.done}/{progress.total} path sets ({share:.0f} %)"
+            print(f"{count} after {duration(now)}{details}", file=stream, flush=True)
+        stage = progress.stage
+        next_line = now + min(max(_SOONEST, _SHARE * now), _LATEST)
+
+    yield report
+
+
+@contextmanager
+def _json(stream: TextIO) -> Iterator[Report]:
+    stage = ""
+    next_object = 0.0
+
+    def report(progress: Progress) -> None:
+        nonlocal stage, next_object
+        if progress.stage == stage and progress.elapsed_s < next_object and progress.done < progress.total:
+            return
+        stage, next_object = progress.stage, progress.elapsed_s + _JSON_INTERVAL
+        event = {
+            "event": "progress",
+            "stage": progress.stage,
+            "done": progress.done,
+            "total": progress.total,
+            "elapsed_s": round(progress.elapsed_s, 3),
+            "left_s": None if (left := _seconds_left(progress)) is None else round(left, 3),
+            "error": progress.error,
+            "renderer": progress.renderer,
+        }
+        print(json.dumps(event), file=stream, flush=True)
+
+    yield report
+
+
+def _details(progress: Progress) -> Iterator[str]:
+    """Rate, time left and error, as far as they are known."""
+    left = _seconds_left(progress)
+    if left is not None:
+        yield f"{progress.done / progress.elapsed_s:.3g} sets/s"
+        if progress.done < progress.total:
+            yield f"{duration(left)} left"
+    if progress.error is not None:
+        yield f"error {percent(progress.error)}"
+
+
+def _seconds_left(progress: Progress) -> float | None:
+    if progress.done == 0 or progress.elapsed_s <= 0:
+        return None
+    left: float = progress.elapsed_s * (progress.total - progress.done) / progress.done
+    return left
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+def percent(share: float) -> str:
+    """A share of 1 in percent, with two digits that count."""
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"

@@ -1,0 +1,113 @@
+"""How far a picture is from a reference: numbers, and a picture of the difference.
+
+All take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure that README and benchmarks use.
+
+Poor at:  telling noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
+          red and blue mixed, bias is one colour in one place.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import ImageError, UsageError
+from glpath.image import luminance
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+# Keeps dark pixels from deciding everything; of the scale of a picture whose white is about 1.
+EPSILON = 0.01
+
+
+def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILON) -> float:
+    """mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 is equal.
+
+    As in Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
+    Raises ImageError for shapes that differ, NaN or infinity.
+    """
+    a, b = _pair(image, reference)
+    return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
+
+
+def mse(image: ArrayLike, reference: ArrayLike) -> float:
+    """mean((image - reference)²) over pixels and channels. Raises ImageError."""
+    a, b = _pair(image, reference)
+    return float(np.mean((a - b) ** 2))
+
+
+def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> float:
+    """10 log10(peak² / mse) in decibels; infinite for equal pictures.
+
+    peak : the largest value there can be; the reference's largest if None, as radiance has no other
+
+    Raises ImageError.
+    """
+    a, b = _pair(image, reference)
+    error = float(np.mean((a - b) ** 2))
+    top = float(b.max()) if peak is None else peak
+    return math.inf if error == 0 else -math.inf if top <= 0 else 10 * math.log10(top**2 / error)
+
+
+def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
+    """The largest |image - reference| of any channel of any pixel. Raises ImageError."""
+    a, b = _pair(image, reference)
+    return float(np.max(np.abs(a - b)))
+
+
+def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
+    """mean(image) / mean(reference): energy gained or lost. NaN if both are black. Raises ImageError."""
+    a, b = _pair(image, reference)
+    above, below = float(a.mean()), float(b.mean())
+    if below == 0:
+        return math.nan if above == 0 else math.copysign(math.inf, above)
+    return above / below
+
+
+def difference_image(
+    image: ArrayLike, reference: ArrayLike, scale: float | None = None, epsilon: float = EPSILON
+) -> tuple[UInt8, float]:
+    """The difference of luminance in false colours: red is too bright, blue too dark, white is equal.
+
+    Parameters
+    ----------
+    scale : (image - reference) / sqrt(reference² + epsilon) that gets the full colour; if None, what 99 % of the
+            pixels stay below
+
+    Returns the picture, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale not above 0.
+    """
+    if scale is not None and not scale > 0:
+        raise UsageError(f"scale: found {scale}, expected a number above 0.")
+    a, b = _pair(image, reference)
+    y = luminance(b)
+    relative = (luminance(a) - y) / np.sqrt(y**2 + epsilon)
+    if scale is None:
+        scale = float(np.quantile(np.abs(relative), 0.99)) or float(np.abs(relative).max()) or 1.0
+    t = np.clip(relative / scale, -1.0, 1.0)[..., None]
+    # ColorBrewer's RdBu, its ends and its middle (Harrower & Brewer 2003): told apart by the colour-blind as well.
+    red, middle, blue = np.array([178, 24, 43]), np.array([247, 247, 247]), np.array([33, 102, 172])
+    colour = middle + np.maximum(t, 0) * (red - middle) + np.maximum(-t, 0) * (blue - middle)
+    return (colour + 0.5).astype(np.uint8), scale
+
+
+def _pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
+    a, b = np.asarray(image, np.float64), np.asarray(reference, np.float64)
+    if a.shape != b.shape:
+        raise ImageError(
+            f"compare: the picture is {_size(a)} and the reference {_size(b)}; they must be of one size.",
+            "Render both at one --resolution and --crop.",
+        )
+    if a.ndim != 3 or a.shape[2] != 3 or a.size == 0:
+        raise ImageError(f"compare: found arrays of shape {a.shape}, expected (H, W, 3).")
+    for name, array in (("picture", a), ("reference", b)):
+        broken = int(np.count_nonzero(~np.isfinite(array).all(axis=-1)))
+        if broken:
+            raise ImageError(f"compare: {broken} pixels of the {name} are NaN or infinite.")
+    return a, b
+
+
+def _size(array: Float64) -> str:
+    return f"{array.shape[1]} x {array.shape[0]}" if array.ndim == 3 else f"of shape {array.shape}"

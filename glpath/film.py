@@ -1,0 +1,363 @@
+"""The film: sums of radiance and how many path sets are in them.
+
+Sums, never means, so that going on with a render and merging two are additions. What a path tracer hands in are
+multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
+0..32 merged with 32..64, bit for bit, in whatever order they came.
+
+Sums are kept apart in batches, since the paths of a set share their directions: neighbouring pixels err together,
+and the error of a picture can only be seen between sets. Which batch a set belongs to follows from its number,
+so any ranges merge.
+
+Cost:     24 bytes per pixel and batch: 100 MB for 512 x 512.
+Poor at:  the error of a render shorter than two blocks (16 path sets): there is nothing to compare.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import ImageError, UsageError
+from glpath.image import encode_png, mean_of_sums, open_npz, whole_file, write_exr, write_png
+from glpath.image import tonemap as tonemapped
+
+Float64 = NDArray[np.float64]
+
+# Path set i belongs to batch (i // BLOCK) % BATCHES. A block of 8 keeps neighbouring points of a Sobol sequence
+# together, which stratify each other; 16 batches give the standard error to about 18 %.
+BLOCK = 8
+BATCHES = 16
+
+WRITABLE = (".png", ".exr", ".npz")
+
+# Of the longer side of the picture that a notebook shows.
+_PREVIEW = 1024
+
+
+def batch_of(path_set: int) -> int:
+    """The batch that a path set is summed in."""
+    return path_set // BLOCK % BATCHES
+
+
+def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
+    """Split the path sets start..stop (half-open) where the batch changes: the ranges that `Film.add` takes."""
+    while start < stop:
+        end = min(stop, (start // BLOCK + 1) * BLOCK)
+        yield start, end
+        start = end
+
+
+@dataclass(frozen=True)
+class FilmMetadata:
+    """What made a film. Films merge when all that decides the picture is equal.
+
+    scene           : name of the scene, for people
+    scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
+    integrator      : for example "path_trace"
+    seed, max_depth : of the random numbers; vertices of a path, as in the paper
+    settings        : all else that decides the picture (sampling, directions, ambient, ...), as JSON has values
+    full_resolution : (width, height) of the whole picture, pixels
+    window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
+    device          : the renderer's name; several, joined by " + ", after merging
+    versions        : name and version of the programs that took part
+    elapsed_s       : seconds of rendering, summed over what was merged
+    statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
+                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage
+    """
+
+    scene: str
+    scene_hash: str
+    integrator: str
+    seed: int
+    max_depth: int
+    settings: Mapping[str, Any]
+    full_resolution: tuple[int, int]
+    window: tuple[int, int, int, int]
+    device: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    elapsed_s: float = 0.0
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
+        for name in ("settings", "versions", "statistics"):
+            object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
+        object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
+        object.__setattr__(self, "window", tuple(self.window))
+
+    def as_strings(self) -> dict[str, str]:
+        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ..."""
+        plain = {key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(self).items()}
+        return {f"glpath.{key}": value for key, value in plain.items()}
+
+
+# What must be equal to merge, in the words of a message.
+_DECIDES = {
+    "scene_hash": "scene",
+    "integrator": "integrator",
+    "seed": "seed",
+    "max_depth": "max_depth",
+    "settings": "settings",
+    "full_resolution": "resolution",
+    "window": "crop",
+}
+
+
+@dataclass(eq=False, repr=False)
+class Film:
+    """Sums of radiance over path sets, in batches.
+
+    radiance_sums : (BATCHES, H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709, row 0 at the top
+    batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
+    ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
+    metadata      : what made it
+    """
+
+    radiance_sums: Float64
+    batch_counts: NDArray[np.int64]
+    ranges: tuple[tuple[int, int], ...]
+    metadata: FilmMetadata
+
+    @classmethod
+    def empty(cls, metadata: FilmMetadata) -> Film:
+        """A film of the size of the metadata's window, without any path set."""
+        _, _, width, height = metadata.window
+        return cls(np.zeros((BATCHES, height, width, 3)), np.zeros(BATCHES, np.int64), (), metadata)
+
+    def add(self, start: int, stop: int, radiance_sum: NDArray[np.floating[Any]]) -> None:
+        """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
+
+        Raises UsageError for path sets that are already in the film.
+        """
+        assert 0 <= start < stop, f"an empty range of path sets, {start}..{stop}"
+        assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
+        assert radiance_sum.shape == self.radiance_sums.shape[1:], f"a sum of shape {radiance_sum.shape}"
+        assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
+        self.ranges = _united(self.ranges, ((start, stop),))
+        batch = batch_of(start)
+        self.radiance_sums[batch] += radiance_sum
+        self.batch_counts[batch] += stop - start
+
+    @property
+    def path_sets(self) -> int:
+        """Path sets in the film: samples per pixel."""
+        return int(self.batch_counts.sum())
+
+    @property
+    def mean(self) -> Float64:
+        """(H, W, 3) float64, the picture: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
+
+        Raises UsageError when there is no path set in it.
+        """
+        if not self.path_sets:
+            raise UsageError("film: holds no path set, so there is no picture.", "Render at least one.")
+        return mean_of_sums(self.radiance_sums, self.batch_counts)
+
+    def merge(self, other: Film) -> Film:
+        """A film with the path sets of both, which must be different ones of the same render.
+
+        Devices may differ; the metadata then names both, and the sum is no longer that of one device to the bit.
+        Raises UsageError, which names what differs.
+        """
+        for name, word in _DECIDES.items():
+            ours, theirs = getattr(self.metadata, name), getattr(other.metadata, name)
+            if ours != theirs:
+                raise UsageError(
+                    f"film: cannot merge: {word} is {_shown(theirs)} in one film and {_shown(ours)} in the other.",
+                    "Only path sets of the same render can be added up.",
+                )
+        return Film(
+            self.radiance_sums + other.radiance_sums,
+            self.batch_counts + other.batch_counts,
+            _united(self.ranges, other.ranges),
+            replace(
+                self.metadata,
+                device=_joined(self.metadata.device, other.metadata.device),
+                versions=_merged(self.metadata.versions, other.metadata.versions),
+                elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
+                statistics=_merged(self.metadata.statistics, other.metadata.statistics),
+            ),
+        )
+
+    def variance_of_mean(self) -> Float64:
+        """(H, W, 3) float64, the estimated variance of `mean`, from how much the batches differ.
+
+            sum over batches of count (mean of batch - mean)^2 / (batches - 1) / path sets
+
+        which has no bias for independent path sets, also when batches are of different size. Batches of one Sobol
+        sequence are not independent: they complement each other, so that the true variance is smaller than this.
+
+        Raises UsageError when fewer than two batches hold anything.
+        """
+        used = np.flatnonzero(self.batch_counts)
+        if len(used) < 2:
+            raise UsageError(
+                f"film: {self.path_sets} path sets lie in one batch; an error is estimated between batches.",
+                f"Render more than {BLOCK} path sets.",
+            )
+        mean = self.mean
+        spread = np.zeros_like(mean)
+        for batch in used:
+            count = self.batch_counts[batch]
+            spread += count * (self.radiance_sums[batch] / count - mean) ** 2
+        variance: Float64 = spread / ((len(used) - 1) * self.path_sets)
+        return variance
+
+    def relative_error(self) -> float | None:
+        """The error to expect of the picture: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
+
+        Its square estimates `compare.relative_mse` against a converged picture; 0.02 is noise of about 2 %. With
+        Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. It sees noise
+        only, not the bias of a buffer that is too coarse. None where fewer than two batches hold anything.
+        """
+        if np.count_nonzero(self.batch_counts) < 2:
+            return None
+        return float(np.sqrt(np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))))
+
+    def save(self, path: str | Path, *, exposure: float = 0.0, tonemap: str = "srgb") -> None:
+        """Write the film; the suffix says how. The file appears whole or not at all.
+
+        .png : 8-bit sRGB after `exposure` (stops) and `tonemap` (one of `image.TONEMAPS`)
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole picture
+        .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
+
+        All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
+        or a picture of no path set.
+        """
+        path = check_suffix(path)
+        suffix = path.suffix.lower()
+        if suffix == ".png":
+            write_png(path, tonemapped(self.mean, exposure, tonemap), self._header())
+        elif suffix == ".exr":
+            window, full_resolution = self.metadata.window, self.metadata.full_resolution
+            write_exr(path, self.mean, self._header(), window=window, full_resolution=full_resolution)
+        else:
+            self._save_npz(path)
+
+    def _save_npz(self, path: Path) -> None:
+        used = self.batch_counts > 0
+        with whole_file(path) as temporary, temporary.open("wb") as file:
+            np.savez(
+                file,
+                radiance_sums=self.radiance_sums[used],  # a batch without path sets need not be stored
+                batch_counts=self.batch_counts,
+                ranges=np.array(self.ranges, np.int64).reshape(-1, 2),
+                block=np.int64(BLOCK),
+                metadata=np.array(json.dumps(asdict(self.metadata))),
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Film:
+        """Read a film written as .npz. Raises ImageError."""
+        try:
+            with open_npz(path) as stored:
+                counts = stored["batch_counts"]
+                if counts.shape != (BATCHES,) or int(stored["block"]) != BLOCK:
+                    raise ValueError(
+                        f"its batches are {counts.shape[0]} of blocks of {int(stored['block'])} path sets, "
+                        f"this version of glpath has {BATCHES} of {BLOCK}"
+                    )
+                made_by = json.loads(str(stored["metadata"]))
+                known = {f.name for f in fields(FilmMetadata)}
+                film = cls.empty(FilmMetadata(**{key: value for key, value in made_by.items() if key in known}))
+                film.radiance_sums[counts > 0] = stored["radiance_sums"]
+                film.batch_counts[:] = counts
+                film.ranges = tuple((int(start), int(stop)) for start, stop in stored["ranges"])
+        except FileNotFoundError as error:
+            raise ImageError(f"{path}: there is no such file.") from error
+        except KeyError as error:
+            raise ImageError(
+                f"{path}: is not a film: {error.args[0]}.", "A film is what -o NAME.npz writes."
+            ) from error
+        except (OSError, ValueError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            raise ImageError(f"{path}: cannot be read as a film: {error}.") from error
+        return film
+
+    def __repr__(self) -> str:
+        m = self.metadata
+        error = self.relative_error()
+        noise = "" if error is None else f", error about {100 * error:.2g} %"
+        return (
+            f"<Film of {m.scene}: {m.window[2]} x {m.window[3]} pixels, {self.path_sets} path sets, "
+            f"depth {m.max_depth}{noise}, {m.device or 'unknown device'}>"
+        )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+        """What Jupyter shows: the picture, at most 1024 pixels long, and a line of text."""
+        bundle: dict[str, object] = {"text/plain": repr(self)}
+        if self.path_sets:
+            bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW)))
+        return bundle
+
+    def _header(self) -> dict[str, str]:
+        versions = self.metadata.versions
+        return {
+            "Software": f"glpath {versions.get('glpath', '')}".strip(),
+            "glpath.path_sets": str(self.path_sets),
+            "glpath.ranges": json.dumps(self.ranges),
+            **self.metadata.as_strings(),
+        }
+
+
+def check_suffix(path: str | Path) -> Path:
+    """`path`, if a film can be written to a file of that name; else UsageError."""
+    path = Path(path)
+    if path.suffix.lower() not in WRITABLE:
+        found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
+        raise UsageError(f"{path}: an output cannot have {found}. Allowed: {', '.join(WRITABLE)}.")
+    return path
+
+
+def _united(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    """All ranges in order, those that touch made one. Raises UsageError where they overlap."""
+    united: list[tuple[int, int]] = []
+    for start, stop in sorted(ours + theirs):
+        if united and start < united[-1][1]:
+            raise UsageError(
+                f"film: path sets {start} to {min(stop, united[-1][1]) - 1} would be in it twice.",
+                "Give every part path sets of its own.",
+            )
+        if united and start == united[-1][1]:
+            united[-1] = (united[-1][0], stop)
+        else:
+            united.append((start, stop))
+    return tuple(united)
+
+
+def _joined(ours: str, theirs: str) -> str:
+    return " + ".join(sorted({*ours.split(" + "), *theirs.split(" + ")} - {""}))
+
+
+def _merged(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers are added, texts that differ are both named, mappings go down a level."""
+    merged = dict(ours)
+    for key, value in theirs.items():
+        if key not in ours:
+            merged[key] = value
+        elif isinstance(value, Mapping):
+            merged[key] = _merged(ours[key], value)
+        else:
+            merged[key] = _joined(ours[key], value) if isinstance(value, str) else ours[key] + value
+    return merged
+
+
+def _shown(value: object) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 200 else text[:197] + "..."
+
+
+def _shrunk(image: Float64, longest: int) -> Float64:
+    """Averaged over whole blocks of pixels until no side is longer than `longest`."""
+    n = -(-max(image.shape[:2]) // longest)
+    height, width = (max(1, side // n) for side in image.shape[:2])
+    rows, columns = min(n, image.shape[0]), min(n, image.shape[1])
+    trimmed = image[: height * rows, : width * columns]
+    shrunk: Float64 = trimmed.reshape(height, rows, width, columns, 3).mean(axis=(1, 3))
+    return shrunk

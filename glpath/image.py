@@ -1,0 +1,278 @@
+"""Pictures as plain arrays: tone mapping, PNG and EXR, and reading any of them back.
+
+A file appears whole or not at all: it is written beside its place under another name and then moved there, also
+when the process is stopped meanwhile. Missing folders of an output are made: who types `-o out/a.png` means it.
+
+Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
+2015, "ACES Filmic Tone Mapping Curve".
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.lib.npyio import NpzFile
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import ImageError, UsageError
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+READABLE = (".png", ".exr", ".npz", ".npy")
+
+# Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+# Luminance that Reinhard's operator takes to white. Fixed, not the picture's own maximum: a crop and the frames of
+# a series must come out alike.
+REINHARD_WHITE = 4.0
+
+
+def luminance(radiance: Float64) -> Float64:
+    """(...) relative luminance Y of (..., 3) linear Rec. 709."""
+    y: Float64 = radiance @ LUMINANCE
+    return y
+
+
+def encode_srgb(linear: Float64) -> Float64:
+    """Linear values, clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1)."""
+    x = np.clip(linear, 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def decode_srgb(encoded: Float64) -> Float64:
+    """sRGB in [0, 1] as linear values in [0, 1]."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def _reinhard(radiance: Float64) -> Float64:
+    """Reinhard et al. 2002, equation 4, on luminance; the colour stays."""
+    y = luminance(radiance)[..., None]
+    return radiance * (1.0 + y / REINHARD_WHITE**2) / (1.0 + y)
+
+
+def _aces(radiance: Float64) -> Float64:
+    """Narkowicz's fit (2015) of the ACES reference curve, each channel by itself, so that highlights turn white."""
+    x = radiance
+    return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+
+
+# From radiance times exposure to linear values of which [0, 1] is shown.
+TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
+    "srgb": lambda radiance: radiance,
+    "reinhard": _reinhard,
+    "aces": _aces,
+}
+
+
+def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") -> UInt8:
+    """Radiance as a picture for a screen.
+
+    Parameters
+    ----------
+    radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
+    exposure : stops; 1 doubles the brightness
+    operator : "srgb" clips, "reinhard" and "aces" compress what is bright; the sRGB curve comes after each
+
+    Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
+    """
+    if operator not in TONEMAPS:
+        raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
+    light = np.maximum(np.asarray(radiance, np.float64), 0.0) * 2.0**exposure
+    return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
+    """(H, W, 3) uint8 sRGB as the bytes of a PNG; `metadata` becomes its text chunks."""
+    import imageio.v3 as iio
+    from PIL.PngImagePlugin import PngInfo
+
+    text = PngInfo()
+    for key, value in (metadata or {}).items():
+        text.add_text(key, value)
+    encoded: bytes = iio.imwrite("<bytes>", picture, extension=".png", plugin="pillow", pnginfo=text)
+    return encoded
+
+
+def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
+    """Write (H, W, 3) uint8 sRGB, row 0 at the top. Raises ImageError."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(encode_png(picture, metadata))
+
+
+def write_exr(
+    path: str | Path,
+    radiance: ArrayLike,
+    metadata: Mapping[str, str] | None = None,
+    *,
+    window: tuple[int, int, int, int] | None = None,
+    full_resolution: tuple[int, int] | None = None,
+) -> None:
+    """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
+
+    metadata        : string attributes of the header
+    window          : (x, y, width, height) of these pixels in the whole picture, y from the top: the data window
+    full_resolution : (width, height) of the whole picture: the display window
+
+    Raises ImageError.
+    """
+    import OpenEXR
+
+    pixels = np.ascontiguousarray(radiance, np.float32)
+    x, y = window[:2] if window else (0, 0)
+    height, width = pixels.shape[:2]
+    full_width, full_height = full_resolution or (x + width, y + height)
+    header = {
+        "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "chromaticities": REC709_CHROMATICITIES,
+        "dataWindow": _box(x, y, width, height),
+        "displayWindow": _box(0, 0, full_width, full_height),
+        **(metadata or {}),
+    }
+    with whole_file(path) as temporary:
+        OpenEXR.File(header, {"RGB": pixels}).write(str(temporary))
+
+
+def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """A window as OpenEXR has it: its first and its last pixel."""
+    return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """The place to write a file to, so that it appears at `path` whole or not at all.
+
+    On leaving the block the file is moved to `path`, over what was there; if the block fails it is removed. Missing
+    folders are made. A link is followed. Raises ImageError when the system refuses.
+    """
+    target = Path(os.path.realpath(path))
+    # The suffix stays last, as some libraries choose the format by it.
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
+        raise ImageError(f"{path}: cannot be written: {_reason(error)}.") from error
+
+
+def check_writable(path: str | Path) -> None:
+    """Raise ImageError if a file cannot be written at `path`: to be asked before hours of rendering, not after."""
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise ImageError(f"{path}: is a folder.", "Name a file in it.")
+    folder = target.parent
+    while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
+        folder = folder.parent
+    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems.
+    trial = folder / f".glpath.{secrets.token_hex(4)}.part"
+    try:
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise ImageError(f"{path}: the folder {folder} cannot be written to: {_reason(error)}.") from error
+
+
+def mean_of_sums(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
+    """(H, W, 3) float64, the mean of a film's (B, H, W, 3) sums over batches of so many path sets each."""
+    mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
+    return mean
+
+
+def read_image(path: str | Path) -> Float64:
+    """Read a picture as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
+
+    .png : sRGB is undone; it holds what the tone map left, not radiance
+    .exr : channels R, G, B or Y; of a crop its own pixels only
+    .npz : a film's mean, or the array `radiance`
+    .npy : (H, W, 3) or (H, W)
+
+    Raises ImageError for a file that is missing, broken, or of another kind.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in READABLE:
+        raise ImageError(
+            f"{path}: cannot read a {suffix or 'file without a suffix'}. Allowed: {', '.join(READABLE)}."
+        )
+    try:
+        path.open("rb").close()
+        read = {".png": _read_png, ".exr": _read_exr, ".npz": _read_npz, ".npy": _read_npy}[suffix]
+        image = read(path)
+    except FileNotFoundError as error:
+        raise ImageError(f"{path}: there is no such file.") from error
+    except (OSError, RuntimeError, ValueError, SyntaxError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
+    return _three_channels(image, path)
+
+
+def _read_png(path: Path) -> Float64:
+    import imageio.v3 as iio
+
+    stored = iio.imread(path, plugin="pillow")
+    return decode_srgb(stored / np.iinfo(stored.dtype if stored.dtype != np.bool_ else np.uint8).max)
+
+
+def _read_exr(path: Path) -> Float64:
+    import OpenEXR
+
+    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    if not {"R", "G", "B"} <= channels.keys() and "Y" not in channels:
+        raise ValueError(f"found the channels {', '.join(sorted(channels)) or 'none'}, expected R, G, B or Y")
+    names = "RGB" if "R" in channels else "Y"
+    return np.stack([channels[name].pixels for name in names], axis=-1).astype(np.float64)
+
+
+def _read_npz(path: Path) -> Float64:
+    with open_npz(path) as stored:
+        if "radiance" in stored:
+            return stored["radiance"].astype(np.float64)
+        if "radiance_sums" not in stored:
+            raise ValueError(f"found {', '.join(stored) or 'nothing'}, expected a film's sums or `radiance`")
+        if not stored["batch_counts"].any():
+            raise ValueError("the film holds no path set")
+        return mean_of_sums(stored["radiance_sums"], stored["batch_counts"])
+
+
+def open_npz(path: str | Path) -> NpzFile:
+    """Open a file of arrays. Raises OSError, ValueError and zipfile.BadZipFile."""
+    with open(path, "rb") as file:
+        # numpy takes anything else for a pickle, and says so.
+        if not zipfile.is_zipfile(file):
+            raise ValueError("it is cut off, or not of this format")
+    opened: NpzFile = np.load(path, allow_pickle=False)
+    return opened
+
+
+def _read_npy(path: Path) -> Float64:
+    image: Float64 = np.load(path, allow_pickle=False).astype(np.float64)
+    return image
+
+
+def _three_channels(image: Float64, path: Path) -> Float64:
+    """Grey becomes three alike; alpha is left out."""
+    if image.ndim == 2:
+        image = image[..., None]
+    if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:
+        raise ImageError(f"{path}: found an array of shape {image.shape}, expected (H, W, 3).")
+    return np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).rstrip(".") or type(error).__name__

@@ -1,0 +1,173 @@
+"""Scenes by name: the files that ship with glpath, and scenes that a function makes from parameters.
+
+`load_scene` is the door for everything that takes a scene: a file, a name, or a `Scene` as it is.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import os
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from glpath.errors import SceneError, UsageError
+from glpath.scene import tessellate
+from glpath.scene.load import read_scene_file, scene_from_dict
+from glpath.scene.model import Scene
+from glpath.scene.place import Place, shown
+
+
+def load_scene(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> Scene:
+    """The scene of a file or of a shipped name.
+
+    Parameters
+    ----------
+    scene      : the path of a TOML file, the name of a shipped scene (`shipped_scenes()`), or a `Scene`, which is
+                 given back as it is. A path has a folder or the suffix .toml; `./furnace` is always a file.
+    parameters : values for a generated scene, as text (`-D key=value`) or of the parameter's type
+
+    Raises SceneError, which names the file, the place in it, what was found and what is allowed. Warns with
+    SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
+    """
+    if isinstance(scene, Scene):
+        return _without_parameters(scene, scene.name, parameters)
+    text = os.fspath(scene)
+    if isinstance(scene, str) and text in GENERATED:
+        return _generate(text, parameters or {})
+    path = Path(text)
+    if isinstance(scene, str) and text in _scene_files():
+        path = _scene_files()[text]
+    elif isinstance(scene, str) and not _looks_like_a_path(text):
+        raise _no_such_scene(text)
+    return _without_parameters(read_scene_file(path), text, parameters)
+
+
+def shipped_scenes() -> dict[str, str]:
+    """Name and one-line description of every scene that ships with glpath, by name."""
+    described = {
+        name: tomllib.loads(path.read_text("utf-8"))["description"] for name, path in _scene_files().items()
+    }
+    described |= {name: (make.__doc__ or "").splitlines()[0].rstrip(".") for name, make in GENERATED.items()}
+    return dict(sorted(described.items()))
+
+
+def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
+    """Default and description of each parameter of a generated scene; empty for a scene file."""
+    if name not in GENERATED:
+        return {}
+    make = GENERATED[name]
+    hints = get_type_hints(make, include_extras=True)
+    signature = inspect.signature(make)
+    return {key: (p.default, hints[key].__metadata__[0].description) for key, p in signature.parameters.items()}
+
+
+def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
+    """`["radiance=2", "shape=sphere"]`, as `-D` gives them, as a dictionary. Raises UsageError."""
+    parameters = {}
+    for option in options:
+        key, equals, value = option.partition("=")
+        if not (key.strip() and equals):
+            raise UsageError(f"-D {option}: not of the form key=value.", "For example -D reflectance=0.8.")
+        parameters[key.strip()] = value.strip()
+    return parameters
+
+
+def furnace(
+    *,
+    reflectance: Annotated[
+        float, Meta(ge=0, le=1, description="a number from 0 to 1, the reflectance of the walls")
+    ] = 0.5,
+    radiance: Annotated[
+        float, Meta(ge=0, description="a number from 0, the radiance of the walls, W sr^-1 m^-2")
+    ] = 1.0,
+    shape: Annotated[Literal["box", "sphere"], Meta(description="box or sphere")] = "box",
+    subdivisions: Annotated[
+        int, Meta(ge=0, le=8, description="a whole number from 0 to 8, how often each triangle is split in four")
+    ] = 2,
+    resolution: Annotated[
+        int, Meta(ge=1, le=4096, description="a whole number from 1 to 4096, the pixels per side")
+    ] = 64,
+) -> Scene:
+    """Closed room that glows everywhere alike (white furnace test).
+
+    Every wall emits `radiance` to the inside and reflects `reflectance`, so that the radiance anywhere, in any
+    direction, is the geometric series radiance * (1 + reflectance + reflectance² + ...); with a maximum depth of d
+    the terms up to reflectance^d. The shape does not matter as long as it is closed. The camera is inside and
+    off-centre.
+    """
+    emission = {"radiance": radiance}
+    if shape == "sphere":
+        wall: dict[str, Any] = {"type": "sphere", "radius": 1.0, "subdivisions": subdivisions}
+    else:
+        vertices, faces = tessellate.box((-1, -1, -1), (1, 1, 1))
+        for _ in range(subdivisions):
+            vertices, faces = tessellate.subdivide(vertices, faces)
+        wall = {"type": "mesh", "vertices": vertices, "faces": faces}
+    return scene_from_dict(
+        {
+            "camera": {"position": [0.3, -0.2, 0.4], "target": [-0.5, 0.1, -0.6], "fov": 60},
+            "film": {"resolution": [resolution, resolution]},
+            "materials": {"wall": {"reflectance": reflectance}},
+            "shapes": [{**wall, "name": "wall", "material": "wall", "emission": emission, "flip_normals": True}],
+        },
+        source="furnace",
+    )
+
+
+GENERATED: dict[str, Callable[..., Scene]] = {"furnace": furnace}
+
+
+def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
+    make = GENERATED[name]
+    known = scene_parameters(name)
+    hints = get_type_hints(make, include_extras=True)
+    place = Place(name)
+    values = {}
+    for key, value in parameters.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            raise place.error(
+                f"has no parameter `{key}`. Allowed: " + ", ".join(f"{k}={v[0]}" for k, v in known.items()) + ".",
+                f"Did you mean `{near[0]}`?" if near else "",
+            )
+        try:
+            values[key] = msgspec.convert(value, hints[key], strict=False)
+        except msgspec.ValidationError as error:
+            raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
+    return make(**values)
+
+
+def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object] | None) -> Scene:
+    if parameters:
+        raise SceneError(
+            f"{name}: has no parameters, but was given {', '.join(parameters)}.",
+            f"Parameters (-D key=value) are for generated scenes: {', '.join(sorted(GENERATED))}.",
+        )
+    return scene
+
+
+def _scene_files() -> dict[str, Path]:
+    """The shipped files: beside the package in a wheel (glpath/scenes), beside glpath/ in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    folder = next((f for f in (package / "scenes", package.parent / "scenes") if f.is_dir()), None)
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
+
+
+def _looks_like_a_path(text: str) -> bool:
+    return text.endswith(".toml") or "/" in text or os.sep in text or Path(text).is_file()
+
+
+def _no_such_scene(name: str) -> SceneError:
+    names = list(shipped_scenes())
+    near = difflib.get_close_matches(name, names, len(names), 0)
+    ordered = near + [other for other in names if other not in near]
+    return SceneError(
+        f"{shown(name)} is neither a shipped scene nor a file. Shipped: {', '.join(ordered)}.",
+        f"A file of your own has the suffix .toml or a folder, such as ./{name}.toml.",
+    )

@@ -1,0 +1,232 @@
+"""A scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
+
+msgspec says what is wrong and where; here its errors get the words of the scene format: the place as
+`file: shapes[3].material`, what was found, what is allowed, and the description of the field as the remedy.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec import inspect
+
+from glpath.errors import SceneError
+from glpath.scene.build import LARGEST, build
+from glpath.scene.description import SceneFile
+from glpath.scene.model import Scene
+from glpath.scene.place import Place, shown
+
+_WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
+_WORDS |= {"array": "a list", "object": "a table"}
+_RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
+
+
+def read_scene_file(path: Path) -> Scene:
+    """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area."""
+    place = Place(str(path))
+    if not path.is_file():
+        raise place.error(
+            "is a folder, not a scene file." if path.is_dir() else "no such file.", _other_files(path)
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise place.error(
+            f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."
+        ) from error
+    except OSError as error:
+        raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(error, text, place) from error
+    return scene_from_dict(data, source=str(path), folder=path.parent, name=path.stem)
+
+
+def scene_from_dict(
+    data: Mapping[str, Any], *, source: str = "scene", folder: Path | None = None, name: str | None = None
+) -> Scene:
+    """The scene that a dictionary of the scene format describes; numpy arrays may stand for lists.
+
+    Parameters
+    ----------
+    data   : what `tomllib` makes of a scene file
+    source : how errors and `Scene.source` name it
+    folder : where relative paths of mesh files start; the current folder without it
+    name   : the name of a scene which does not name itself; `source` without it
+    """
+    place = Place(source)
+    plain = _plain(data)
+    keys = _unusable(plain)
+    if keys is not None:
+        number, here = plain, place
+        for key in keys:
+            number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
+        raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+    try:
+        file = msgspec.convert(plain, SceneFile)
+    except msgspec.ValidationError as error:
+        raise _explained(error, SceneFile, plain, place) from error
+    return build(file, place, folder or Path(), name or source)
+
+
+def _plain(value: Any) -> Any:
+    """`value` with numpy and tuples made lists."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _unusable(value: Any) -> list[str | int] | None:
+    """The keys that lead to the first number which is NaN, infinite or beyond what the GPU holds."""
+    if isinstance(value, float | int):
+        return None if abs(value) <= LARGEST else []
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        rest = _unusable(item)
+        if rest is not None:
+            return [key, *rest]
+    return None
+
+
+def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> SceneError:
+    found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
+    if not found:
+        return place.error(f"is not valid TOML: {error}.")
+    lines = text.splitlines() or [""]
+    number = int(found[2] or len(lines))
+    column = int(found[3] or len(lines[-1]) + 1)
+    return Place(place.source, f"line {number}, column {column}").error(
+        f"is not valid TOML: {found[1]}.", f"{lines[min(number, len(lines)) - 1]}\n{' ' * (column - 1)}^"
+    )
+
+
+def _other_files(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f"There is no folder {path.parent} either."
+    others = [file.name for file in path.parent.glob("*.toml")]
+    nearest = difflib.get_close_matches(path.name, others, 8, 0) or ["none"]
+    return f"Scene files in {path.parent}: {', '.join(nearest)}. `glpath scenes` lists the shipped ones."
+
+
+# --- msgspec's errors in the words of the scene format ---
+
+
+def _explained(error: msgspec.ValidationError, kind: Any, data: Any, place: Place) -> SceneError:
+    """The SceneError for a failed conversion of `data`, which stands at `place`, to the type `kind`."""
+    text, _, path = str(error).partition(" - at `$")
+    keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
+    declared: Any = inspect.type_info(kind)
+    owner, description = declared, ""
+    for name, index in keys:
+        if index == "...":  # msgspec does not say which value of a table it means
+            return _first_bad_entry(declared, data, place)
+        if name:
+            owner = _meant(declared, data)
+            declared = _field_type(owner, name)
+            description = _description(declared) or description
+            data, place = data.get(name) if isinstance(data, dict) else None, place.field(name)
+        else:
+            declared = getattr(_meant(declared, data), "item_type", None)
+            data, place = data[int(index)], place.item(int(index))
+    return _in_words(text, _meant(declared, data), owner, data, description, place)
+
+
+def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str, place: Place) -> SceneError:
+    if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
+        allowed = _field_names(declared)
+        near = difflib.get_close_matches(found[1], allowed, 1)
+        return place.field(found[1]).error(
+            f"is not a field of {_title(declared)}. Allowed: {', '.join(allowed)}.",
+            f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format.",
+        )
+    if found := re.fullmatch(r"Object missing required field `(.*)`", text):
+        missing = found[1]
+        about = _description(_field_type(declared, missing))
+        if missing == "type":
+            about = f"type is one of: {', '.join(_tags(declared))}."
+        return place.error(f"lacks the field `{missing}`, which must be there.", about)
+    if re.fullmatch(r"Invalid value .*", text):
+        tags = _tags(owner)
+        near = difflib.get_close_matches(str(data), tags, 1)
+        return place.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
+    if found := re.fullmatch(r"Expected `([\w |]+)`(?: of length)?(?: ([<>]=?) (\S+)| (\d+))?(?:, got .*)?", text):
+        kinds, relation, limit, length = found.groups()
+        allowed_text = " or ".join(_WORDS.get(word, word) for word in kinds.split(" | "))
+        if length:
+            allowed_text = f"a list of {length} {'numbers' if length in '34' else 'values'}"
+            return place.error(f"is {shown(data)}, a list of {len(data)}, but must be {allowed_text}.", description)
+        if relation:
+            number = f"{float(limit):g}"
+            allowed_text += f" {'with a length ' if kinds == 'array' else ''}{_RELATIONS[relation]} {number}"
+        return place.wrong(data, allowed_text, description)
+    return place.error(f"cannot be used: {text}.", description)
+
+
+def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
+    """The error of the first value of a table (the materials) that does not convert to the declared type."""
+    kind = _meant(table, data).value_type.cls
+    for name, value in data.items():
+        try:
+            msgspec.convert(value, kind)
+        except msgspec.ValidationError as error:
+            return _explained(error, kind, value, place.field(name))
+    raise AssertionError("msgspec refused a table of which it takes every value")
+
+
+def _meant(declared: Any, data: Any) -> Any:
+    """The declared type without its metadata; of a union the member that `data` was meant to be."""
+    while isinstance(declared, inspect.Metadata):
+        declared = declared.type
+    if not isinstance(declared, inspect.UnionType):
+        return declared
+    members = [_meant(member, data) for member in declared.types]
+    if isinstance(data, list):
+        return next((member for member in members if isinstance(member, inspect.ListType)), declared)
+    structs = [member for member in members if isinstance(member, inspect.StructType)]
+    tag = data.get("type") if isinstance(data, dict) else None
+    return next((member for member in structs if len(structs) == 1 or member.tag == tag), declared)
+
+
+def _field_type(owner: Any, name: str) -> Any:
+    return next((field.type for field in getattr(owner, "fields", ()) if field.encode_name == name), owner)
+
+
+def _field_names(declared: Any) -> list[str]:
+    names = [field.encode_name for field in getattr(declared, "fields", ())]
+    return ["type", *names] if getattr(declared, "tag_field", None) else names
+
+
+def _tags(declared: Any) -> list[str]:
+    declared = _meant(declared, None)
+    members = declared.types if isinstance(declared, inspect.UnionType) else (declared,)
+    return sorted(str(member.tag) for member in members if isinstance(member, inspect.StructType))
+
+
+def _title(declared: Any) -> str:
+    tag = getattr(declared, "tag", None)
+    return (
+        f"the type {shown(tag)}" if tag else {"SceneFile": "a scene file"}.get(declared.cls.__name__, "this table")
+    )
+
+
+def _description(declared: Any) -> str:
+    while isinstance(declared, inspect.Metadata):
+        about = (declared.extra_json_schema or {}).get("description")
+        if about:
+            return str(about)
+        declared = declared.type
+    if isinstance(declared, inspect.UnionType):
+        return next((about for member in declared.types if (about := _description(member))), "")
+    return ""

@@ -1,0 +1,66 @@
+"""Where in which file something stands, so that an error can begin with it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from glpath.errors import SceneError
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file and the path in it, written as `rooms/hall.toml: shapes[3].material`.
+
+    source : the scene file, or what the scene is called when it comes from no file
+    path   : `shapes[3].material`; empty for the file as a whole
+    """
+
+    source: str
+    path: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.source}: {self.path}" if self.path else f"{self.source}:"
+
+    def field(self, name: str) -> Place:
+        """The place of a key of the table that stands here."""
+        key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+        return Place(self.source, f"{self.path}.{key}" if self.path else key)
+
+    def item(self, index: int) -> Place:
+        """The place of an element of the list that stands here, counted from 0."""
+        return Place(self.source, f"{self.path}[{index}]")
+
+    def error(self, text: str, remedy: str = "") -> SceneError:
+        """An error about this place; `text` goes on after its name ("names vertex 9, but ...")."""
+        return SceneError(f"{self} {text}", remedy)
+
+    def wrong(self, found: object, allowed: str, remedy: str = "") -> SceneError:
+        """An error about the value that stands here: what was found and what is allowed."""
+        return self.error(f"is {shown(found)}, but must be {allowed}.", remedy)
+
+
+def shown(value: object) -> str:
+    """`value` as a scene file would write it, cut short when long."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        text = "{" + ", ".join(f"{key} = {shown(item)}" for key, item in value.items()) + "}"
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, Sequence):
+        text = "[" + ", ".join(shown(item) for item in value[:_LONGEST]) + "]"
+    elif isinstance(value, float):
+        text = f"{value:.9g}"
+    else:
+        text = str(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."

@@ -1,0 +1,51 @@
+"""What several test modules stand on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from glpath.film import Film, FilmMetadata, blocks
+
+MakeFilm = Callable[..., Film]
+
+
+@pytest.fixture
+def make_film() -> MakeFilm:
+    """A maker of films as a path tracer makes them: `make_film(ranges, size, **metadata)`.
+
+    What a path set adds depends on its number alone, and is a multiple of 2**-36, below 1.
+    """
+
+    def make(
+        ranges: Sequence[tuple[int, int]] = ((0, 32),), size: tuple[int, int] = (6, 4), **metadata: object
+    ) -> Film:
+        fields: dict[str, object] = {
+            "scene": "cornell-box",
+            "scene_hash": "0123abcd",
+            "integrator": "path_trace",
+            "seed": 3,
+            "max_depth": 5,
+            "settings": {"sampling": "sobol", "ambient": (0.0, 0.0, 0.0)},
+            "full_resolution": size,
+            "window": (0, 0, *size),
+            "device": "llvmpipe",
+            "versions": {"glpath": "0.1.0"},
+            "elapsed_s": 1.5,
+            "statistics": {"paths_cast": 1000, "paths_lost": 20, "dropped_samples": 0, "stage_ms": {"eye": 2.0}},
+        } | metadata
+        film = Film.empty(FilmMetadata(**fields))  # type: ignore[arg-type]
+        width, height = film.metadata.window[2:]
+        for first, last in ranges:
+            for start, stop in blocks(first, last):
+                film.add(start, stop, sum(_path_set(i, height, width) for i in range(start, stop)))
+        return film
+
+    return make
+
+
+def _path_set(index: int, height: int, width: int) -> np.ndarray:
+    quanta = np.random.default_rng(index).integers(0, 2**36, (height, width, 3))
+    return quanta * 2.0**-36

@@ -1,0 +1,65 @@
+"""The numbers that compare pictures, against arithmetic done by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from glpath import compare
+from glpath.errors import ImageError, UsageError
+
+REFERENCE = np.full((2, 3, 3), 0.3)
+IMAGE = REFERENCE + np.where(np.arange(3) == 0, 0.1, 0.0)  # red is 0.1 too bright
+
+
+def test_the_measures_are_what_they_say() -> None:
+    assert compare.mse(IMAGE, REFERENCE) == pytest.approx(0.01 / 3)
+    assert compare.relative_mse(IMAGE, REFERENCE) == pytest.approx(0.01 / 3 / (0.09 + 0.01))
+    assert compare.psnr(IMAGE, REFERENCE) == pytest.approx(10 * math.log10(0.09 / (0.01 / 3)))
+    assert compare.psnr(IMAGE, REFERENCE, peak=1.0) == pytest.approx(10 * math.log10(300))
+    assert compare.max_difference(REFERENCE, IMAGE) == pytest.approx(0.1)
+    assert compare.mean_ratio(IMAGE, REFERENCE) == pytest.approx(1 / 0.9)
+
+
+def test_equal_pictures_have_no_difference() -> None:
+    assert compare.relative_mse(IMAGE, IMAGE) == 0
+    assert compare.psnr(IMAGE, IMAGE) == math.inf
+    assert compare.mean_ratio(IMAGE, IMAGE) == 1
+    picture, scale = compare.difference_image(IMAGE, IMAGE)
+    assert (picture == 247).all()
+    assert scale > 0
+
+
+def test_black_pictures_do_not_divide_by_zero() -> None:
+    black = np.zeros((2, 3, 3))
+    assert compare.relative_mse(black, black) == 0
+    assert math.isnan(compare.mean_ratio(black, black))
+    assert compare.mean_ratio(IMAGE, black) == math.inf
+    assert compare.psnr(IMAGE, black) == -math.inf
+
+
+def test_too_bright_is_red_and_too_dark_is_blue() -> None:
+    image = REFERENCE.copy()
+    image[0, 0] += 0.1
+    image[1, 1] -= 0.1
+    picture, scale = compare.difference_image(image, REFERENCE, scale=0.05)
+    assert scale == 0.05
+    assert picture[0, 0].tolist() == [178, 24, 43]
+    assert picture[1, 1].tolist() == [33, 102, 172]
+    assert picture[0, 1].tolist() == [247, 247, 247]
+    with pytest.raises(UsageError, match="above 0"):
+        compare.difference_image(image, REFERENCE, scale=0)
+
+
+@pytest.mark.parametrize("measure", [compare.mse, compare.relative_mse, compare.psnr, compare.mean_ratio])
+def test_pictures_of_two_sizes_or_with_nan_are_refused(measure) -> None:
+    with pytest.raises(ImageError, match="the picture is 3 x 2 and the reference 2 x 3"):
+        measure(IMAGE, REFERENCE.swapaxes(0, 1))
+    broken = IMAGE.copy()
+    broken[0, 0] = np.nan
+    with pytest.raises(ImageError, match="1 pixels of the picture are NaN or infinite"):
+        measure(broken, REFERENCE)
+    with pytest.raises(ImageError, match=r"expected \(H, W, 3\)"):
+        measure(np.ones((2, 3)), np.ones((2, 3)))

@@ -1,0 +1,179 @@
+"""Pictures go to files and come back; files are whole or not there."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import OpenEXR
+import pytest
+
+from glpath import image
+from glpath.errors import ImageError, UsageError
+
+RAMP = np.linspace(0, 1, 256)
+
+
+def test_the_srgb_curve_has_its_published_values() -> None:
+    np.testing.assert_allclose(
+        image.encode_srgb(np.array([0.0, 0.0031308, 0.214041, 1.0])), [0, 0.04045, 0.5, 1], atol=1e-5
+    )
+    np.testing.assert_allclose(image.decode_srgb(image.encode_srgb(RAMP)), RAMP, atol=1e-12)
+
+
+def test_an_exposure_of_one_stop_doubles_the_light() -> None:
+    radiance = np.random.default_rng(0).uniform(0, 0.4, (5, 7, 3))
+    assert np.array_equal(image.tonemap(radiance, exposure=1.0), image.tonemap(2 * radiance))
+
+
+@pytest.mark.parametrize("operator", image.TONEMAPS)
+def test_every_operator_keeps_black_and_order_and_ends_at_white(operator: str) -> None:
+    radiance = np.repeat(np.geomspace(1e-4, 1e4, 400)[None, :, None], 3, axis=2)
+    shown = image.tonemap(np.concatenate([np.zeros((1, 1, 3)), radiance], axis=1), operator=operator)
+    assert shown.dtype == np.uint8
+    assert shown[0, 0].tolist() == [0, 0, 0]
+    assert (np.diff(shown[0, :, 0].astype(int)) >= 0).all()
+    assert shown[0, -1].tolist() == [255, 255, 255]
+
+
+def test_reinhard_takes_its_white_to_one_and_keeps_colour() -> None:
+    white = np.full((1, 1, 3), image.REINHARD_WHITE)
+    assert image.TONEMAPS["reinhard"](white) == pytest.approx(1.0)
+    colour = np.array([[[0.9, 0.3, 0.1]]])
+    ratio = image.TONEMAPS["reinhard"](colour) / colour
+    assert ratio == pytest.approx(ratio[0, 0, 0])
+
+
+def test_an_unknown_operator_is_refused_with_the_list() -> None:
+    with pytest.raises(UsageError, match=r"no operator 'filmic'. Allowed: srgb, reinhard, aces"):
+        image.tonemap(np.ones((1, 1, 3)), operator="filmic")
+
+
+def test_exr_holds_float32_and_where_it_lies_and_what_it_means(tmp_path: Path) -> None:
+    radiance = np.random.default_rng(1).uniform(0, 50, (4, 5, 3))
+    path = tmp_path / "a.exr"
+    image.write_exr(path, radiance, {"glpath.seed": "7"}, window=(2, 1, 5, 4), full_resolution=(9, 8))
+    assert np.array_equal(image.read_image(path), radiance.astype(np.float32))
+    header = OpenEXR.File(str(path)).header()
+    assert header["glpath.seed"] == "7"
+    assert header["chromaticities"] == pytest.approx(image.REC709_CHROMATICITIES)
+    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+    assert [c.name for c in header["channels"]] == ["B", "G", "R"]
+
+
+def test_png_holds_the_picture_and_its_metadata(tmp_path: Path) -> None:
+    picture = np.random.default_rng(2).integers(0, 256, (4, 5, 3), np.uint8)
+    image.write_png(tmp_path / "a.png", picture, {"glpath.scene": "Kornell-Büchse"})
+    assert np.array_equal(iio.imread(tmp_path / "a.png"), picture)
+    assert iio.immeta(tmp_path / "a.png")["glpath.scene"] == "Kornell-Büchse"
+
+
+def test_png_comes_back_as_linear_light(tmp_path: Path) -> None:
+    grey = np.repeat(RAMP[None, :, None], 3, axis=2)
+    image.write_png(tmp_path / "a.png", image.tonemap(grey))
+    np.testing.assert_allclose(image.read_image(tmp_path / "a.png"), grey, atol=5e-3)
+
+
+def test_grey_and_alpha_become_three_channels(tmp_path: Path) -> None:
+    iio.imwrite(tmp_path / "grey.png", np.full((3, 4), 255, np.uint8))
+    assert np.array_equal(image.read_image(tmp_path / "grey.png"), np.ones((3, 4, 3)))
+    iio.imwrite(tmp_path / "alpha.png", np.full((3, 4, 4), 255, np.uint8))
+    assert image.read_image(tmp_path / "alpha.png").shape == (3, 4, 3)
+    OpenEXR.File({}, {"Y": np.ones((3, 4), np.float32)}).write(str(tmp_path / "grey.exr"))
+    assert image.read_image(tmp_path / "grey.exr").shape == (3, 4, 3)
+    np.save(tmp_path / "grey.npy", np.ones((3, 4)))
+    assert image.read_image(tmp_path / "grey.npy").shape == (3, 4, 3)
+
+
+def test_a_film_is_read_as_its_mean(make_film, tmp_path: Path) -> None:
+    film = make_film([(0, 40)])
+    film.save(tmp_path / "a.npz")
+    assert np.array_equal(image.read_image(tmp_path / "a.npz"), film.mean)
+    np.savez(tmp_path / "b.npz", radiance=film.mean)
+    assert np.array_equal(image.read_image(tmp_path / "b.npz"), film.mean)
+    make_film([]).save(tmp_path / "empty.npz")
+    with pytest.raises(ImageError, match=r"empty.npz: .*no path set"):
+        image.read_image(tmp_path / "empty.npz")
+
+
+@pytest.mark.parametrize("suffix", image.READABLE)
+@pytest.mark.parametrize("content", [b"", b"hello"])
+def test_a_broken_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"broken{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(ImageError, match=rf"broken{suffix}: cannot be read as {suffix}: \S"):
+        image.read_image(path)
+
+
+@pytest.mark.parametrize("kept", [600, 10_000, -1])
+def test_a_cut_off_exr_is_named(tmp_path: Path, kept: int) -> None:
+    path = tmp_path / "cut.exr"
+    image.write_exr(path, np.random.default_rng(3).random((40, 40, 3)))
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(ImageError, match=r"cut.exr: cannot be read"):
+        image.read_image(path)
+
+
+def test_what_cannot_be_read_says_what_can(tmp_path: Path) -> None:
+    with pytest.raises(ImageError, match=r"a.jpg: cannot read a .jpg. Allowed: .png, .exr, .npz, .npy"):
+        image.read_image(tmp_path / "a.jpg")
+    with pytest.raises(ImageError, match="there is no such file"):
+        image.read_image(tmp_path / "a.exr")
+    np.save(tmp_path / "a.npy", np.ones((2, 3, 4, 5)))
+    with pytest.raises(ImageError, match=r"found an array of shape \(2, 3, 4, 5\)"):
+        image.read_image(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path, stop: type[BaseException]) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+    folders = []
+
+    def write_half() -> None:
+        with image.whole_file(path) as temporary:
+            folders.append(temporary.parent)
+            temporary.write_bytes(b"half")
+            raise stop
+
+    with pytest.raises(stop):
+        write_half()
+    assert folders == [tmp_path]
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_a_written_file_has_the_usual_permissions_and_missing_folders_are_made(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "a.png"
+    image.write_png(path, np.zeros((1, 1, 3), np.uint8))
+    (tmp_path / "plain").touch()
+    assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
+    assert os.listdir(path.parent) == ["a.png"]
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "link.png").symlink_to(tmp_path / "real.png")
+    image.write_png(tmp_path / "link.png", np.zeros((1, 1, 3), np.uint8))
+    assert (tmp_path / "link.png").is_symlink()
+    assert (tmp_path / "real.png").is_file()
+
+
+def test_whether_a_file_can_be_written_is_known_before(tmp_path: Path) -> None:
+    image.check_writable(tmp_path / "new" / "folder" / "a.png")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    with pytest.raises(ImageError, match="cannot be written to"):
+        image.check_writable(tmp_path / "file" / "a.png")
+    with pytest.raises(ImageError, match="cannot be written"):
+        image.write_exr(tmp_path / "file" / "a.exr", np.ones((1, 1, 3)))
+    with pytest.raises(ImageError, match="is a folder"):
+        image.check_writable(tmp_path)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder where not even root can write")
+def test_a_folder_that_refuses_files_is_known_before() -> None:
+    with pytest.raises(ImageError, match=r"/proc/self/a.png: the folder .* cannot be written to"):
+        image.check_writable("/proc/self/a.png")

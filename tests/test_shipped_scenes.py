@@ -1,0 +1,263 @@
+"""The shipped scenes: found by name, and what their sources say they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from glpath.cli import scenes
+from glpath.errors import SceneError, UsageError
+from glpath.scene import (
+    Scene,
+    Shape,
+    check_scene,
+    load_scene,
+    parameters_from_options,
+    scene_from_dict,
+    shipped_scenes,
+)
+
+
+def shape(scene: Scene, name: str) -> Shape:
+    return next(each for each in scene.shapes if each.name == name)
+
+
+def triangles(scene: Scene, name: str) -> np.ndarray:
+    found = shape(scene, name)
+    return scene.triangles[found.first : found.first + found.count]
+
+
+def pixels(scene: Scene, points: np.ndarray) -> np.ndarray:
+    """(N, 2) where points (N, 3) lie in the picture: x to the right and y up, each -1 to 1."""
+    right, up, forward = scene.camera.frame()
+    seen = points - scene.camera.position
+    half = np.tan(np.radians(scene.camera.fov) / 2)
+    return np.stack([seen @ right, seen @ up], axis=1) / (half * (seen @ forward)[:, None])
+
+
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_every_shipped_scene_loads_without_a_warning(name: str):
+    scene = load_scene(name)
+    assert check_scene(scene) == []
+    assert scene.name == name
+    assert "\n" not in shipped_scenes()[name]
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "cornell-box-36"])
+def test_the_red_wall_is_on_the_left_and_the_light_above(name: str):
+    scene = load_scene(name)
+    red = next(s for s in scene.shapes if scene.materials[s.material].name == "red")
+    green = next(s for s in scene.shapes if scene.materials[s.material].name == "green")
+    assert (pixels(scene, triangles(scene, red.name).reshape(-1, 3))[:, 0] < -0.5).all()
+    assert (pixels(scene, triangles(scene, green.name).reshape(-1, 3))[:, 0] > 0.5).all()
+    assert (pixels(scene, triangles(scene, "light").reshape(-1, 3))[:, 1] > 0.5).all()
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "cornell-box-36"])
+def test_the_fronts_of_the_room_are_inward_and_of_the_blocks_outward(name: str):
+    scene = load_scene(name)
+    lower, upper = scene.bounds
+    normals, centres = scene.normals, scene.triangles.mean(axis=1)
+    for each in scene.shapes:
+        part = slice(each.first, each.first + each.count)
+        inside_of_it = (lower + upper) / 2
+        sign = 1
+        if each.count > 2:
+            inside_of_it = scene.triangles[part].reshape(-1, 3).mean(axis=0)
+            sign = -1
+        assert (sign * np.sum(normals[part] * (inside_of_it - centres[part]), axis=1) > 0).all(), each.name
+    assert np.allclose(normals[shape(scene, "light").first], [0, -1, 0], atol=1e-6)
+
+
+def test_the_cornell_box_has_the_published_measures():
+    scene = load_scene("cornell-box")
+    assert len(scene.triangles) == 6 * 2 + 2 * 10
+    assert scene.bounds[1].tolist() == [556, 548.8, 559.2]
+    camera = scene.camera
+    assert camera.fov == pytest.approx(2 * np.degrees(np.arctan(0.0125 / 0.035)), abs=1e-4)
+    assert camera.frame()[2].tolist() == [0, 0, 1]
+    light = triangles(scene, "light")
+    assert scene.areas[shape(scene, "light").first :][:2].sum() == pytest.approx(130 * 105)
+    assert 548.8 - 0.2 < light[..., 1].min() < 548.8  # below the ceiling, not in it
+    tops = {"short-block": 165, "tall-block": 330}
+    for name, height in tops.items():
+        corners = triangles(scene, name)
+        assert corners[..., 1].max() == height
+        edges = np.linalg.norm(corners[:2] - np.roll(corners[:2], 1, axis=1), axis=2)
+        assert np.sort(edges.ravel())[:4] == pytest.approx(
+            [166] * 4, abs=2
+        )  # the blocks are square, about 166 wide
+        assert shape(scene, name).count == 10
+
+
+def test_the_cornell_box_has_no_gap_between_its_walls():
+    scene = load_scene("cornell-box")
+    walls = ["floor", "ceiling", "back-wall", "right-wall", "left-wall"]
+    corners = {tuple(point) for name in walls for point in triangles(scene, name).reshape(-1, 3)}
+    assert len(corners) == 8  # each wall's corners are its neighbours', to the last digit
+    for name, top in (("short-block", 165), ("tall-block", 330)):
+        points = {tuple(point) for point in triangles(scene, name).reshape(-1, 3)}
+        assert {(x, y == top, z) for x, y, z in points} == {(x, b, z) for x, _, z in points for b in (True, False)}
+
+
+@pytest.mark.evidence
+def test_cornell_box_36_is_the_scene_of_mitsuba():
+    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    theirs = mitsuba.cornell_box()
+    ours = load_scene("cornell-box-36")
+    plane = np.array([[x, y, 0] for x in (-1, 1) for y in (-1, 1)], float)
+    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+
+    def world(points: np.ndarray, to_world: object) -> np.ndarray:
+        matrix = np.array(to_world.matrix)  # type: ignore[attr-defined]
+        return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+    objects = {key: value for key, value in theirs.items() if isinstance(value, dict) and "to_world" in value}
+    del objects["sensor"]
+    assert {each.name for each in ours.shapes} == set(objects)
+    for key, value in objects.items():
+        expected = world(cube if value["type"] == "cube" else plane, value["to_world"])
+        found = np.unique(triangles(ours, key).reshape(-1, 3).round(6), axis=0)
+        assert np.allclose(found, np.unique(expected.round(6), axis=0), atol=2e-6), key
+        material = ours.materials[shape(ours, key).material]
+        assert not material.two_sided  # a `diffuse` of Mitsuba is black behind
+        assert material.name == value["bsdf"]["id"]
+        assert np.allclose(material.reflectance, theirs[material.name]["reflectance"]["value"])
+        if value["type"] == "rectangle":
+            normal = np.array(value["to_world"].matrix)[:3, 2]
+            assert np.allclose(ours.normals[shape(ours, key).first], normal / np.linalg.norm(normal), atol=1e-6), (
+                key
+            )
+    assert np.allclose(shape(ours, "light").emission, theirs["light"]["emitter"]["radiance"]["value"])
+    sensor, camera = theirs["sensor"], ours.camera
+    matrix = np.array(sensor["to_world"].matrix)
+    assert np.allclose(camera.position, matrix[:3, 3])
+    right, up, forward = camera.frame()
+    assert np.allclose([-right, up, forward], matrix[:3, :3].T)
+    assert camera.fov == pytest.approx(sensor["fov"])
+    assert camera.resolution == (sensor["film"]["width"], sensor["film"]["height"])
+    assert len(ours.triangles) == 36
+
+
+@pytest.mark.parametrize(
+    "parameters", [{}, {"shape": "sphere"}, {"subdivisions": "0"}, {"shape": "sphere", "subdivisions": 3}]
+)
+def test_the_furnace_is_closed_and_its_fronts_are_inward(parameters: dict):
+    scene = load_scene("furnace", parameters)
+    ends = scene.triangles[:, [1, 2, 0]]
+    edges = {
+        (tuple(a), tuple(b))
+        for start, end in zip(scene.triangles, ends, strict=True)
+        for a, b in zip(start, end, strict=True)
+    }
+    assert len(edges) == 3 * len(scene.triangles)
+    assert all((b, a) in edges for a, b in edges)
+    inward = scene.camera.position - scene.triangles[:, 0]
+    assert (np.sum(inward * scene.normals, axis=1) > 0).all()
+
+
+def test_parameters_shape_the_furnace():
+    text = {"reflectance": "0.25", "radiance": "3", "resolution": "16", "subdivisions": "1"}
+    scene = load_scene("furnace", text)
+    assert scene.materials[0].reflectance.tolist() == [0.25] * 3
+    assert scene.shapes[0].emission.tolist() == [3] * 3
+    assert scene.camera.resolution == (16, 16)
+    assert len(scene.triangles) == 48
+    values = {"reflectance": 0.25, "radiance": 3, "resolution": 16, "subdivisions": 1}
+    assert load_scene("furnace", values).digest() == scene.digest()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "expected"),
+    [
+        (
+            "furnace",
+            {"reflectence": "1"},
+            ["no parameter `reflectence`", "reflectance=0.5", "Did you mean `reflectance`?"],
+        ),
+        ("furnace", {"reflectance": "1.5"}, ['reflectance is "1.5"', "from 0 to 1", "default is 0.5"]),
+        ("furnace", {"reflectance": "nan"}, ["reflectance is"]),
+        ("furnace", {"resolution": "many"}, ['resolution is "many"', "whole number from 1"]),
+        ("furnace", {"shape": "torus"}, ['shape is "torus"', "box or sphere"]),
+        ("cornell-box", {"size": "2"}, ["cornell-box: has no parameters", "size", "furnace"]),
+    ],
+)
+def test_a_wrong_parameter_is_named_with_what_is_allowed(name: str, parameters: dict, expected: list[str]):
+    with pytest.raises(SceneError) as error:
+        load_scene(name, parameters)
+    for part in expected:
+        assert part in str(error.value)
+
+
+def test_options_are_pairs():
+    assert parameters_from_options(["a=1", "b = x=y"]) == {"a": "1", "b": "x=y"}
+    for wrong in ("a", "=3"):
+        with pytest.raises(UsageError, match="key=value"):
+            parameters_from_options([wrong])
+
+
+def test_an_unknown_name_lists_the_shipped_scenes_the_nearest_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SceneError) as error:
+        load_scene("furnaces")
+    assert '"furnaces" is neither a shipped scene nor a file. Shipped: furnace, cornell-box' in str(error.value)
+    (tmp_path / "furnaces").write_text("[camera]\n")
+    with pytest.raises(SceneError, match="furnaces: camera lacks the field `position`"):
+        load_scene("furnaces")
+
+
+def test_a_scene_is_taken_as_it_is():
+    scene = load_scene("furnace")
+    assert load_scene(scene) is scene
+    with pytest.raises(SceneError, match="no parameters"):
+        load_scene(scene, {"radiance": 1})
+
+
+def test_the_hash_is_of_what_is_seen_and_not_of_names():
+    data = {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "shapes": [{"type": "sphere", "radius": 1.0}]}
+    named = {**data, "name": "other", "shapes": [{**data["shapes"][0], "name": "ball"}]}
+    larger = {**data, "shapes": [{"type": "sphere", "radius": 1.0000001}]}
+    assert scene_from_dict(data).digest() == scene_from_dict(named).digest()
+    assert scene_from_dict(data).digest() != scene_from_dict(larger).digest()
+
+
+# --- the commands ---
+
+
+def run(*arguments: str) -> str:
+    app = typer.Typer()
+    scenes.register(app)
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_info_tells_what_is_in_a_scene():
+    output = run("info", "cornell-box")
+    for part in ("32 triangles", "tall-block", "[0.63, 0.065, 0.05]", "at [278, 273, -800]", "512 x 512", "Lights"):
+        assert part in output
+
+
+def test_info_gives_the_power_of_a_light_to_programs():
+    told = json.loads(run("info", "cornell-box", "--json"))
+    (light,) = told["lights"]
+    assert light["power"] == pytest.approx([np.pi * 130 * 105 * radiance for radiance in (17, 12, 4)])
+    assert told["sha256"] == load_scene("cornell-box").digest()
+    assert told["triangles"] == sum(each["triangles"] for each in told["shapes"])
+    assert told["warnings"] == []
+
+
+def test_the_scenes_and_the_schema_are_listed(tmp_path: Path):
+    listed = run("scenes")
+    assert all(name in listed for name in shipped_scenes())
+    assert json.loads(run("schema"))["title"] == "glpath scene"
+    run("schema", "-o", str(tmp_path / "schema.json"))
+    assert json.loads((tmp_path / "schema.json").read_text()) == json.loads(run("schema"))
