@@ -37,12 +37,12 @@ class Renderer:
 
     def __call__(self, scene: Any, **options: Any) -> Film:
         self.calls.append({"scene": scene, **options})
-        for stage, done in (("compiling shaders", 0), ("rendering", 8), ("rendering", 32)):
+        for stage, done in (("compiling shaders", 0), ("rendering", 8), ("rendering", 16), ("rendering", 32)):
             options["on_progress"](
                 rendering.Progress(
                     done=done,
                     total=32,
-                    elapsed_s=done / 4,
+                    elapsed_s=float(done),
                     error=0.05 if done else None,
                     film=self.film,
                     stage=stage,
@@ -222,6 +222,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "backend": "egl",
         "device": 1,
         "require_gpu": True,
+        "timings": False,
     }
 
 
@@ -397,16 +398,35 @@ def test_signals_end_a_render_with_its_picture_written(
     assert os.listdir(tmp_path) == ["a.npz"]
 
 
+def test_ctrl_c_ends_a_real_render_after_a_whole_path_set(tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    command = [sys.executable, "-m", "glpath", "render", "furnace", "-D", "resolution=32", "-o", str(out)]
+    command += ["--spp", "1000000", "--progress", "json"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if '"rendering"' in line:
+                break
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert process.returncode == 130, rest
+    film = Film.load(out)
+    assert film.path_sets > 0
+    assert film.ranges == ((0, film.path_sets),)
+    assert f"interrupted: {film.path_sets} of 1000000 path sets" in rest
+
+
 # Progress
 
 
 def test_lines_are_plain_and_few(renderer: Renderer, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", tmp_path / "a.png")
-    assert result.stderr.splitlines()[:4] == [
+    assert result.stderr.splitlines()[:5] == [
         "rendering on llvmpipe (test)",
         "compiling shaders",
-        "8/32 path sets (25 %) after 2.0 s, 4 sets/s, 6.0 s left, error 5 %",
-        "32/32 path sets (100 %) after 8.0 s, 4 sets/s, error 5 %",
+        "8/32 path sets (25 %) after 8.0 s, error 5 %",
+        "16/32 path sets (50 %) after 16 s, 1 sets/s, 16 s left, error 5 %",
+        "32/32 path sets (100 %) after 32 s, 1 sets/s, error 5 %",
     ]
     assert "\x1b" not in result.stderr
 
@@ -422,14 +442,14 @@ def test_a_long_render_does_not_fill_the_log(make_film: MakeFilm, capsys: pytest
 def test_json_is_one_object_per_line(renderer: Renderer, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", tmp_path / "a.png", "--progress", "json")
     events = [json.loads(line) for line in result.stderr.splitlines()]
-    assert [e["event"] for e in events] == ["progress", "progress", "progress", "done"]
-    assert events[1] == {
+    assert [e["event"] for e in events] == ["progress"] * 4 + ["done"]
+    assert events[2] == {
         "event": "progress",
         "stage": "rendering",
-        "done": 8,
+        "done": 16,
         "total": 32,
-        "elapsed_s": 2.0,
-        "left_s": 6.0,
+        "elapsed_s": 16.0,
+        "left_s": 16.0,
         "error": 0.05,
         "renderer": "llvmpipe (test)",
     }
@@ -442,7 +462,7 @@ def test_the_bar_shows_renderer_rate_and_error(renderer: Renderer, tmp_path: Pat
         app, ["render", "furnace", "-o", str(tmp_path / "a.png"), "--progress", "bar"]
     )
     assert result.exit_code == 0
-    for text in ("rendering on llvmpipe (test)", "32/32 path sets", "4 sets/s", "error 5 %"):
+    for text in ("rendering on llvmpipe (test)", "32/32 path sets", "1 sets/s", "error 5 %"):
         assert text in result.stderr
 
 

@@ -54,9 +54,11 @@ def _bar(stream: TextIO) -> Iterator[Report]:
     with rich_progress.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None, sets="", detail="")
         renderer = ""
+        pace = _Pace()
 
         def report(progress: Progress) -> None:
             nonlocal renderer
+            rate = pace.rate(progress)
             if progress.renderer != renderer:
                 renderer = progress.renderer
                 console.print(f"rendering on {renderer}", markup=False)
@@ -67,7 +69,7 @@ def _bar(stream: TextIO) -> Iterator[Report]:
                 completed=progress.done,
                 total=progress.total if started else None,  # without a total the bar pulses
                 sets=f"{progress.done}/{progress.total} path sets",
-                detail=", ".join(_details(progress)) if started else "",
+                detail=", ".join(_details(progress, rate)) if started else "",
             )
 
         yield report
@@ -77,10 +79,11 @@ def _bar(stream: TextIO) -> Iterator[Report]:
 def _lines(stream: TextIO) -> Iterator[Report]:
     renderer = stage = ""
     next_line = 0.0
+    pace = _Pace()
 
     def report(progress: Progress) -> None:
         nonlocal renderer, stage, next_line
-        now = progress.elapsed_s
+        now, rate = progress.elapsed_s, pace.rate(progress)
         if progress.renderer != renderer:
             renderer = progress.renderer
             print(f"rendering on {renderer}", file=stream, flush=True)
@@ -89,7 +92,7 @@ def _lines(stream: TextIO) -> Iterator[Report]:
         if progress.stage != stage and progress.done == 0:
             print(progress.stage, file=stream, flush=True)
         else:
-            details = "".join(f", {text}" for text in _details(progress))
+            details = "".join(f", {text}" for text in _details(progress, rate))
             share = 100 * progress.done / max(progress.total, 1)
             count = f"{progress.done}/{progress.total} path sets ({share:.0f} %)"
             print(f"{count} after {duration(now)}{details}", file=stream, flush=True)
@@ -103,9 +106,11 @@ def _lines(stream: TextIO) -> Iterator[Report]:
 def _json(stream: TextIO) -> Iterator[Report]:
     stage = ""
     next_object = 0.0
+    pace = _Pace()
 
     def report(progress: Progress) -> None:
         nonlocal stage, next_object
+        rate = pace.rate(progress)
         if progress.stage == stage and progress.elapsed_s < next_object and progress.done < progress.total:
             return
         stage, next_object = progress.stage, progress.elapsed_s + _JSON_INTERVAL
@@ -115,7 +120,7 @@ def _json(stream: TextIO) -> Iterator[Report]:
             "done": progress.done,
             "total": progress.total,
             "elapsed_s": round(progress.elapsed_s, 3),
-            "left_s": None if (left := _seconds_left(progress)) is None else round(left, 3),
+            "left_s": None if rate is None else round((progress.total - progress.done) / rate, 3),
             "error": progress.error,
             "renderer": progress.renderer,
         }
@@ -124,22 +129,29 @@ def _json(stream: TextIO) -> Iterator[Report]:
     yield report
 
 
-def _details(progress: Progress) -> Iterator[str]:
+class _Pace:
+    """Path sets per second since the first of them was reported: the time before went into compiling shaders."""
+
+    def __init__(self) -> None:
+        self._first: tuple[int, float] | None = None
+
+    def rate(self, progress: Progress) -> float | None:
+        if progress.done == 0:
+            return None
+        if self._first is None:
+            self._first = progress.done, progress.elapsed_s
+        done, seconds = progress.done - self._first[0], progress.elapsed_s - self._first[1]
+        return done / seconds if done > 0 and seconds > 0 else None
+
+
+def _details(progress: Progress, rate: float | None) -> Iterator[str]:
     """Rate, time left and error, as far as they are known."""
-    left = _seconds_left(progress)
-    if left is not None:
-        yield f"{progress.done / progress.elapsed_s:.3g} sets/s"
+    if rate is not None:
+        yield f"{rate:.3g} sets/s"
         if progress.done < progress.total:
-            yield f"{duration(left)} left"
+            yield f"{duration((progress.total - progress.done) / rate)} left"
     if progress.error is not None:
         yield f"error {percent(progress.error)}"
-
-
-def _seconds_left(progress: Progress) -> float | None:
-    if progress.done == 0 or progress.elapsed_s <= 0:
-        return None
-    left: float = progress.elapsed_s * (progress.total - progress.done) / progress.done
-    return left
 
 
 def duration(seconds: float) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
@@ -140,7 +140,10 @@ def render(
         bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("-v", "--verbose", help="Also settings and time by stage.", rich_help_panel=_OUTPUT)
+        bool,
+        typer.Option(
+            "-v", "--verbose", help="Also settings and time by stage, which costs some.", rich_help_panel=_OUTPUT
+        ),
     ] = False,
 ) -> None:
     """Render a scene to one or more files.
@@ -207,13 +210,14 @@ def render(
                     resolution=size,
                     crop=window,
                     camera={key: value for key, value in camera.items() if value is not None} or None,
-                    sampling=sampling,
-                    directions=directions,
+                    sampling=cast("Sampling", sampling),
+                    directions=cast("Directions", directions),
                     ambient=ambient_rgb,
                     roulette=roulette,
                     backend=backend,
                     device=device,
                     require_gpu=require_gpu,
+                    timings=verbose,
                     on_progress=report,
                 )
         except rendering.RenderInterrupted as stop:
