@@ -267,24 +267,29 @@ class _Flag:
 def _interrupt_as_flag() -> Iterator[_Flag]:
     """Ctrl-C sets a flag instead of breaking into the middle of a path set; a second one breaks in.
 
-    Only the main thread gets signals, so elsewhere this does nothing.
+    The same holds for SIGTERM where somebody handles it in Python, as the command line does; a shell starts
+    background jobs with SIGINT ignored, so neither stands for the other. Only the main thread gets signals,
+    elsewhere this does nothing.
     """
     flag = _Flag()
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield flag
-        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    if threading.current_thread() is not threading.main_thread():
+        before = {}
 
     def stop(number: int, frame: FrameType | None) -> None:
-        if flag and callable(before):
-            before(number, frame)
+        earlier = before[signal.Signals(number)]
+        if flag and callable(earlier):
+            earlier(number, frame)
         flag.set = True
 
-    signal.signal(signal.SIGINT, stop)
+    handled = {number: handler for number, handler in before.items() if callable(handler)}
+    for number in handled:
+        signal.signal(number, stop)
     try:
         yield flag
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in handled.items():
+            signal.signal(number, handler)
 
 
 def _check_options(

@@ -20,15 +20,15 @@ flat in uint triangle_id;
 
 layout(location = 0) out vec4 found;
 
-// A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 1e-3 cells,
+// A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 3e-5 cells,
 // which a steep surface turns into depth.
 const float DEPTH_TOLERANCE = 2e-6;
-const float PLACE_TOLERANCE = 5e-4;
+const float PLACE_TOLERANCE = 1e-4;
 
 vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 {
     // The tolerance closes the seam between two triangles of one edge.
-    return e.x * (y - p.y) - e.y * (x - p.x) + 2e-4 * (abs(e.x) + abs(e.y));
+    return e.x * (y - p.y) - e.y * (x - p.x) + 1e-4 * (abs(e.x) + abs(e.y));
 }
 
 void main()

@@ -20,9 +20,10 @@ PathView path_view()
 {
     vec4 bounds = texelFetch(path_bounds, ivec2(0), 0);
     vec2 extent = max(-bounds.zw - bounds.xy, vec2(1e-6 * scene_diameter));
-    // One cell is spent on the jitter.
-    vec2 scale = (cell_count - 1.0) / extent;
-    return PathView(bounds.xy - cell_jitter / scale, scale);
+    // The jitter may take a cell, or half of the only one.
+    vec2 used = max(cell_count - 1.0, 0.5 * cell_count);
+    vec2 scale = used / extent;
+    return PathView(bounds.xy - cell_jitter * (cell_count - used) / scale, scale);
 }
 
 vec3 path_space(vec3 world)

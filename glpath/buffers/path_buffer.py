@@ -252,7 +252,7 @@ class PathBuffer:
         direction : (3,), need not be unit
         way       : (N,) +1 to look along the direction (default), -1 against it
 
-        A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 5e-4 of a
+        A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 1e-4 of a
         cell) counts as the one that the ray starts on.
         """
         start = np.asarray(origins, np.float64).reshape(-1, 3)

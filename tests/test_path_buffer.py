@@ -1,0 +1,198 @@
+"""The path-buffer is a ray caster: every ray gets what a slow, obvious one says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from reference.numpy_path_tracer import nearest_hits
+
+import glpath.buffers.path_buffer as path_buffer
+from glpath.buffers.path_buffer import PathBuffer
+from glpath.errors import UsageError
+from glpath.gl.context import get_context
+from glpath.gl.gpu_scene import GpuScene
+from glpath.scene import load_scene
+from glpath.scene.model import Camera, Material, Scene, Shape
+
+Float64 = NDArray[np.float64]
+
+
+def scene_of(triangles: Float64) -> Scene:
+    camera = Camera(np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]), 40.0, (8, 8))
+    material = Material("grey", np.full(3, 0.5))
+    return Scene("soup", camera, triangles, (Shape("soup", "mesh", 0, len(triangles), 0),), (material,))
+
+
+def buffer_for(scene: Scene, cells: tuple[int, int], paths: tuple[int, int] = (128, 32)) -> PathBuffer:
+    gl = get_context().gl
+    return PathBuffer(gl, GpuScene(gl, scene), paths, cells)
+
+
+@pytest.fixture(params=["packed", "in two scans"])
+def encoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Few triangles share a float with their depth; many need a scan for each. Both ways must say the same."""
+    if request.param != "packed":
+        monkeypatch.setattr(path_buffer, "MAX_PACKED_BITS", 0)
+    yield request.param
+
+
+def on_surfaces(scene: Scene, n: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], Float64]:
+    triangle = rng.integers(0, len(scene.triangles), n)
+    corners = scene.triangles[triangle]
+    root, v = np.sqrt(rng.random((n, 1))), rng.random((n, 1))
+    points = (1 - root) * corners[:, 0] + root * ((1 - v) * corners[:, 1] + v * corners[:, 2])
+    # As the device has them: the question is what the ray meets, not how its start is rounded.
+    return triangle, points.astype(np.float32).astype(np.float64)
+
+
+def assert_same_hits(
+    scene: Scene, buffer: PathBuffer, origins: Float64, d: Float64, way: Float64, share: float = 1e-3
+) -> None:
+    """Same distance for all but a share of rays, which pass an edge or start at one within rounding."""
+    low, high = scene.bounds
+    size = float(np.linalg.norm(high - low))
+    hits = buffer.cast(origins, d, way)
+    index, t = nearest_hits(scene.triangles, origins, d / np.linalg.norm(d) * way[:, None], t_min=1e-4 * size)
+    with np.errstate(invalid="ignore"):
+        same = np.abs(hits.t - t) <= 1e-4 * size
+    same |= (hits.triangle < 0) & (index < 0)
+    assert np.mean(~same) <= share, f"{np.sum(~same)} of {len(same)} rays differ along {d}"
+
+
+@pytest.mark.parametrize("cells", [(96, 96), (7, 3), (1, 1)])
+@pytest.mark.parametrize("name", ["cornell-box-36", "cornell-box"])
+def test_every_ray_from_a_surface_hits_what_a_ray_caster_hits(
+    name: str, cells: tuple[int, int], encoding: str
+) -> None:
+    scene, rng = load_scene(name), np.random.default_rng(5)
+    # A single cell holds all rays, four a scan: fewer of them, or it takes a thousand scans.
+    paths = (128, 32) if cells[0] > 1 else (16, 8)
+    buffer = buffer_for(scene, cells, paths)
+    for _ in range(4):
+        triangle, origins = on_surfaces(scene, paths[0] * paths[1], rng)
+        d = rng.standard_normal(3)
+        way = np.where(scene.normals[triangle] @ d >= 0, 1.0, -1.0)
+        assert_same_hits(scene, buffer, origins, d, way, share=2e-3 if cells[0] > 7 else 2e-2)
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60))
+@settings(max_examples=15, deadline=None)
+def test_rays_through_a_soup_of_triangles_hit_the_nearest(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Of all sizes and shapes, slivers among them.
+    triangles = rng.uniform(-1, 1, (count, 1, 3)) + rng.standard_normal((count, 3, 3)) * rng.exponential(
+        0.5, (count, 1, 3)
+    )
+    scene = scene_of(triangles)
+    origins = rng.uniform(-1.5, 1.5, (2000, 3)).astype(np.float32).astype(np.float64)
+    way = rng.choice([-1.0, 1.0], 2000)
+    assert_same_hits(scene, buffer_for(scene, (40, 24)), origins, rng.standard_normal(3), way, share=4e-3)
+
+
+def test_nothing_leaks_out_of_a_closed_box(encoding: str) -> None:
+    """Also along the axes, where walls are seen edge-on and every edge of two triangles is crossed."""
+    scene = load_scene("furnace", {"subdivisions": 3})
+    low, high = scene.bounds
+    rng = np.random.default_rng(2)
+    buffer = buffer_for(scene, (61, 59))
+    for d in [*np.eye(3), *rng.standard_normal((6, 3)), np.array([1.0, 1.0, 0.0]), np.array([1.0, 1.0, 1.0])]:
+        origins = low + (high - low) * rng.uniform(0.01, 0.99, (4096, 3))
+        hits = buffer.cast(origins, d, rng.choice([-1.0, 1.0], 4096))
+        assert np.all(hits.triangle >= 0)
+
+
+def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap() -> None:
+    """Origins that project exactly onto the vertices and edges of a tessellated plane."""
+    n = 16
+    x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
+    p = np.stack([x, y, 0 * x], -1)
+    a, b, c, d = p[:-1, :-1], p[:-1, 1:], p[1:, 1:], p[1:, :-1]
+    triangles = np.concatenate(
+        [np.stack([a, b, c], -2).reshape(-1, 3, 3), np.stack([a, c, d], -2).reshape(-1, 3, 3)]
+    )
+    s = np.linspace(-0.99, 0.99, 61)
+    u, v = np.meshgrid(np.concatenate([s, x[0, 1:-1]]), np.concatenate([s[::3], x[0, 1:-1]]))
+    origins = np.stack([u, v, np.full_like(u, 0.5)], -1).reshape(-1, 3)
+    hits = buffer_for(scene_of(triangles), (33, 33)).cast(origins, (0, 0, -1))
+    np.testing.assert_allclose(hits.t, 0.5, atol=1e-6)
+
+
+def test_one_scan_serves_both_hemispheres() -> None:
+    plates = np.array([[[-9, -9, z], [9, -9, z], [0, 9, z]] for z in (-1.0, 2.0)])
+    hits = buffer_for(scene_of(plates), (8, 8)).cast([[0, 0, 0], [0, 0, 0]], (0, 0, 1), [1, -1])
+    np.testing.assert_array_equal(hits.triangle, [1, 0])
+    np.testing.assert_allclose(hits.t, [2.0, 1.0])
+
+
+def test_a_ray_of_no_way_is_not_cast() -> None:
+    plate = np.array([[[-9, -9, 1], [9, -9, 1], [0, 9, 1.0]]])
+    hits = buffer_for(scene_of(plate), (8, 8)).cast(np.zeros((2, 3)), (0, 0, 1), [0, 1])
+    np.testing.assert_array_equal(hits.triangle, [-1, 0])
+
+
+def test_scans_go_on_when_the_epochs_run_out() -> None:
+    scene, rng = load_scene("cornell-box-36"), np.random.default_rng(1)
+    buffer = buffer_for(scene, (8, 8), (32, 32))
+    for epoch in (2, 1, 0, 0):
+        if buffer._epoch > 2:
+            buffer._epoch = epoch
+        triangle, origins = on_surfaces(scene, 1024, rng)
+        d = rng.standard_normal(3)
+        assert_same_hits(scene, buffer, origins, d, np.sign(scene.normals[triangle] @ d), share=3e-3)
+
+
+def test_where_paths_crowd_the_survivors_stand_for_all() -> None:
+    """The sum of the survivors' weights in every cell is the number of paths in it, exactly."""
+    scene = load_scene("cornell-box-36")
+    buffer = buffer_for(scene, (5, 4), (64, 64))
+    weight = path_weights(buffer, scene, np.random.default_rng(3))
+    survivors = weight > 0
+    assert 0.005 < survivors.mean() < 0.05
+    assert np.sum(weight) == 64 * 64
+
+
+def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> Float64:
+    """(paths,) the weight of every path after one scan, 0 for those that lost."""
+    from glpath.gl.passes import Pass
+    from glpath.gl.program import load_program, shader_folder
+
+    gl = buffer.gl
+    _, origins = on_surfaces(scene, buffer.paths[0] * buffer.paths[1], rng)
+    state = np.concatenate([origins, np.ones((len(origins), 1))], 1).astype(np.float32)
+    position = gl.texture(buffer.paths, 4, state.tobytes(), dtype="f4")
+    uniforms = buffer.scan_positions(position, path_buffer.ScanView(np.array([0.36, 0.48, 0.8]), seed=4))
+    buffer.scan_scene(uniforms)
+    source = shader_folder() / "path_report.frag"
+    text = source.read_text().replace("out int triangle", "out float triangle")
+    text = text.replace(
+        "triangle = path_result(ivec2(gl_FragCoord.xy), weight);",
+        "triangle = path_result(ivec2(gl_FragCoord.xy), weight) == PATH_LOST ? 0.0 : weight;",
+    )
+    answer = gl.texture(buffer.paths, 1, dtype="f4")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(source), "read_text", lambda self: text if self == source else self.read_bytes().decode())
+        program = load_program(
+            gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=buffer.defines
+        )
+    Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(uniforms)
+    return np.frombuffer(answer.read(), np.float32).astype(float)
+
+
+def test_more_origins_than_the_buffer_holds_are_refused() -> None:
+    buffer = buffer_for(load_scene("cornell-box-36"), (4, 4), (4, 4))
+    with pytest.raises(UsageError, match="17 origins for a buffer of 4 x 4"):
+        buffer.cast(np.zeros((17, 3)), (0, 0, 1))
+    with pytest.raises(UsageError, match="direction"):
+        buffer.cast(np.zeros((1, 3)), (0, 0, 0))
+    with pytest.raises(UsageError, match="not finite"):
+        buffer.cast([[0, np.nan, 0]], (0, 0, 1))
+
+
+def test_a_buffer_for_more_paths_than_keys_is_refused() -> None:
+    with pytest.raises(UsageError, match="at most 1048576"):
+        buffer_for(load_scene("cornell-box-36"), (4, 4), (1025, 1024))

@@ -1,0 +1,62 @@
+"""Shader files: includes are flattened once, and an error names the file and line it is in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import glpath.gl.program as program
+from glpath.errors import ShaderError
+from glpath.gl.context import get_context
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(program, "shader_folder", lambda: tmp_path)
+    (tmp_path / "a.vert").write_text("void main() { gl_Position = vec4(0.0); }\n")
+    return tmp_path
+
+
+def load(fragment: str, **generated: str) -> program.Program:
+    return program.load_program(get_context().gl, vertex="a.vert", fragment=fragment, generated=generated)
+
+
+def test_an_include_is_taken_once_however_often_it_is_asked_for(folder: Path) -> None:
+    (folder / "c.glsl").write_text("const float C = 0.5;\n")
+    (folder / "b.glsl").write_text('#include "c.glsl"\nfloat b() { return C; }\n')
+    text = '#include "c.glsl"\n#include "b.glsl"\nout vec4 o;\nvoid main() { o = vec4(b() + C); }\n'
+    (folder / "a.frag").write_text(text)
+    load("a.frag")
+
+
+def test_an_error_in_an_included_file_names_that_file_and_its_line(folder: Path) -> None:
+    (folder / "b.glsl").write_text("\n\nfloat b() { return wrong; }\n")
+    (folder / "a.frag").write_text('#include "b.glsl"\nout vec4 o;\nvoid main() { o = vec4(b()); }\n')
+    with pytest.raises(ShaderError, match=r"shaders/b\.glsl:3"):
+        load("a.frag")
+
+
+def test_an_error_behind_an_include_names_the_line_of_the_including_file(folder: Path) -> None:
+    (folder / "b.glsl").write_text("float b() {\n return 1.0;\n}\n")
+    (folder / "a.frag").write_text('#include "b.glsl"\nout vec4 o;\nvoid main() { o = wrong; }\n')
+    with pytest.raises(ShaderError, match=r"shaders/a\.frag:3"):
+        load("a.frag")
+
+
+def test_a_missing_include_names_who_asked_for_it(folder: Path) -> None:
+    (folder / "a.frag").write_text('\n#include "nowhere.glsl"\n')
+    with pytest.raises(ShaderError, match=r"shaders/a\.frag:2: no shader file nowhere\.glsl"):
+        load("a.frag")
+
+
+def test_text_from_python_stands_where_the_shader_asks_for_it(folder: Path) -> None:
+    (folder / "a.frag").write_text("#include <LAYOUT>\nout vec4 o;\nvoid main() { o = vec4(SIX); }\n")
+    load("a.frag", LAYOUT="const int SIX = 6;")
+    with pytest.raises(ShaderError, match="nothing generated is named LAYOUT"):
+        load("a.frag")
+
+
+def test_every_shader_file_says_what_it_is_in_its_first_line() -> None:
+    for path in program.shader_folder().iterdir():
+        assert path.read_text().startswith(f"// {path.name}: "), path
