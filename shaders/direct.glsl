@@ -4,6 +4,7 @@
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
 // plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
+// At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
 #include "hemicube.glsl"
 
 uniform usampler2D light_buffer;
@@ -17,6 +18,23 @@ float power_heuristic(float a, float b)
 {
     float a2 = a * a, b2 = b * b;
     return a2 / max(a2 + b2, 1e-37);
+}
+
+// Share of the way to the light that rounding may take.
+const float ROUNDING = 1e-5;
+
+// Does the way from the light point along w, from 0 to just before 1, pass through the triangle? Either side counts.
+// Source: Moeller & Trumbore 1997.
+bool passes_through(vec3 w, int triangle)
+{
+    vec3 a = triangle_texel(triangle, TRIANGLE_VERTEX0).xyz;
+    vec3 ab = triangle_texel(triangle, TRIANGLE_VERTEX1).xyz - a;
+    vec3 ac = triangle_texel(triangle, TRIANGLE_VERTEX2).xyz - a;
+    vec3 s = light_position - a;
+    vec3 p = cross(w, ac), q = cross(s, ab);
+    float scale = 1.0 / dot(ab, p);
+    vec3 uvt = vec3(dot(s, p), dot(w, q), dot(ac, q)) * scale;
+    return min(uvt.x, uvt.y) >= 0.0 && uvt.x + uvt.y <= 1.0 && uvt.z > 0.0 && uvt.z < 1.0 - ROUNDING;
 }
 
 // Does something stand between the light point and `position` on `receiver`?
@@ -36,16 +54,23 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec4 rectangle = hemicube_rectangle(face);
     vec2 atlas = vec2(2.0, 1.5) * light_resolution;
     vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
-    vec2 texel = clamp(floor(vec2(0.5 * (q.x + 1.0), (q.y - low) / (1.0 - low)) * extent), vec2(0.0), extent - 1.0);
-    int seen = int(texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r) - 1;
+    vec2 place = vec2(0.5 * (q.x + 1.0), (q.y - low) / (1.0 - low)) * extent;
+    vec2 texel = clamp(floor(place), vec2(0.0), extent - 1.0);
+    uint own = texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r;
+
+    // Of the four texels around the place, one that sees something else.
+    uvec4 four = textureGather(light_buffer, (corner + clamp(place, vec2(1.0), extent - 1.0)) / atlas);
+    int other = int(four.x != own ? four.x : four.y != own ? four.y : four.z != own ? four.z : four.w) - 1;
+    if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
+
+    int seen = int(own) - 1;
     if (seen < 0 || seen == receiver) return false;
 
     // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
-    const float rounding = 1e-4;
     vec4 plane = triangle_texel(seen, TRIANGLE_PLANE);
     float offset = plane.w - dot(plane.xyz, light_position);
     float at = offset / dot(plane.xyz, w);
-    if (!(at > 0.0 && at < 1.0 - rounding)) return false;
+    if (!(at > 0.0 && at < 1.0 - ROUNDING)) return false;
 
     // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
     // the buffer knows for certain, the occluder must be in front as well.
@@ -53,7 +78,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec3 c = axis + right * (2.0 * centre.x - 1.0) + up * (low + (1.0 - low) * centre.y);
     float occluder = offset / dot(plane.xyz, c);
     float surface = (receiver_plane.w - dot(receiver_plane.xyz, light_position)) / dot(receiver_plane.xyz, c);
-    return surface <= 0.0 || occluder < surface * (1.0 - rounding);
+    return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
 // Radiance that a Lambertian surface of reflectance 1 sends on, from the light point. `normal` is on the lit side.

@@ -367,3 +367,9 @@ def test_timing_counts_whole_pictures(mitsuba):
     assert timing.images.dtype == np.float64
     assert not np.array_equal(*timing.images)
     assert timing.ms_per_sample > 0
+
+
+@pytest.mark.evidence
+def test_multijitter_tells_how_many_samples_it_took(mitsuba):
+    peer = mitsuba_peer.to_mitsuba(everything_at_once(), 1)
+    assert [mitsuba_peer.samples_rendered(peer, n) for n in (16, 32, 1024)] == [16, 35, 1024]

@@ -94,6 +94,7 @@ def load_mitsuba(variant: str | None = None) -> Any:
             f"Mitsuba {mitsuba.__version__} has no variant {variant!r}; it has {', '.join(mitsuba.variants())}."
         )
     mitsuba.set_variant(variant)
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)  # rounded sample counts are told by samples_rendered instead
     return mitsuba
 
 
@@ -159,7 +160,7 @@ def render_mitsuba(
 ) -> Float64:
     """Radiance (H, W, 3) float64, row 0 at the top, linear Rec. 709, by Mitsuba's path integrator.
 
-    spp : samples per pixel; multijitter takes the next number that factors into its strata
+    spp : samples per pixel; multijitter may take a few more, see `samples_rendered`
     """
     peer = to_mitsuba(scene, max_depth, sampler=sampler, spp=spp, variant=variant)
     return render_peer(peer, spp, seed)
@@ -171,10 +172,18 @@ def render_peer(peer: Any, spp: int, seed: int = 0) -> Float64:
     return np.array(mi.render(peer, spp=spp, seed=seed), dtype=np.float64)
 
 
+def samples_rendered(peer: Any, spp: int) -> int:
+    """Samples per pixel that Mitsuba takes when asked for `spp`: multijitter rounds 32 up to 35 = 5 x 7 strata."""
+    sampler = peer.sensors()[0].sampler().clone()
+    sampler.set_sample_count(spp)
+    return int(sampler.sample_count())
+
+
 @dataclass(frozen=True)
 class PeerTiming:
     """How long a picture takes Mitsuba, kernel compilation not counted.
 
+    spp     : samples per pixel that were taken, which may be more than were asked for
     seconds : (repeats,) float64 wall time of each picture, warm
     images  : (repeats, H, W, 3) float64, one per repeat, each of its own seed
     """
@@ -219,7 +228,7 @@ def time_to_render(
         drjit.sync_thread()
         seconds.append(time.perf_counter() - start)
         images.append(image)
-    return PeerTiming(spp, np.array(seconds), np.stack(images))
+    return PeerTiming(samples_rendered(peer, spp), np.array(seconds), np.stack(images))
 
 
 def _integrator(max_depth: int) -> dict[str, Any]:

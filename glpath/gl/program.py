@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import moderngl
 
@@ -32,6 +33,10 @@ def shader_folder() -> Path:
         f"{package}: the shaders of glpath are missing; looked in {package / 'shaders'}",
         "Install glpath again: pip install --force-reinstall glpath",
     )
+
+
+# By context, and by the whole text of the stages. Compiling takes longer than many a render of a test suite.
+_compiled: WeakKeyDictionary[moderngl.Context, dict[tuple[str, ...], Program]] = WeakKeyDictionary()
 
 
 class Source:
@@ -138,6 +143,8 @@ def load_program(
     generated        : text for `#include <NAME>`: layouts declared in Python
     defines          : name -> value, put as #define lines before everything
 
+    A program is compiled once in a context; later calls for the same one share it.
+
     Raises
     ------
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
@@ -145,13 +152,20 @@ def load_program(
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     sources = {k: Source(v, generated or {}, defines or {}) for k, v in stages.items() if v}
     label = "+".join(s.name for s in sources.values())
+    compiled = _compiled.setdefault(gl, {})
+    key = tuple(s.text for s in sources.values())
+    if key in compiled:
+        return compiled[key]
     try:
         if compute:
-            return Program(gl.compute_shader(sources["compute_shader"].text), label)
-        return Program(gl.program(**{k: s.text for k, s in sources.items()}), label)
+            program = Program(gl.compute_shader(sources["compute_shader"].text), label)
+        else:
+            program = Program(gl.program(**{k: s.text for k, s in sources.items()}), label)
     except moderngl.Error as error:
         log = str(error)
         # moderngl heads its message with the stage that failed; the file numbers are that stage's own.
         failed = next((s for k, s in sources.items() if k in log.lower()), None)
         text = failed.explain(log) if failed else log
         raise ShaderError(f"{label}: the driver refuses the shader\n{text.strip()}") from None
+    compiled[key] = program
+    return program

@@ -46,6 +46,8 @@ def main() -> None:
 
         peer = mitsuba_peer.to_mitsuba(load_scene(args.scene), args.depth, spp=args.batch)
 
+    if mitsuba_peer.samples_rendered(peer, args.batch) != args.batch:
+        options.error(f"--batch {args.batch} is not a number of samples that multijitter can take; try a square")
     total = squares = np.float64(0)
     for i in range(batches):
         image = mitsuba_peer.render_peer(peer, args.batch, args.seed + i)

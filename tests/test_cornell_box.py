@@ -1,0 +1,44 @@
+"""The Cornell box beside Mitsuba 3's converged picture of it, pixel by pixel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import glpath
+from glpath.bench.path_buffer import bench_path_buffer
+from glpath.compare import mean_ratio, relative_mse
+from glpath.image import read_image
+
+REFERENCE = Path(__file__).parent / "data" / "cornell-box-36-depth3.npz"
+
+
+@pytest.fixture(scope="module")
+def mitsuba() -> NDArray[np.float64]:
+    return read_image(REFERENCE)
+
+
+def test_256_path_sets_are_within_6e_4_of_mitsuba(mitsuba: NDArray[np.float64]) -> None:
+    film = glpath.render("cornell-box-36", spp=256, max_depth=3)
+    assert relative_mse(film.mean, mitsuba) <= 6e-4
+    assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
+    # Crowding is weighed up, but it costs: a change that loses more is a change for the worse.
+    assert film.metadata.statistics["paths_lost"] < 0.04 * film.metadata.statistics["paths_cast"]
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_1024_path_sets_are_within_1_2e_4_of_mitsuba(seed: int, mitsuba: NDArray[np.float64]) -> None:
+    film = glpath.render("cornell-box-36", spp=1024, max_depth=3, seed=seed)
+    assert relative_mse(film.mean, mitsuba) <= 1.2e-4
+    assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
+
+
+@pytest.mark.evidence
+def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
+    report = bench_path_buffer(seeds=2)
+    assert report.holds is (report.measured["vs_mitsuba"] >= 0.5)
+    assert report.holds
