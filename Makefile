@@ -2,7 +2,7 @@
 #
 # The set-up is done once: each stamp in .venv says that what it names is installed as pyproject.toml wants it.
 
-SPP    ?= 256
+SPP    ?= 128
 BENCH  ?= path-buffer
 PYTHON ?=
 export PYTHON
@@ -16,7 +16,7 @@ STAMPS := .venv/.glpath
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' Makefile
-	@echo "Variables: SPP=256 (make render), BENCH=path-buffer (make bench), PYTHON=python3.12 (which one to use)"
+	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), PYTHON=python3.12 (which one to use)"
 
 render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png and .exr
 	@mkdir -p out

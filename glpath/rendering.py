@@ -231,9 +231,7 @@ def _tiles(window: tuple[int, int, int, int], limit: int) -> list[_Tile]:
     return tiles
 
 
-def _step(
-    tracer: PathTracer, tiles: list[_Tile], film: Film, start: int, count: int, interrupted: _Flag
-) -> int:
+def _step(tracer: PathTracer, tiles: list[_Tile], film: Film, start: int, count: int, interrupted: _Flag) -> int:
     """Trace path sets start..start + count in every tile and add them to the film. Returns how many it were.
 
     When interrupted in the first tile, the others follow as far as that one came.
@@ -304,12 +302,12 @@ def _check_options(
     ):
         if not isinstance(value, int | np.integer) or not least <= value <= most:
             raise UsageError(f"{name}: {value!r} where a whole number from {least} to {most} is needed")
-    for name, value, allowed in (
+    for name, word, allowed in (
         ("sampling", sampling, get_args(Sampling)),
         ("directions", directions, get_args(Directions)),
     ):
-        if value not in allowed:
-            raise UsageError(f"{name}: {value!r}; allowed are {', '.join(allowed)}")
+        if word not in allowed:
+            raise UsageError(f"{name}: {word!r}; allowed are {', '.join(allowed)}")
 
 
 def _colour(value: float | Sequence[float]) -> tuple[float, float, float]:
@@ -319,9 +317,7 @@ def _colour(value: float | Sequence[float]) -> tuple[float, float, float]:
     return float(rgb[0]), float(rgb[1]), float(rgb[2])
 
 
-def _with_overrides(
-    scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None
-) -> Scene:
+def _with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
     changes: dict[str, Any] = {}
     for name, value in (camera or {}).items():
         if name not in ("position", "target", "up", "fov"):
@@ -352,7 +348,7 @@ def _window(scene: Scene, crop: tuple[int, int, int, int] | None) -> tuple[int, 
 def _metadata(
     scene: Scene, settings: PathTraceSettings, window: tuple[int, int, int, int], context: Context
 ) -> FilmMetadata:
-    others = settings.as_dict()
+    others: dict[str, Any] = settings.as_dict()
     versions = {name: importlib.metadata.version(name) for name in ("moderngl", "numpy", "scipy")}
     return FilmMetadata(
         scene=scene.name,

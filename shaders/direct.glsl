@@ -7,7 +7,7 @@
 // At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
 #include "hemicube.glsl"
 
-uniform usampler2D light_buffer;
+uniform sampler2D light_buffer;
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light
 uniform float light_density;   // of the light point
@@ -56,10 +56,10 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
     vec2 place = vec2(0.5 * (q.x + 1.0), (q.y - low) / (1.0 - low)) * extent;
     vec2 texel = clamp(floor(place), vec2(0.0), extent - 1.0);
-    uint own = texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r;
+    float own = texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r;
 
     // Of the four texels around the place, one that sees something else.
-    uvec4 four = textureGather(light_buffer, (corner + clamp(place, vec2(1.0), extent - 1.0)) / atlas);
+    vec4 four = textureGather(light_buffer, (corner + clamp(place, vec2(1.0), extent - 1.0)) / atlas);
     int other = int(four.x != own ? four.x : four.y != own ? four.y : four.z != own ? four.z : four.w) - 1;
     if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
 

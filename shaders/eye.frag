@@ -4,12 +4,12 @@
 #include "eye.glsl"
 
 flat in uint triangle_id;
-layout(location = 0) out uint seen;
+layout(location = 0) out float seen;
 
 void main()
 {
     vec4 plane = triangle_texel(int(triangle_id), TRIANGLE_PLANE);
     vec3 d = eye_direction(gl_FragCoord.xy);
     gl_FragDepth = (plane.w - dot(plane.xyz, eye_position)) / (dot(plane.xyz, d) * eye_range.y);
-    seen = triangle_id + 1u;
+    seen = float(triangle_id + 1u);
 }

@@ -1,8 +1,8 @@
 // hemicube.frag: which triangle the light point sees; its number + 1, 0 for none.
 flat in uint triangle_id;
-layout(location = 0) out uint seen;
+layout(location = 0) out float seen;
 
 void main()
 {
-    seen = triangle_id + 1u;
+    seen = float(triangle_id + 1u);
 }

@@ -8,7 +8,7 @@
 #include "path_vertex.glsl"
 #include "path_state.glsl"
 
-uniform usampler2D eye_buffer;
+uniform sampler2D eye_buffer;
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
 void main()

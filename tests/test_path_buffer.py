@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,11 +32,11 @@ def buffer_for(scene: Scene, cells: tuple[int, int], paths: tuple[int, int] = (1
 
 
 @pytest.fixture(params=["packed", "in two scans"])
-def encoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def encoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Few triangles share a float with their depth; many need a scan for each. Both ways must say the same."""
     if request.param != "packed":
         monkeypatch.setattr(path_buffer, "MAX_PACKED_BITS", 0)
-    yield request.param
+    return str(request.param)
 
 
 def on_surfaces(scene: Scene, n: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], Float64]:
@@ -168,17 +166,18 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
     uniforms = buffer.scan_positions(position, path_buffer.ScanView(np.array([0.36, 0.48, 0.8]), seed=4))
     buffer.scan_scene(uniforms)
     source = shader_folder() / "path_report.frag"
-    text = source.read_text().replace("out int triangle", "out float triangle")
+    original = source.read_text()
+    text = original.replace("out int triangle", "out float triangle")
     text = text.replace(
         "triangle = path_result(ivec2(gl_FragCoord.xy), weight);",
         "triangle = path_result(ivec2(gl_FragCoord.xy), weight) == PATH_LOST ? 0.0 : weight;",
     )
     answer = gl.texture(buffer.paths, 1, dtype="f4")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(source), "read_text", lambda self: text if self == source else self.read_bytes().decode())
-        program = load_program(
-            gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=buffer.defines
+        patch.setattr(
+            type(source), "read_text", lambda self: text if self == source else self.read_bytes().decode()
         )
+        program = load_program(gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=buffer.defines)
     Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(uniforms)
     return np.frombuffer(answer.read(), np.float32).astype(float)
 

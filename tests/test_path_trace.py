@@ -290,9 +290,7 @@ def test_path_sets_0_to_64_are_those_of_two_renders_merged_bit_for_bit(split: in
     size, depth = (40, 32), 3
     whole = glpath.render("cornell-box-36", spp=64, max_depth=depth, resolution=size)
     first = glpath.render("cornell-box-36", spp=split, max_depth=depth, resolution=size)
-    second = glpath.render(
-        "cornell-box-36", spp=64 - split, first_path_set=split, max_depth=depth, resolution=size
-    )
+    second = glpath.render("cornell-box-36", spp=64 - split, first_path_set=split, max_depth=depth, resolution=size)
     np.testing.assert_array_equal(second.merge(first).mean, whole.mean)
 
 

@@ -64,7 +64,11 @@ def test_a_wide_picture_shows_more_at_the_sides_and_the_same_in_the_middle() -> 
 
 def test_the_camera_can_be_replaced_field_by_field() -> None:
     film = glpath.render(
-        BOX, spp=2, max_depth=1, resolution=(8, 8), camera={"position": (0, 0, 0.9), "target": (0, 1, 0.01), "fov": 5}
+        BOX,
+        spp=2,
+        max_depth=1,
+        resolution=(8, 8),
+        camera={"position": (0, 0, 0.9), "target": (0, 1, 0.01), "fov": 5},
     )
     # From below, straight into the lamp.
     np.testing.assert_allclose(film.mean.max(axis=(0, 1)), [18.387, 13.9873, 6.75357], rtol=1e-6)

@@ -76,7 +76,7 @@ def bench_path_buffer(
         ms += set_ms
         if truth is not None:
             errors[seed] = [relative_mse(image, truth) for image in images]
-        if peer is not None:
+        if peer is not None and truth is not None:
             for i, spp in enumerate(_SAMPLES):
                 timing = mitsuba_peer.time_to_render(peer(spp), spp, DEPTH, repeats=1, seed=seed)
                 peer_errors[seed, i] = relative_mse(timing.images[0], truth)
@@ -129,19 +129,16 @@ def _peer(scene: Scene, notes: list[str]) -> Callable[[int], object] | None:
     return lambda spp: mitsuba_peer.to_mitsuba(scene, DEPTH, spp=spp)
 
 
-def _reference(
-    given: str | Path | None, scene: Scene, mitsuba: bool, say: Callable[[str], None]
-) -> Float64 | None:
+def _reference(given: str | Path | None, scene: Scene, mitsuba: bool, say: Callable[[str], None]) -> Float64 | None:
     stored = Path(__file__).resolve().parents[2] / "tests" / "data" / f"{SCENE}-depth{DEPTH}.npz"
     if given is not None or stored.is_file():
         return read_image(given or stored)
     if not mitsuba:
         return None
     say(f"no stored reference: Mitsuba renders one of {_REFERENCE_SPP} samples")
-    parts = [
-        mitsuba_peer.render_mitsuba(scene, _REFERENCE_SPP // 4, DEPTH, seed=1000 + i) for i in range(4)
-    ]
-    return np.mean(parts, axis=0)
+    parts = [mitsuba_peer.render_mitsuba(scene, _REFERENCE_SPP // 4, DEPTH, seed=1000 + i) for i in range(4)]
+    reference: Float64 = np.mean(parts, axis=0)
+    return reference
 
 
 def _tracer(context: Context, scene: Scene, seed: int, timings: bool = False) -> PathTracer:

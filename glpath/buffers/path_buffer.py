@@ -12,7 +12,7 @@ What is done otherwise than in the paper:
 - *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
   loses a roulette without bias: the four survivors stand for all of the cell [PB appendix B].
 
-Cost:     one draw of the scene per direction, whatever the number of origins, and a few maps over origins and cells.
+Cost:     one draw of the scene per direction, whatever the number of origins; a few maps over origins and cells.
 Poor at:  few origins in a large scene; origins that crowd into few cells.
 Limits:   2**20 origins a scan.
 """
@@ -78,8 +78,8 @@ class PathBuffer:
     cells : (columns, rows) of the buffer; by default as many as paths
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
-    `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`, with
-    `textures` and the uniforms that `scan_positions` returned.
+    `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
+    with `textures` and the uniforms that `scan_positions` returned.
     """
 
     def __init__(
@@ -100,9 +100,12 @@ class PathBuffer:
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38"}
         if self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
-            self.defines |= {"PACKED": 1, "ID_BITS": self.id_bits, "DEPTH_LEVELS": (0x7E000000 >> self.id_bits) - 64}
+            self.defines |= {
+                "PACKED": 1,
+                "ID_BITS": self.id_bits,
+                "DEPTH_LEVELS": (0x7E000000 >> self.id_bits) - 64,
+            }
         self._epoch = 0
-        self._scans = 0
 
         self._flights = self._texture(paths, "u4")
         self._slots = gl.buffer(reserve=16 * count)
@@ -129,7 +132,12 @@ class PathBuffer:
             "cell_z0": self._z0,
             "cell_place": self._place,
         }
-        self.textures = {"path_flights": self._flights, "cell_slots": self._slot_texture, "cell_found": self._found, "cell_overflow": self._overflow_texture}
+        self.textures = {
+            "path_flights": self._flights,
+            "cell_slots": self._slot_texture,
+            "cell_found": self._found,
+            "cell_overflow": self._overflow_texture,
+        }
         self._report: tuple[Pass, moderngl.Texture] | None = None
 
         def program(fragment: str, vertex: str = "fullscreen.vert", **defines: object) -> Program:
@@ -200,7 +208,6 @@ class PathBuffer:
             self._slots.clear(chunk=b"\xff\xff\xff\xff")
             self._overflow.clear()
         self._epoch -= 1
-        columns, rows = self.paths
         return {
             "path_u": tuple(u),
             "path_v": tuple(v),
@@ -211,7 +218,7 @@ class PathBuffer:
             "cell_jitter": view.jitter,
             "scan_epoch": self._epoch,
             "permutation_seed": view.seed & 0xFFFFFFFF,
-            "path_columns": columns,
+            "path_columns": self.paths[0],
         }
 
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:

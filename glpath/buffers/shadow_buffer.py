@@ -2,8 +2,9 @@
 
 `HemicubeShadowBuffer` is for a point on a surface: a hemicube above it (Cohen & Greenberg 1985), five faces in one
 atlas, filled by one instanced draw. It holds triangle numbers. `shaders/direct.glsl` looks them up and meets the
-triangle's plane, so no depth bias is needed; what is left is the error of a silhouette, under a texel, which averages
-out as the light point and the hemicube's roll change from set to set.
+triangle's plane, so no depth bias is needed, and at a silhouette meets the next texel's triangle exactly. What is
+left is the error where three surfaces meet within a texel, which averages out as the light point and the hemicube's
+roll change from set to set.
 
 Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
 Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
@@ -30,14 +31,14 @@ class HemicubeShadowBuffer:
 
     Attributes
     ----------
-    texture : R32UI, triangle number + 1, 0 for none
+    texture : R32F, triangle number + 1, 0 for none
     """
 
     def __init__(self, gl: moderngl.Context, scene: GpuScene, resolution: int) -> None:
         self.scene = scene
         self.resolution = resolution
         size = (2 * resolution, 3 * resolution // 2)
-        self.texture = gl.texture(size, 1, dtype="u4")
+        self.texture = gl.texture(size, 1, dtype="f4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         program = load_program(
             gl, vertex="hemicube.vert", fragment="hemicube.frag", generated={"TRIANGLE": triangle_glsl()}
@@ -55,9 +56,7 @@ class HemicubeShadowBuffer:
             textures={"triangles": scene.texture},
         )
 
-    def frame(
-        self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float
-    ) -> dict[str, object]:
+    def frame(self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float) -> dict[str, object]:
         """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal."""
         tangent, bitangent = frame_about(normal, roll)
         reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius

@@ -114,17 +114,17 @@ class GpuScene:
             table[rows, 2, :3] = shape.emission
             table[rows, 2, 3] = density[rows] * (-1 if shape.emission_two_sided else 1)
         table[:, 3:6, :3] = scene.triangles
-        rows = -(-self.count * len(TRIANGLE_LAYOUT) // _WIDTH)
-        limit = gl.info["GL_MAX_TEXTURE_SIZE"]
-        if rows > limit:
+        height = -(-self.count * len(TRIANGLE_LAYOUT) // _WIDTH)
+        # A float holds a triangle's number, 0 for none.
+        most = min(gl.info["GL_MAX_TEXTURE_SIZE"] * _WIDTH // len(TRIANGLE_LAYOUT), (1 << 24) - 1)
+        if self.count > most:
             raise SceneError(
-                f"{scene.source or scene.name}: {self.count} triangles; this device holds at most "
-                f"{limit * _WIDTH // len(TRIANGLE_LAYOUT)}",
+                f"{scene.source or scene.name}: {self.count} triangles; this device holds at most {most}",
                 "Simplify the meshes, or render on a device with a larger texture limit.",
             )
-        padded = np.zeros((rows * _WIDTH, 4), np.float32)
+        padded = np.zeros((height * _WIDTH, 4), np.float32)
         padded[: self.count * len(TRIANGLE_LAYOUT)] = table.reshape(-1, 4)
-        self.texture = gl.texture((_WIDTH, rows), 4, data=padded.tobytes(), dtype="f4")
+        self.texture = gl.texture((_WIDTH, height), 4, data=padded.tobytes(), dtype="f4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def release(self) -> None:

@@ -7,10 +7,9 @@ set before: `Pass.run` sets everything, every time.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import moderngl
 
@@ -59,14 +58,14 @@ class Pass:
         gl = self.gl
         target = self.target
         target.viewport = (0, 0, *target.size)
-        target.scissor = None
+        target.scissor = None  # type: ignore[assignment]
         target.use()
         gl.enable_only(self._flags)
         for i in range(self.clip_distances):
             gl.enable_direct(0x3000 + i)  # GL_CLIP_DISTANCE0
         if self.blend:
             equation, function = BLENDS[self.blend]
-            gl.blend_equation = equation
+            gl.blend_equation = equation  # type: ignore[assignment]
             gl.blend_func = function
         if self.depth:
             gl.depth_func = "<"
@@ -98,7 +97,7 @@ class Stopwatch:
         self._hardware = hardware
 
     @contextmanager
-    def stage(self, name: str) -> Any:
+    def stage(self, name: str) -> Iterator[None]:
         if not self.enabled:
             yield
             return
@@ -114,6 +113,3 @@ class Stopwatch:
             self._gl.finish()
             spent = (time.perf_counter() - start) * 1e3
         self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent
-
-
-Staged = Callable[[], None]

@@ -109,7 +109,7 @@ class Program:
             if not isinstance(member, moderngl.Uniform):
                 continue
             # GL_SAMPLER_2D, GL_SAMPLER_2D_ARRAY, GL_INT_SAMPLER_2D, GL_UNSIGNED_INT_SAMPLER_2D
-            if member.gl_type in (0x8B5E, 0x8DC1, 0x8DCA, 0x8DD2):
+            if member.gl_type in (0x8B5E, 0x8DC1, 0x8DCA, 0x8DD2):  # type: ignore[attr-defined]
                 self.samplers[name] = len(self.samplers)
                 member.value = self.samplers[name]
             else:
@@ -160,7 +160,12 @@ def load_program(
         if compute:
             program = Program(gl.compute_shader(sources["compute_shader"].text), label)
         else:
-            program = Program(gl.program(**{k: s.text for k, s in sources.items()}), label)
+            program = Program(
+                gl.program(
+                    vertex_shader=sources["vertex_shader"].text, fragment_shader=sources["fragment_shader"].text
+                ),
+                label,
+            )
     except moderngl.Error as error:
         log = str(error)
         # moderngl heads its message with the stage that failed; the file numbers are that stage's own.

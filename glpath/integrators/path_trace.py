@@ -1,16 +1,16 @@
 """Path tracing by scan conversion [PB 3, appendices A and B].
 
-A path set is one path for every pixel. Its paths share their directions and one light point, so that a bounce is one
-scan of the path-buffer and direct light one shadow-buffer. The frame is `PathTracer.trace_path_set`.
+A path set is one path for every pixel. Its paths share their directions and one light point, so that a bounce is
+one scan of the path-buffer and direct light one shadow-buffer. The frame is `PathTracer.trace_path_set`.
 
 What is done otherwise than in the paper, and why:
 
 - A direction serves both hemispheres, each path taking the side it can see: density 1/(2 pi) where the paper has
   1/(4 pi) and loses every other path. `directions="sphere"` is the paper's.
 - Directions and light points come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
-- An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997), so
-  that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample alone, as
-  in the paper's equation 5.
+- An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
+  so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
+  alone, as in the paper's equation 5.
 - A path that leaves its surface at a flat angle goes on with a chance of the cosine, else it would crowd the cells.
 
 Poor at: sharp reflection (directions are shared, not chosen by the surface), and scenes that are lit only through
@@ -31,7 +31,14 @@ from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
-from glpath.sampling import PathSetSample, PathSetSampler, Sampling, counter_hash, uniform_hemisphere, uniform_sphere
+from glpath.sampling import (
+    PathSetSample,
+    PathSetSampler,
+    Sampling,
+    counter_hash,
+    uniform_hemisphere,
+    uniform_sphere,
+)
 
 Directions = Literal["hemisphere", "sphere"]
 Uniforms = dict[str, object]
@@ -101,6 +108,9 @@ class PathTracer:
         self.window = window
         self.stopwatch = Stopwatch(gl, hardware, timings)
         self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
+        # Which of the two sets of path states, and of sums, holds the present ones.
+        self._current = 0
+        self._sum = 0
         self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
         size = window[2:]
         cells = tuple(max(1, round(n * settings.cell_share)) for n in size)
@@ -189,7 +199,8 @@ class PathTracer:
         self._counts += np.array(
             [low[..., 3].sum(), (events & 0xFFFFF).sum(), (events >> 20).sum()], dtype=np.int64
         )
-        return (high[..., :3] * 2.0**32 + low[..., :3]) / self._quanta
+        quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
+        return quanta / self._quanta
 
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
@@ -286,12 +297,10 @@ class PathTracer:
 
     def _make_passes(self, size: tuple[int, int]) -> None:
         gl = self.gl
-        eye_buffer = self._texture(size, 1, "u4")
+        eye_buffer = self._texture(size, 1, "f4")
         # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
         self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
-        self._current = 0
         self._sums = [[self._texture(size, 4, "u4") for _ in range(2)] for _ in range(2)]
-        self._sum = 0
         for texture in self._sums[0]:
             texture.write(bytes(16 * size[0] * size[1]))
         state_targets = [gl.framebuffer(state) for state in self._state]

@@ -27,7 +27,13 @@ def world_from_shape(steps: Sequence[Step], place: Place) -> Float64:
 def apply(matrix: Float64, triangles: Float64) -> Float64:
     """(T, 3, 3) float64 in world space. A mirroring matrix turns the winding, so that the front stays the front."""
     moved = triangles @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else moved
+    return moved[:, ::-1] if _determinant(matrix) < 0 else moved
+
+
+def _determinant(matrix: Float64) -> float:
+    """Of the linear part. LAPACK's divides by pivots, which for an angle of 1e-309 may be too small to divide by."""
+    x, y, z = matrix[:3, :3]
+    return float(np.cross(x, y) @ z)
 
 
 def _matrix_of_step(step: Step, place: Place) -> Float64:
