@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import signal
 import threading
@@ -28,6 +27,7 @@ from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.path_trace import Directions, PathTracer, PathTraceSettings
 from glpath.sampling import Sampling
 from glpath.scene import Scene, check_camera, check_scene, load_scene
+from glpath.versions import versions
 
 #: A path counts its casts in ten bits.
 DEEPEST = 1000
@@ -349,7 +349,6 @@ def _metadata(
     scene: Scene, settings: PathTraceSettings, window: tuple[int, int, int, int], context: Context
 ) -> FilmMetadata:
     others: dict[str, Any] = settings.as_dict()
-    versions = {name: importlib.metadata.version(name) for name in ("moderngl", "numpy", "scipy")}
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
@@ -360,11 +359,5 @@ def _metadata(
         full_resolution=scene.camera.resolution,
         window=window,
         device=context.info.renderer,
-        versions={"glpath": _version()} | versions | {"driver": context.info.gl_version},
+        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": context.info.driver},
     )
-
-
-def _version() -> str:
-    from glpath import __version__
-
-    return __version__

@@ -120,7 +120,9 @@ def test_any_transform_moves_the_points_and_keeps_the_fronts_outward(steps: list
     moved = np.unique(corners.reshape(-1, 3).round(6), axis=0)
     assert np.allclose(np.sort(moved, axis=0), np.sort(points, axis=0), atol=1e-5)
     # the volume keeps its sign even where the transform mirrors
-    assert volume(corners - corners[0, 0]) == pytest.approx(6 * abs(np.cross(linear[0], linear[1]) @ linear[2]), rel=1e-6)
+    assert volume(corners - corners[0, 0]) == pytest.approx(
+        6 * abs(np.cross(linear[0], linear[1]) @ linear[2]), rel=1e-6
+    )
 
 
 def test_steps_apply_in_the_order_in_which_they_are_listed():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import platform
 from dataclasses import asdict, dataclass, field
@@ -37,17 +36,6 @@ class Report:
 def machine(renderer: str) -> dict[str, Any]:
     """The device that rendered, and the CPU beside it."""
     return {"renderer": renderer, "cpu": _cpu_name(), "cores": len(os.sched_getaffinity(0))}
-
-
-def versions(*packages: str) -> dict[str, str]:
-    """Version of each installed package; the absent are left out."""
-    found = {"python": platform.python_version()}
-    for package in packages:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def _cpu_name() -> str:

@@ -31,7 +31,7 @@ def apply(matrix: Float64, triangles: Float64) -> Float64:
 
 
 def _determinant(matrix: Float64) -> float:
-    """Of the linear part. LAPACK's divides by pivots, which for an angle of 1e-309 may be too small to divide by."""
+    """Of the linear part; not by LAPACK, which divides by pivots however small a rotation makes them."""
     x, y, z = matrix[:3, :3]
     return float(np.cross(x, y) @ z)
 
