@@ -42,19 +42,15 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 {
     vec3 w = position - light_position;
     vec3 p = vec3(dot(w, light_tangent), dot(w, light_bitangent), dot(w, light_normal));
-    int face = 0;
-    if (p.z < max(abs(p.x), abs(p.y)))
-        face = abs(p.x) >= abs(p.y) ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
-    vec3 right, up, axis;
-    hemicube_face(face, right, up, axis);
-    float along = dot(w, axis);
-    vec2 q = vec2(dot(w, right), dot(w, up)) / along;
+    int face = hemicube_face_of(p);
+    vec3 f = hemicube_to_face(face, p);
 
-    float low = face == 0 ? -1.0 : 0.0;
     vec4 rectangle = hemicube_rectangle(face);
     vec2 atlas = vec2(2.0, 1.5) * light_resolution;
     vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
-    vec2 place = vec2(0.5 * (q.x + 1.0), (q.y - low) / (1.0 - low)) * extent;
+    // A side has but its upper half.
+    float low = face == 0 ? -1.0 : 0.0, height = 1.0 - low;
+    vec2 place = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
     vec2 texel = clamp(floor(place), vec2(0.0), extent - 1.0);
     float own = texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r;
 
@@ -75,7 +71,8 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
     // the buffer knows for certain, the occluder must be in front as well.
     vec2 centre = (texel + 0.5) / extent;
-    vec3 c = axis + right * (2.0 * centre.x - 1.0) + up * (low + (1.0 - low) * centre.y);
+    vec3 l = hemicube_from_face(face, vec3(2.0 * centre.x - 1.0, low + height * centre.y, 1.0));
+    vec3 c = l.x * light_tangent + l.y * light_bitangent + l.z * light_normal;
     float occluder = offset / dot(plane.xyz, c);
     float surface = (receiver_plane.w - dot(receiver_plane.xyz, light_position)) / dot(receiver_plane.xyz, c);
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);

@@ -5,14 +5,25 @@ uniform vec3 light_normal;
 uniform vec3 light_tangent;
 uniform vec3 light_bitangent;
 
-void hemicube_face(int face, out vec3 right, out vec3 up, out vec3 axis)
+// In the light point's frame: which face a direction leaves through.
+int hemicube_face_of(vec3 p)
 {
-    up = light_normal;
-    if (face == 0) { right = light_tangent; up = light_bitangent; axis = light_normal; }
-    else if (face == 1) { right = light_bitangent; axis = light_tangent; }
-    else if (face == 2) { right = light_bitangent; axis = -light_tangent; }
-    else if (face == 3) { right = light_tangent; axis = light_bitangent; }
-    else { right = light_tangent; axis = -light_bitangent; }
+    vec2 a = abs(p.xy);
+    if (p.z >= max(a.x, a.y)) return 0;
+    return a.x >= a.y ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
+}
+
+// From the light point's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
+vec3 hemicube_to_face(int face, vec3 p)
+{
+    if (face == 0) return p;
+    return face <= 2 ? vec3(p.y, p.z, face == 1 ? p.x : -p.x) : vec3(p.x, p.z, face == 3 ? p.y : -p.y);
+}
+
+vec3 hemicube_from_face(int face, vec3 f)
+{
+    if (face == 0) return f;
+    return face <= 2 ? vec3(face == 1 ? f.z : -f.z, f.x, f.y) : vec3(f.x, face == 3 ? f.z : -f.z, f.y);
 }
 
 // Lower corner and size in the atlas, which is 1 x 1 here and 2 R x 1.5 R in texels.

@@ -15,10 +15,9 @@ void main()
     triangle_id = uint(triangle);
     vec3 world = triangle_texel(triangle, TRIANGLE_VERTEX0 + gl_VertexID - 3 * triangle).xyz;
 
-    vec3 right, up, axis;
-    hemicube_face(gl_InstanceID, right, up, axis);
     vec3 r = world - light_position;
-    vec3 p = vec3(dot(r, right), dot(r, up), dot(r, axis));
+    vec3 l = vec3(dot(r, light_tangent), dot(r, light_bitangent), dot(r, light_normal));
+    vec3 p = hemicube_to_face(gl_InstanceID, l);
     bool top = gl_InstanceID == 0;
 
     gl_ClipDistance[0] = p.z - p.x;

@@ -4,7 +4,7 @@
 #include "path_flight.glsl"
 
 uniform usampler2D cell_slots;
-uniform usampler2D path_flights;
+uniform usampler2D path_starts;
 
 layout(location = 0) out vec4 z0;
 layout(location = 1) out uvec4 place;
@@ -13,10 +13,10 @@ void fill(uint key, out float z, out uint where)
 {
     bool taken = (key >> KEY_BITS) == scan_epoch;
     ivec2 path = path_of(taken ? unpermute(key & KEY_MASK) : 0u);
-    uvec4 flight = texelFetch(path_flights, path, 0);
+    uvec2 start = texelFetch(path_starts, path, 0).rg;
     // An empty slot starts behind everything: nothing is beyond it.
-    z = taken ? uintBitsToFloat(flight.z) : INFINITE_DEPTH;
-    where = taken ? flight.y : 0u;
+    z = taken ? uintBitsToFloat(start.y) : INFINITE_DEPTH;
+    where = taken ? start.x : 0u;
 }
 
 void main()

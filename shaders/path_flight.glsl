@@ -1,8 +1,8 @@
-// path_flight.glsl: what a path takes into a scan, as one RGBA32UI texel, and its key in the slots of a cell.
-//   x  cell, y << 16 | x; NO_FLIGHT for a path that is dead
-//   y  place in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
-//   z  depth z0 of its start, as float bits
-//   w  its key: the scan's epoch above a permutation of the path's number
+// path_flight.glsl: what a path takes into a scan, as two RG32UI texels, and its key in the slots of a cell.
+//   flight.x  cell, y << 16 | x; NO_FLIGHT for a path that is dead
+//   flight.y  its key: the scan's epoch above a permutation of the path's number
+//   start.x   place in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
+//   start.y   depth z0 of its start, as float bits
 const uint NO_FLIGHT = 0xffffffffu;
 const uint KEY_BITS = 20u;
 const uint KEY_MASK = (1u << KEY_BITS) - 1u;

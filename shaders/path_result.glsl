@@ -13,10 +13,10 @@ const int PATH_MISSED = -1;  // nothing lies beyond its start
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
-    uvec4 flight = texelFetch(path_flights, path, 0);
+    uvec2 flight = texelFetch(path_flights, path, 0).rg;
     if (flight.x == NO_FLIGHT) return PATH_DEAD;
     ivec2 cell = ivec2(flight.x & 0xffffu, flight.x >> 16u);
-    bvec4 own = equal(texelFetch(cell_slots, cell, 0), uvec4(flight.w));
+    bvec4 own = equal(texelFetch(cell_slots, cell, 0), uvec4(flight.y));
     if (!any(own)) return PATH_LOST;
 
     uint crowd = texelFetch(cell_overflow, cell, 0).r;

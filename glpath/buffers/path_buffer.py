@@ -107,13 +107,13 @@ class PathBuffer:
             }
         self._epoch = 0
 
-        self._flights = self._texture(paths, "u4")
+        self._flights = self._texture(paths, "u4", components=2)
+        self._starts = self._texture(paths, "u4", components=2)
         self._slots = gl.buffer(reserve=16 * count)
         self._overflow = gl.buffer(reserve=4 * count)
         # Copies of the two for reading: a texel is fetched much faster than a word of a buffer on llvmpipe.
         self._slot_texture = self._texture(cells, "u4")
-        self._overflow_texture = gl.texture(cells, 1, dtype="u4")
-        self._overflow_texture.filter = _NEAREST
+        self._overflow_texture = self._texture(cells, "u4", components=1)
         self._z0 = self._texture(cells, "f4")
         self._place = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
@@ -127,7 +127,7 @@ class PathBuffer:
             "path_position": self._flights,  # until the first scan brings its own
             "path_grid": self._grid,
             "path_bounds": self._bounds,
-            "path_flights": self._flights,
+            "path_starts": self._starts,
             "cell_slots": self._slot_texture,
             "cell_z0": self._z0,
             "cell_place": self._place,
@@ -160,7 +160,7 @@ class PathBuffer:
                 "launch",
                 gl,
                 program("path_launch.frag"),
-                target(self._flights),
+                target(self._flights, self._starts),
                 textures=textures,
                 buffers={0: self._slots, 1: self._overflow},
             ),
@@ -194,8 +194,8 @@ class PathBuffer:
             ("scan triangle", {}, self._found, "max", 0.0),
         ]
 
-    def _texture(self, size: tuple[int, int], dtype: str) -> moderngl.Texture:
-        texture = self.gl.texture(size, 4, dtype=dtype)
+    def _texture(self, size: tuple[int, int], dtype: str, components: int = 4) -> moderngl.Texture:
+        texture = self.gl.texture(size, components, dtype=dtype)
         texture.filter = _NEAREST
         return texture
 
@@ -219,6 +219,7 @@ class PathBuffer:
             "scan_epoch": self._epoch,
             "permutation_seed": view.seed & 0xFFFFFFFF,
             "path_columns": self.paths[0],
+            "slots_per_cell": 4,
         }
 
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
