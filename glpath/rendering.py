@@ -21,7 +21,7 @@ import numpy as np
 
 from glpath.buffers.path_buffer import MAX_PATHS
 from glpath.errors import SceneWarning, UsageError
-from glpath.film import Film, FilmMetadata, blocks
+from glpath.film import BLOCK, Film, FilmMetadata, blocks
 from glpath.gl.context import Context, get_context
 from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.path_trace import Directions, PathTracer, PathTraceSettings
@@ -136,7 +136,7 @@ def render(
     )
     context = get_context(backend, device, require_gpu)
     film = Film.empty(_metadata(loaded, settings, window, context))
-    job = _Job(film, first_path_set, spp, context.info.renderer, on_progress)
+    job = _Job(film, spp, context.info.renderer, on_progress)
     job.report("compiling shaders")
     gpu_scene = GpuScene(context.gl, loaded)
     tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
@@ -144,12 +144,17 @@ def render(
         context.gl, gpu_scene, settings, tiles[0].window, hardware=context.info.hardware, timings=timings
     )
     with _interrupt_as_flag() as interrupted:
-        for start, stop in blocks(first_path_set, first_path_set + spp):
-            while start < stop and not interrupted:
-                start += _step(tracer, tiles, film, start, min(stop - start, job.step), interrupted)
-                job.advance(start, tracer)
-            if interrupted:
-                raise RenderInterrupted(job.finish(tracer))
+        try:
+            for start, stop in blocks(first_path_set, first_path_set + spp):
+                while start < stop and not interrupted:
+                    count = _step(tracer, tiles, film, start, min(stop - start, job.step), interrupted)
+                    start += count
+                    job.stepped(count)
+                if interrupted:
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
+            raise RenderInterrupted(job.finish(tracer)) from None
     return job.finish(tracer)
 
 
@@ -158,13 +163,11 @@ class _Job:
     """The clock of one render: how long a step may be, and when to report."""
 
     film: Film
-    first: int
     total: int
     renderer: str
     on_progress: Callable[[Progress], None] | None
     step: int = 1
     started: float = field(default_factory=time.perf_counter)
-    statistics: dict[str, Any] = field(default_factory=dict)
     _last_step: float = field(default_factory=time.perf_counter)
     _last_report: float = -math.inf
     _error: float | None = None
@@ -184,17 +187,18 @@ class _Job:
             Progress(done, self.total, now - self.started, self._error, self.film, stage, self.renderer)
         )
 
-    def advance(self, reached: int, tracer: PathTracer) -> None:
+    def stepped(self, count: int) -> None:
+        """A step of so many path sets is done; the next is as long as fits into the time for one."""
         now = time.perf_counter()
-        self.step = 8 if now - self._last_step < _STEP_SECONDS / 8 * self.step else max(1, self.step // 2)
+        each = (now - self._last_step) / count
+        self.step = max(1, min(BLOCK, int(_STEP_SECONDS / max(each, 1e-9))))
         self._last_step = now
         self.report("rendering")
 
     def finish(self, tracer: PathTracer) -> Film:
         """The film with its statistics, which are known only now."""
-        m = self.film.metadata
-        statistics: dict[str, Any] = tracer.statistics()
-        self.film.metadata = replace(m, elapsed_s=time.perf_counter() - self.started, statistics=statistics)
+        elapsed = time.perf_counter() - self.started
+        self.film.metadata = replace(self.film.metadata, elapsed_s=elapsed, statistics=tracer.statistics())
         return self.film
 
 
