@@ -86,7 +86,7 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
     """
     if operator not in TONEMAPS:
         raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
-    light = np.maximum(np.asarray(radiance, np.float64), 0.0) * 2.0**exposure
+    light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
     return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
 
 

@@ -18,6 +18,7 @@ from types import FrameType
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.buffers.path_buffer import MAX_PATHS
 from glpath.errors import SceneWarning, UsageError
@@ -76,7 +77,7 @@ def render(
     camera: Mapping[str, Any] | None = None,
     parameters: Mapping[str, object] | None = None,
     sampling: Sampling = "sobol",
-    directions: Directions = "hemisphere",
+    directions: Directions = "pair",
     ambient: float | Sequence[float] = 0.0,
     roulette: int | None = None,
     backend: str = "auto",
@@ -100,7 +101,8 @@ def render(
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees)
     parameters     : of a generated scene
     sampling       : "sobol", or "random" as in the paper
-    directions     : "hemisphere", or "sphere" as in the paper
+    directions     : "pair", each path the better of two; "hemisphere", one, quicker for meshes of very many
+                     triangles; "sphere", as in the paper
     ambient        : radiance, W sr^-1 m^-2, assumed beyond the last vertex; a number or (r, g, b)
     roulette       : from this vertex on, paths end by chance, without bias
     backend, device, require_gpu : see `glpath.gl.context.get_context`
@@ -155,7 +157,26 @@ def render(
         except KeyboardInterrupt:
             # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
             raise RenderInterrupted(job.finish(tracer)) from None
-    return job.finish(tracer)
+    job.finish(tracer)
+    _warn_of_crowding(film)
+    return film
+
+
+# From this share of lost rays on, the picture is noisier than its path sets let expect.
+_CROWDED = 0.25
+
+
+def _warn_of_crowding(film: Film) -> None:
+    statistics = film.metadata.statistics
+    share = statistics["paths_lost"] / max(1, statistics["paths_cast"])
+    if share > _CROWDED:
+        warnings.warn(
+            f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the picture is right on "
+            "average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground or the sky's "
+            "walls smaller, or render more path sets.",
+            SceneWarning,
+            stacklevel=3,
+        )
 
 
 @dataclass
@@ -298,8 +319,9 @@ def _check_options(
     spp: int, first: int, max_depth: int, seed: int, sampling: str, directions: str, roulette: int | None
 ) -> None:
     for name, value, least, most in (
-        ("spp", spp, 1, 2**31),
-        ("first_path_set", first, 0, 2**31),
+        # A Sobol sequence of 30 bits ends at 2**30.
+        ("spp", spp, 1, 2**29 - 256),
+        ("first_path_set", first, 0, 2**29),
         ("max_depth", max_depth, 1, DEEPEST),
         ("seed", seed, 0, 2**63),
         ("roulette", 1 if roulette is None else roulette, 1, DEEPEST),
@@ -315,10 +337,29 @@ def _check_options(
 
 
 def _colour(value: float | Sequence[float]) -> tuple[float, float, float]:
-    rgb = np.broadcast_to(np.asarray(value, float), (3,)) if np.ndim(value) == 0 else np.asarray(value, float)
-    if rgb.shape != (3,) or not np.all(np.isfinite(rgb)) or np.any(rgb < 0):
-        raise UsageError(f"ambient: {value!r} where one or three finite numbers >= 0 are needed")
-    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+    r, g, b = _numbers("ambient", [value] * 3 if isinstance(value, int | float) else value, 3)
+    if min(r, g, b) < 0:
+        raise UsageError(f"ambient: {value!r} where radiance, one or three numbers >= 0, is needed")
+    return float(r), float(g), float(b)
+
+
+def _numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
+    """So many finite numbers, or a UsageError that names the argument."""
+    try:
+        numbers = np.atleast_1d(np.asarray(value, np.float64))
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)) or isinstance(value, str):
+        needed = "a finite number is" if count == 1 else f"{count} finite numbers are"
+        raise UsageError(f"{name}: {value!r} where {needed} needed")
+    return numbers
+
+
+def _whole_numbers(name: str, value: Any, count: int) -> list[int]:
+    numbers = _numbers(name, value, count)
+    if np.any(numbers != np.floor(numbers)):
+        raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
+    return [int(n) for n in numbers]
 
 
 def _with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
@@ -326,9 +367,11 @@ def _with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Ma
     for name, value in (camera or {}).items():
         if name not in ("position", "target", "up", "fov"):
             raise UsageError(f"camera: no field is named {name!r}; allowed are position, target, up, fov")
-        changes[name] = float(value) if name == "fov" else np.asarray(value, float)
+        numbers = _numbers(f"camera {name}", value, 1 if name == "fov" else 3)
+        changes[name] = float(numbers[0]) if name == "fov" else numbers
     if resolution is not None:
-        changes["resolution"] = (int(resolution[0]), int(resolution[1]))
+        width, height = _whole_numbers("resolution", resolution, 2)
+        changes["resolution"] = (width, height)
     if not changes:
         return scene
     changed = scene.with_camera(**changes)
@@ -340,7 +383,7 @@ def _window(scene: Scene, crop: tuple[int, int, int, int] | None) -> tuple[int, 
     width, height = scene.camera.resolution
     if crop is None:
         return 0, 0, width, height
-    x, y, w, h = (int(n) for n in crop)
+    x, y, w, h = _whole_numbers("crop", crop, 4)
     if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
         raise UsageError(
             f"crop: {w} x {h} pixels from ({x}, {y}) of a picture of {width} x {height}",

@@ -11,7 +11,18 @@ uniform sampler2D light_buffer;
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light
 uniform float light_density;   // of the light point
-uniform float direction_density;  // of a shared direction, per solid angle; 0: the light sample stands alone
+
+// Per solid angle, of the direction in which a path leaves its surface at a cosine; 0: the light sample stands alone.
+float direction_density(float cosine)
+{
+#if defined(WHOLE_SPHERE)
+    return 0.0;
+#elif VIEWS == 2
+    return cosine / PI;
+#else
+    return 0.5 / PI;
+#endif
+}
 
 // Veach's power heuristic: the share of a sample drawn with density a where b could have drawn it as well.
 float power_heuristic(float a, float b)
@@ -92,7 +103,7 @@ vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
     // No direction goes on from here, so no other sample shares this light.
     float share = 1.0;
 #else
-    float share = power_heuristic(light_density * r2 / cos_light, direction_density);
+    float share = power_heuristic(light_density * r2 / cos_light, direction_density(cos_surface));
 #endif
     bool dark = in_shadow(position, receiver, receiver_plane);
     return dark ? vec3(0.0) : light_radiance * (share * g / (PI * light_density));

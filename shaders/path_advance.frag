@@ -4,6 +4,7 @@
 #include <TRIANGLE>
 #include "random.glsl"
 #include "direct.glsl"
+#include "path_course.glsl"
 #include "path_vertex.glsl"
 #include "path_flight.glsl"
 #include "path_result.glsl"
@@ -12,7 +13,7 @@
 uniform sampler2D path_position;
 uniform sampler2D path_beta;
 uniform sampler2D path_radiance;
-uniform vec3 path_d;
+uniform vec3 path_d[VIEWS];
 uniform ivec4 image_window;
 
 void main()
@@ -28,7 +29,7 @@ void main()
     }
     vec4 from = texelFetch(path_position, pixel, 0);
     vec3 throughput = texelFetch(path_beta, pixel, 0).rgb * weight;
-    vec3 d = path_d * from.w;
+    vec3 d = path_d[course_view(from.w)] * sign(from.w);
     vec4 plane = triangle_texel(triangle, TRIANGLE_PLANE);
     float t = max(0.0, (plane.w - dot(plane.xyz, from.xyz)) / dot(plane.xyz, d));
     vec3 x = from.xyz + t * d;
@@ -36,9 +37,10 @@ void main()
 
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
     vec4 emission = triangle_texel(triangle, TRIANGLE_EMISSION);
-    if (direction_density > 0.0) {
+    float density = direction_density(course_cosine(from.w));
+    if (density > 0.0) {
         float light = abs(emission.w) * t * t / max(abs(dot(plane.xyz, d)), 1e-9);
-        gathered.rgb += throughput * emitted(emission, side) * power_heuristic(direction_density, light);
+        gathered.rgb += throughput * emitted(emission, side) * power_heuristic(density, light);
     }
 
     ivec2 whole = pixel + image_window.xy;

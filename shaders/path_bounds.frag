@@ -1,34 +1,46 @@
-// path_bounds.frag: the box around the live paths, seen along the scan's direction; two passes of it.
-// First pass (FROM_PATHS): from path states to a small grid; second: from the grid to one texel.
+// path_bounds.frag: the box around the live paths of each view, seen along its direction; two passes of it.
+// First pass (FROM_PATHS): from path states to a small grid a view; second: from the grids to a texel a view.
 // Output: least u, v, -u, -v, so that a minimum serves for both ends.
 #include "constants.glsl"
 #include "path_view.glsl"
+#include "path_course.glsl"
 
-#ifdef FROM_PATHS
-uniform sampler2D path_position;
-#else
-uniform sampler2D path_grid;
-#endif
 uniform ivec2 source_size;
 uniform ivec2 block;
 
+#ifdef FROM_PATHS
+uniform sampler2D path_position;
+layout(location = 0) out vec4 least[VIEWS];
+
+void main()
+{
+    ivec2 from = ivec2(gl_FragCoord.xy) * block;
+    ivec2 to = min(from + block, source_size);
+    vec4 m[VIEWS];
+    for (int view = 0; view < VIEWS; view++) m[view] = vec4(INFINITE_DEPTH);
+    for (int y = from.y; y < to.y; y++) {
+        for (int x = from.x; x < to.x; x++) {
+            vec4 p = texelFetch(path_position, ivec2(x, y), 0);
+            int own = course_view(p.w);
+            for (int view = 0; view < VIEWS; view++) {
+                vec2 uv = path_space(view, p.xyz).xy;
+                m[view] = min(m[view], p.w != 0.0 && own == view ? vec4(uv, -uv) : vec4(INFINITE_DEPTH));
+            }
+        }
+    }
+    for (int view = 0; view < VIEWS; view++) least[view] = m[view];
+}
+#else
+uniform sampler2D path_grid_0;
+uniform sampler2D path_grid_1;
 layout(location = 0) out vec4 least;
 
 void main()
 {
-    ivec2 start = ivec2(gl_FragCoord.xy) * block;
-    ivec2 stop = min(start + block, source_size);
-    vec4 m = vec4(INFINITE_DEPTH);
-    for (int y = start.y; y < stop.y; y++) {
-        for (int x = start.x; x < stop.x; x++) {
-#ifdef FROM_PATHS
-            vec4 p = texelFetch(path_position, ivec2(x, y), 0);
-            vec2 uv = path_space(p.xyz).xy;
-            m = min(m, p.w != 0.0 ? vec4(uv, -uv) : vec4(INFINITE_DEPTH));
-#else
-            m = min(m, texelFetch(path_grid, ivec2(x, y), 0));
-#endif
-        }
-    }
-    least = m;
+    bool first = VIEWS == 1 || gl_FragCoord.x < 1.0;
+    least = vec4(INFINITE_DEPTH);
+    for (int y = 0; y < source_size.y; y++)
+        for (int x = 0; x < source_size.x; x++)
+            least = min(least, first ? texelFetch(path_grid_0, ivec2(x, y), 0) : texelFetch(path_grid_1, ivec2(x, y), 0));
 }
+#endif

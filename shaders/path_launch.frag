@@ -4,6 +4,7 @@
 // the order of execution, the four least keys stay, sorted; those carried past the end are counted: they lost the
 // roulette, and the survivors stand for them.
 #include "path_view.glsl"
+#include "path_course.glsl"
 #include "path_flight.glsl"
 
 uniform sampler2D path_position;
@@ -24,13 +25,16 @@ void main()
     start = uvec2(0u);
     if (position.w == 0.0) return;
 
-    vec3 c = cell_space(path_view(), position.xyz);
-    ivec2 cell = clamp(ivec2(floor(c.xy)), ivec2(0), ivec2(cell_count) - 1);
+    int own = course_view(position.w);
+    PathView view = path_view(own);
+    vec3 c = cell_space(view, path_space(own, position.xyz));
+    ivec2 cell = clamp(ivec2(floor(c.xy)), ivec2(0), ivec2(view_cells) - 1);
     uint key = (scan_epoch << KEY_BITS) | permute(path_number(path));
-    flight = uvec2(uint(cell.y << 16 | cell.x), key);
     start = uvec2(pack_place(c.xy - vec2(cell), position.w < 0.0), floatBitsToUint(c.z));
+    cell.x += int(view.first_column);
+    flight = uvec2(uint(cell.y << 16 | cell.x), key);
 
-    int number = cell.y * int(cell_count.x) + cell.x;
+    int number = cell.y * (VIEWS * int(view_cells.x)) + cell.x;
     for (int s = 0; s < slots_per_cell; s++) {
         uint old = atomicMin(slot[4 * number + s], key);
         key = max(key, old);

@@ -45,7 +45,7 @@ void main()
     vec2 b = corner_ab.zw - vec2(cell);
     vec2 c = corner_c - vec2(cell);
     vec4 inside = min(min(left_of(a, b - a, x, y), left_of(b, c - b, x, y)), left_of(c, a - c, x, y));
-    vec4 z = depth_plane.x * (x - a.x) + depth_plane.y * (y - a.y) + depth_plane.z;
+    precise vec4 z = depth_plane.x * (x - a.x) + depth_plane.y * (y - a.y) + depth_plane.z;
     vec4 t = (z - z0) * way;
 
     float least = DEPTH_TOLERANCE + PLACE_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
@@ -57,7 +57,7 @@ void main()
 #elif defined(NEAREST)
     found = mix(vec4(INFINITE_DEPTH), t, hit);
 #else
-    bvec4 nearest = lessThanEqual(t, texelFetch(cell_nearest, cell, 0) * (1.0 + 1e-6));
+    bvec4 nearest = lessThanEqual(t, texelFetch(cell_nearest, cell, 0) * (1.0 + 1e-6) + 2e-7);
     found = mix(vec4(0.0), vec4(float(triangle_id) + 1.0), bvec4(uvec4(hit) & uvec4(nearest)));
 #endif
 }

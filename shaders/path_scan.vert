@@ -1,4 +1,4 @@
-// path_scan.vert: a triangle in cell space, grown so that it covers every cell it touches.
+// path_scan.vert: a triangle in the cell space of a view (the instance), grown so that it covers every cell it touches.
 // The exact test is the fragment shader's; here only no cell may be missed. A triangle's edges are moved outwards by
 // half a cell (Hasselgren et al. 2005, Conservative Rasterization); one that is seen nearly edge-on, whose corners
 // would run away, is covered by a right triangle around the rectangle along its longest edge instead.
@@ -57,10 +57,10 @@ void main()
 {
     int triangle = gl_VertexID / 3;
     int k = gl_VertexID - 3 * triangle;
-    PathView view = path_view();
-    vec3 a = cell_space(view, triangle_texel(triangle, TRIANGLE_VERTEX0).xyz);
-    vec3 b = cell_space(view, triangle_texel(triangle, TRIANGLE_VERTEX1).xyz);
-    vec3 c = cell_space(view, triangle_texel(triangle, TRIANGLE_VERTEX2).xyz);
+    PathView view = path_view(gl_InstanceID);
+    vec3 a = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX0).xyz));
+    vec3 b = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX1).xyz));
+    vec3 c = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX2).xyz));
     vec2 ab = b.xy - a.xy, ac = c.xy - a.xy;
     float twice_area = ab.x * ac.y - ab.y * ac.x;
     if (twice_area < 0.0) {
@@ -70,8 +70,9 @@ void main()
     }
 
     triangle_id = uint(triangle);
-    corner_ab = vec4(a.xy, b.xy);
-    corner_c = c.xy;
+    vec2 first = vec2(view.first_column, 0.0);
+    corner_ab = vec4(a.xy + first, b.xy + first);
+    corner_c = c.xy + first;
     vec2 dz = vec2(b.z - a.z, c.z - a.z);
     depth_plane = vec3(vec2(dz.x * ac.y - dz.y * ab.y, dz.y * ab.x - dz.x * ac.x) / twice_area, a.z);
 
@@ -88,5 +89,8 @@ void main()
         p = grown_corner(b.xy, c.xy, a.xy);
     // Seen exactly edge-on no ray can hit it.
     if (!(twice_area > 1e-9 * longest)) p = vec2(-10.0);
-    gl_Position = vec4(2.0 * p / cell_count - 1.0, 0.0, 1.0);
+    // Views lie side by side; neither may draw into the other.
+    gl_ClipDistance[0] = p.x;
+    gl_ClipDistance[1] = view_cells.x - p.x;
+    gl_Position = vec4(2.0 * (p + first) / (vec2(VIEWS, 1.0) * view_cells) - 1.0, 0.0, 1.0);
 }

@@ -5,6 +5,7 @@
 #include "eye.glsl"
 #include "random.glsl"
 #include "direct.glsl"
+#include "path_course.glsl"
 #include "path_vertex.glsl"
 #include "path_state.glsl"
 

@@ -1,14 +1,14 @@
 // path_vertex.glsl: one vertex of a path: direct light, and the direction in which it goes on [PB A.3, table 6].
-// Needs:  constants.glsl, <TRIANGLE>, direct.glsl, random.glsl
+// Needs:  constants.glsl, <TRIANGLE>, direct.glsl, random.glsl, path_course.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
-uniform vec3 next_direction;    // shared by all paths [PB 3.1]
+uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
 uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
 uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
-uniform float cosine_roulette;  // see below; 0 for the paper's plain estimator
+uniform float cosine_roulette;  // see below
 
 struct PathState
 {
-    vec4 position;  // w: +1 goes on along the direction, -1 against it, 0 has ended
+    vec4 position;  // w: its course, see path_course.glsl
     vec3 beta;      // throughput, the next reflection included
     vec3 radiance;
 };
@@ -39,22 +39,24 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
 #ifdef LAST_VERTEX
     return ended(radiance + throughput * ambient);
 #else
-    float c = dot(normal, next_direction);
-#ifdef WHOLE_SPHERE
+    float c = dot(normal, next_directions[0]);
+    int view = 0;
+#if defined(WHOLE_SPHERE)
     // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
     if (c <= 0.0) return ended(radiance);
-    float way = 1.0;
     float weight = 4.0 * c;
+#elif VIEWS == 2
+    // Of two uniform directions, each turned to the side that the path can see, the one nearer to the normal has the
+    // density cosine / pi: a Lambertian surface's own.
+    float other = dot(normal, next_directions[1]);
+    if (abs(other) > abs(c)) { c = other; view = 1; }
+    float weight = 1.0;
 #else
-    float way = c < 0.0 ? -1.0 : 1.0;
-    c = abs(c);
-    float weight = 2.0 * c;
+    float weight = 2.0 * abs(c);
     // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
-    float chance = min(1.0, c * cosine_roulette);
-    if (cosine_roulette > 0.0) {
-        if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
-        weight /= chance;
-    }
+    float chance = min(1.0, abs(c) * cosine_roulette);
+    if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
+    weight /= chance;
 #endif
     throughput *= weight;
     float most = max(throughput.r, max(throughput.g, throughput.b));
@@ -63,7 +65,7 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
         if (random_number(path, USE_ROULETTE) >= stay) return ended(radiance);
         throughput /= stay;
     }
-    if (most <= 0.0) return ended(radiance);
-    return PathState(vec4(position, way), throughput, radiance);
+    if (most <= 0.0 || c == 0.0) return ended(radiance);
+    return PathState(vec4(position, pack_course(view, c)), throughput, radiance);
 #endif
 }

@@ -163,7 +163,7 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
     _, origins = on_surfaces(scene, buffer.paths[0] * buffer.paths[1], rng)
     state = np.concatenate([origins, np.ones((len(origins), 1))], 1).astype(np.float32)
     position = gl.texture(buffer.paths, 4, state.tobytes(), dtype="f4")
-    uniforms = buffer.scan_positions(position, path_buffer.ScanView(np.array([0.36, 0.48, 0.8]), seed=4))
+    uniforms = buffer.scan_positions(position, path_buffer.ScanView((np.array([0.36, 0.48, 0.8]),), seed=4))
     buffer.scan_scene(uniforms)
     source = shader_folder() / "path_report.frag"
     original = source.read_text()

@@ -81,9 +81,16 @@ def test_the_camera_can_be_replaced_field_by_field() -> None:
         ({"max_depth": 0}, "max_depth: 0"),
         ({"seed": -1}, "seed: -1"),
         ({"sampling": "halton"}, "sobol, random"),
-        ({"directions": "cube"}, "hemisphere, sphere"),
+        ({"directions": "cube"}, "pair, hemisphere, sphere"),
         ({"ambient": -1.0}, "ambient"),
         ({"ambient": (1.0, 2.0)}, "ambient"),
+        ({"ambient": "red"}, "ambient"),
+        ({"resolution": "16x16"}, "resolution"),
+        ({"resolution": 5}, "resolution"),
+        ({"resolution": (16.7, 16)}, "whole numbers"),
+        ({"crop": (1, 2, 3)}, "crop"),
+        ({"camera": {"fov": "abc"}}, "camera fov"),
+        ({"camera": {"position": (1, 2)}}, "camera position"),
         ({"crop": (250, 0, 10, 10)}, "256 x 256"),
         ({"camera": {"zoom": 2}}, "position, target, up, fov"),
         ({"camera": {"fov": 190}}, "fov"),
@@ -163,3 +170,23 @@ def test_timings_are_there_when_asked_for() -> None:
     stages = film.metadata.statistics["stage_ms"]
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "advance"}
     assert all(ms > 0 for ms in stages.values())
+
+
+def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
+    from glpath.scene import scene_from_dict
+
+    ground = [[-900, 0, 900], [900, 0, 900], [900, 0, -900], [-900, 0, -900]]
+    lamp = {"type": "box", "center": [0, 3, 0], "size": [1, 0.1, 1], "emission": {"radiance": 5.0}}
+    scene = scene_from_dict(
+        {
+            "camera": {"type": "perspective", "position": [0, 2, 5], "target": [0, 0.5, 0], "fov": 50},
+            "film": {"resolution": [48, 48]},
+            "shapes": [
+                {"type": "quad", "corners": ground},
+                {"type": "box", "min": [-1, 0, -1], "max": [1, 1, 1]},
+                lamp,
+            ],
+        }
+    )
+    with pytest.warns(glpath.SceneWarning, match="lost the roulette"):
+        glpath.render(scene, spp=4, max_depth=3)

@@ -19,6 +19,7 @@ Limits:   2**20 origins a scan.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,16 +45,22 @@ MISSED, LOST, DEAD = -1, -2, -3
 
 @dataclass(frozen=True)
 class ScanView:
-    """The view of one scan.
+    """The views of one scan.
 
-    direction : (3,) unit, the way of a path with sign +1
+    directions : one or two (3,) unit, the ways of paths with sign +1; as many as the buffer has views
     jitter    : (2,) in [0, 1), where the grid starts, in cells
     seed      : decides who wins the roulette of a crowded cell
     """
 
-    direction: NDArray[np.float64]
+    directions: tuple[NDArray[np.float64], ...]
     jitter: tuple[float, float] = (0.5, 0.5)
     seed: int = 0
+
+
+def vectors(vectors: Sequence[NDArray[np.float64]]) -> object:
+    """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more."""
+    tuples = [tuple(float(x) for x in v) for v in vectors]
+    return tuples if len(tuples) > 1 else tuples[0]
 
 
 class Hits(NamedTuple):
@@ -75,7 +82,8 @@ class PathBuffer:
     gl    : the context
     scene : what is scanned
     paths : (columns, rows) of the path states; columns * rows <= 2**20
-    cells : (columns, rows) of the buffer; by default as many as paths
+    cells : (columns, rows) of each view; by default as many in all as paths
+    views : 1, or 2: a scan then has two directions, and each path takes one of them
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -83,7 +91,12 @@ class PathBuffer:
     """
 
     def __init__(
-        self, gl: moderngl.Context, scene: GpuScene, paths: tuple[int, int], cells: tuple[int, int] | None = None
+        self,
+        gl: moderngl.Context,
+        scene: GpuScene,
+        paths: tuple[int, int],
+        cells: tuple[int, int] | None = None,
+        views: int = 1,
     ) -> None:
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
@@ -93,11 +106,15 @@ class PathBuffer:
         self.gl = gl
         self.scene = scene
         self.paths = paths
-        self.cells = cells = cells or paths
+        share = views**-0.5
+        self.view_cells = cells or (max(1, round(share * paths[0])), max(1, round(share * paths[1])))
+        self.views = views
+        # The views lie side by side in one buffer.
+        self.cells = cells = (views * self.view_cells[0], self.view_cells[1])
         count = cells[0] * cells[1]
         self.id_bits = max(1, (scene.count - 1).bit_length())
         self.packed = self.id_bits <= MAX_PACKED_BITS
-        self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38"}
+        self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
         if self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
             self.defines |= {
@@ -119,13 +136,14 @@ class PathBuffer:
         self._found = self._texture(cells, "f4")
         # Wide, as llvmpipe shares work in tiles of 64 x 64 texels.
         self._grid_size = (min(128, paths[0]), min(8, paths[1]))
-        self._grid = self._texture(self._grid_size, "f4")
-        self._bounds = self._texture((1, 1), "f4")
+        self._grids = [self._texture(self._grid_size, "f4") for _ in range(views)]
+        self._bounds = self._texture((views, 1), "f4")
 
         self._textures = textures = {
             "triangles": scene.texture,
             "path_position": self._flights,  # until the first scan brings its own
-            "path_grid": self._grid,
+            "path_grid_0": self._grids[0],
+            "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
             "path_starts": self._starts,
             "cell_slots": self._slot_texture,
@@ -154,7 +172,7 @@ class PathBuffer:
 
         bounds = program("path_bounds.frag", FROM_PATHS=1)
         self._position_passes = [
-            Pass("bounds of the paths", gl, bounds, target(self._grid), textures=textures),
+            Pass("bounds of the paths", gl, bounds, target(*self._grids), textures=textures),
             Pass("bounds of the grid", gl, program("path_bounds.frag"), target(self._bounds), textures=textures),
             Pass(
                 "launch",
@@ -177,7 +195,9 @@ class PathBuffer:
                     program("path_scan.frag", "path_scan.vert", **defines),
                     target(found),
                     vertices=3 * scene.count,
+                    instances=views,
                     blend=blend,
+                    clip_distances=2,
                     clear=(clear,) * 4,
                     textures=textures,
                 )
@@ -201,7 +221,8 @@ class PathBuffer:
 
     def _view_uniforms(self, view: ScanView) -> dict[str, object]:
         """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
-        u, v = tight_frame(view.direction, self.scene.corners)
+        assert len(view.directions) == self.views, f"{len(view.directions)} directions for {self.views} views"
+        frames = [tight_frame(d, self.scene.corners) for d in view.directions]
         if self._epoch == 0:
             # Keys of an older scan are larger than all of a newer one; when the epochs run out, start over.
             self._epoch = _EPOCHS
@@ -209,12 +230,12 @@ class PathBuffer:
             self._overflow.clear()
         self._epoch -= 1
         return {
-            "path_u": tuple(u),
-            "path_v": tuple(v),
-            "path_d": tuple(view.direction),
+            "path_u": vectors([u for u, _ in frames]),
+            "path_v": vectors([v for _, v in frames]),
+            "path_d": vectors(view.directions),
             "scene_centre": tuple(self.scene.centre),
             "scene_diameter": 2.0 * self.scene.radius,
-            "cell_count": (float(self.cells[0]), float(self.cells[1])),
+            "view_cells": (float(self.view_cells[0]), float(self.view_cells[1])),
             "cell_jitter": view.jitter,
             "scan_epoch": self._epoch,
             "permutation_seed": view.seed & 0xFFFFFFFF,
@@ -225,7 +246,7 @@ class PathBuffer:
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
         """ScanConvertPositions [PB table 4]: z0 of every live path. Returns the scan's uniforms.
 
-        position : RGBA32F of `paths` texels: place in world space; in w +1 or -1 for the way, 0 for no path
+        position : RGBA32F of `paths` texels: place in world space; in w its course, see path_course.glsl
         """
         uniforms = self._view_uniforms(view)
         self._textures["path_position"] = position
@@ -233,7 +254,7 @@ class PathBuffer:
         grid = self._grid_size
         block = (-(-columns // grid[0]), -(-rows // grid[1]))
         self._position_passes[0].run(uniforms | {"source_size": self.paths, "block": block})
-        self._position_passes[1].run(uniforms | {"source_size": grid, "block": grid})
+        self._position_passes[1].run(uniforms | {"source_size": grid})
         self._position_passes[2].run(uniforms)
         self.gl.memory_barrier()
         self._slot_texture.write(self._slots)
@@ -243,8 +264,8 @@ class PathBuffer:
 
     def any_paths(self) -> bool:
         """Was any path alive in the last `scan_positions`? Waits for the device."""
-        least_u, _, least_minus_u, _ = np.frombuffer(self._bounds.read(), np.float32)
-        return bool(least_u <= -least_minus_u)
+        bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4)
+        return bool(np.any(bounds[:, 0] <= -bounds[:, 2]))
 
     def scan_scene(self, uniforms: dict[str, object]) -> None:
         """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
@@ -266,6 +287,8 @@ class PathBuffer:
         start = np.asarray(origins, np.float64).reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
+        if self.views != 1:
+            raise UsageError(f"path-buffer: cast has one direction, but this buffer {self.views} views")
         if n > columns * rows:
             raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
         d = np.asarray(direction, np.float64)
@@ -286,7 +309,7 @@ class PathBuffer:
             state[:, 3] = 0
             state[open_, 3] = sign[open_]
             position.write(state.tobytes())
-            uniforms = self.scan_positions(position, ScanView(d, seed=round_))
+            uniforms = self.scan_positions(position, ScanView((d,), seed=round_))
             self.scan_scene(uniforms)
             answer = self._read_report(uniforms)[open_]
             done = answer != LOST

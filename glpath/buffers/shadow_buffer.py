@@ -66,8 +66,7 @@ class HemicubeShadowBuffer:
             "light_tangent": tuple(tangent),
             "light_bitangent": tuple(bitangent),
             "light_resolution": float(self.resolution),
-            # The near plane must spare the lamp's own rim and keep digits for the far side.
-            "light_range": (2e-4 * self.scene.radius, 1.01 * reach),
+            "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
         }
 
     def scan(self, uniforms: dict[str, object]) -> None:

@@ -106,11 +106,11 @@ def render(
     directions: Annotated[
         str,
         typer.Option(
-            metavar="hemisphere|sphere",
-            help="What a shared direction serves; sphere is the paper's.",
+            metavar="pair|hemisphere|sphere",
+            help="The shared directions of a bounce; sphere is the paper's.",
             rich_help_panel=_SAMPLING,
         ),
-    ] = "hemisphere",
+    ] = "pair",
     ambient: Annotated[
         str,
         typer.Option(
@@ -178,8 +178,8 @@ def render(
     ):
         if count is not None and count < least:
             raise UsageError(f"{option} {count}: must be at least {least}.")
-    if not math.isfinite(exposure):
-        raise UsageError(f"--exposure {exposure}: must be a finite number of stops.")
+    if not abs(exposure) <= 100:
+        raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
     camera: dict[str, Any] = {
         "position": _vector("--camera-position", camera_position),
         "target": _vector("--camera-target", camera_target),

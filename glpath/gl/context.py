@@ -33,6 +33,7 @@ from glcontext import egl
 
 from glpath.errors import ContextError
 from glpath.gl.osmesa import OSMesaLoader, load_osmesa
+from glpath.gl.program import forget_programs
 
 REQUIRED_VERSION = 430
 BACKENDS = ("auto", "egl", "osmesa")
@@ -201,6 +202,7 @@ def release_context() -> None:
     with _lock:
         if _context is not None:
             _context.check()
+            forget_programs(_context.gl)
             _context._release()
             _context = None
 

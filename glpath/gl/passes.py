@@ -60,7 +60,9 @@ class Pass:
         target.viewport = (0, 0, *target.size)
         target.scissor = None  # type: ignore[assignment]
         target.use()
-        gl.enable_only(self._flags)
+        gl.enable_only(self._flags)  # no culling either
+        gl.wireframe = False
+        gl.polygon_offset = (0.0, 0.0)
         for i in range(self.clip_distances):
             gl.enable_direct(0x3000 + i)  # GL_CLIP_DISTANCE0
         if self.blend:

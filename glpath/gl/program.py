@@ -39,6 +39,11 @@ def shader_folder() -> Path:
 _compiled: WeakKeyDictionary[moderngl.Context, dict[tuple[str, ...], Program]] = WeakKeyDictionary()
 
 
+def forget_programs(gl: moderngl.Context) -> None:
+    """Let go of all programs of a context, which would keep it alive."""
+    _compiled.pop(gl, None)
+
+
 class Source:
     """One flattened shader and the table that leads its lines back to files."""
 

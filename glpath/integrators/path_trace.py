@@ -5,16 +5,20 @@ one scan of the path-buffer and direct light one shadow-buffer. The frame is `Pa
 
 What is done otherwise than in the paper, and why:
 
-- A direction serves both hemispheres, each path taking the side it can see: density 1/(2 pi) where the paper has
-  1/(4 pi) and loses every other path. `directions="sphere"` is the paper's.
+- A set has two directions a bounce. Each serves both hemispheres, a path turning it to the side that it can see,
+  and a path takes the one nearer to its normal: its density is then the cosine over pi, importance sampling that
+  needs no more than a comparison. `directions="hemisphere"` has one direction, density 1/(2 pi); `"sphere"` is the
+  paper's, 1/(4 pi), which loses every other path.
 - Directions and light points come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
 - An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
   so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
   alone, as in the paper's equation 5.
-- A path that leaves its surface at a flat angle goes on with a chance of the cosine, else it would crowd the cells.
+- With "hemisphere", a path that leaves at a flat angle goes on with a chance of the cosine, else it would crowd the
+  cells.
 
-Poor at: sharp reflection (directions are shared, not chosen by the surface), and scenes that are lit only through
-small openings.
+Poor at: sharp reflection (directions are shared, not chosen by the surface); scenes that are lit only through small
+openings; lamps that nearly touch a surface, whose 1/r^2 is unbounded at the last vertex, where no direction shares
+the light; paths spread over very different scales (a far horizon), which crowd into few cells and play roulette.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.buffers.path_buffer import PathBuffer, ScanView
+from glpath.buffers.path_buffer import PathBuffer, ScanView, vectors
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass, Stopwatch
@@ -40,7 +44,7 @@ from glpath.sampling import (
     uniform_sphere,
 )
 
-Directions = Literal["hemisphere", "sphere"]
+Directions = Literal["pair", "hemisphere", "sphere"]
 Uniforms = dict[str, object]
 
 
@@ -51,22 +55,22 @@ class PathTraceSettings:
     max_depth  : vertices of a path; 1 is direct light only, 3 two bounces
     seed       : another seed is another, independent render
     sampling   : "sobol" or "random"
-    directions : "hemisphere" (both, from one direction) or "sphere" (the paper's)
+    directions : "pair" (each path the better of two), "hemisphere" (one, for both sides), "sphere" (the paper's)
     ambient    : radiance (3,) assumed beyond the last vertex [PB A.2]
     roulette   : from this vertex on paths end by chance (Arvo & Kirk 1990); None: never
     light_resolution : texels along a hemicube's side
-    cell_share : cells of the path-buffer along a side, in pixels of the window
-    cosine_roulette  : paths whose cosine is below 1 / this are thinned; 0: none
+    cell_share : the root of the path-buffer's number of cells, in that of the window's pixels
+    cosine_roulette  : with "hemisphere", paths whose cosine is below 1 / this are thinned
     """
 
     max_depth: int = 5
     seed: int = 0
     sampling: Sampling = "sobol"
-    directions: Directions = "hemisphere"
+    directions: Directions = "pair"
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     roulette: int | None = None
-    light_resolution: int = 384
-    cell_share: float = 1.0
+    light_resolution: int = 256
+    cell_share: float = 1.25
     cosine_roulette: float = 3.0
 
     def as_dict(self) -> dict[str, object]:
@@ -113,11 +117,15 @@ class PathTracer:
         self._sum = 0
         self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
         size = window[2:]
-        cells = tuple(max(1, round(n * settings.cell_share)) for n in size)
-        self.path_buffer = PathBuffer(gl, scene, size, (cells[0], cells[1]))
+        views = 2 if settings.directions == "pair" else 1
+        share = settings.cell_share * views**-0.5
+        cells = (max(1, round(share * size[0])), max(1, round(share * size[1])))
+        self.path_buffer = PathBuffer(gl, scene, size, cells, views)
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
-        # The largest power of two such that radiance as bright as the lamp has 36 bits; see accumulate.frag.
-        self._quanta = 2.0 ** (36 - int(np.ceil(np.log2(max(scene.brightest, 1e-30)))))
+        # A power of two such that radiance as bright as the lamp has 36 bits, within float32; see accumulate.glsl.
+        brightest = max(scene.brightest, *settings.ambient)
+        exponent = int(np.ceil(np.log2(brightest))) if 0.0 < brightest < np.inf else 0
+        self._quanta = 2.0 ** min(36 - exponent, 120)
         self.look_at(window)
         self._make_passes(size)
 
@@ -167,7 +175,7 @@ class PathTracer:
         """z0 of every live path."""
         counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(3)]
         view = ScanView(
-            direction=self._direction(sample, depth - 1),
+            directions=self._directions(sample, depth - 1),
             jitter=(counter[0] / 2**32, counter[1] / 2**32),
             seed=counter[2],
         )
@@ -218,10 +226,11 @@ class PathTracer:
 
     # What the frame is made of.
 
-    def _direction(self, sample: PathSetSample, bounce: int) -> NDArray[np.float64]:
+    def _directions(self, sample: PathSetSample, bounce: int) -> tuple[NDArray[np.float64], ...]:
+        u = sample.directions[bounce]
         if self.settings.directions == "sphere":
-            return uniform_sphere(sample.directions[bounce])
-        return uniform_hemisphere(sample.directions[bounce])
+            return (uniform_sphere(u[0]),)
+        return tuple(uniform_hemisphere(u[: self.path_buffer.views]))
 
     def _all_ended(self, depth: int) -> bool:
         """Have all paths ended by roulette? Asking makes the CPU wait, so only where it can save scans."""
@@ -247,7 +256,7 @@ class PathTracer:
             self._constant
             | uniforms
             | {
-                "next_direction": tuple(self._direction(sample, depth)),
+                "next_directions": vectors(self._directions(sample, depth)),
                 "roulette": roulette is not None and depth + 1 >= roulette,
                 "random_seed": counter_hash(self.settings.seed, index, depth, 5),
             }
@@ -255,14 +264,12 @@ class PathTracer:
         self._current = 1 - self._current
 
     def _constant_uniforms(self) -> Uniforms:
-        sphere = self.settings.directions == "sphere"
         width, height = self.scene.scene.camera.resolution
         x, y, _, h = self.window
         return {
             "ambient": self.settings.ambient,
             "quanta": self._quanta,
-            "cosine_roulette": 0.0 if sphere else self.settings.cosine_roulette,
-            "direction_density": 0.0 if sphere else 1.0 / (2.0 * np.pi),
+            "cosine_roulette": self.settings.cosine_roulette,
             "image_window": (x, height - y - h, width, height),
         }
 
