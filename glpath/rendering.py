@@ -171,8 +171,8 @@ def _warn_of_crowding(film: Film) -> None:
     share = statistics["paths_lost"] / max(1, statistics["paths_cast"])
     if share > _CROWDED:
         warnings.warn(
-            f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the picture is right on "
-            "average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground or the sky's "
+            f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the picture is right "
+            "on average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground or the sky's "
             "walls smaller, or render more path sets.",
             SceneWarning,
             stacklevel=3,

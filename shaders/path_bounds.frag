@@ -22,10 +22,9 @@ void main()
         for (int x = from.x; x < to.x; x++) {
             vec4 p = texelFetch(path_position, ivec2(x, y), 0);
             int own = course_view(p.w);
-            for (int view = 0; view < VIEWS; view++) {
-                vec2 uv = path_space(view, p.xyz).xy;
+            vec2 uv = path_space(own, p.xyz).xy;
+            for (int view = 0; view < VIEWS; view++)
                 m[view] = min(m[view], p.w != 0.0 && own == view ? vec4(uv, -uv) : vec4(INFINITE_DEPTH));
-            }
         }
     }
     for (int view = 0; view < VIEWS; view++) least[view] = m[view];
