@@ -172,8 +172,8 @@ def _warn_of_crowding(film: Film) -> None:
     if share > _CROWDED:
         warnings.warn(
             f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the picture is right "
-            "on average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground or the sky's "
-            "walls smaller, or render more path sets.",
+            "on average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground smaller, "
+            "or render more path sets.",
             SceneWarning,
             stacklevel=3,
         )

@@ -1,8 +1,8 @@
 """Sample points of a path set, from a counter: (seed, path set, use) and nothing else.
 
 All paths of a set share their directions and their light point [PB 3.1, 3.3], so these are a handful of numbers per
-set, made on the CPU. By default they are one point of an Owen-scrambled Sobol sequence: the error then falls almost as
-1/n instead of 1/sqrt(n). `random` is independent uniform numbers, as in the paper.
+set, made on the CPU. By default they are one point of an Owen-scrambled Sobol sequence: the error then falls almost
+as 1/n instead of 1/sqrt(n). `random` is independent uniform numbers, as in the paper.
 
 Poor at: many dimensions. A Sobol sequence's later pairs are no better than random before some thousand path sets.
 """
