@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
 
 import hypothesis
@@ -55,3 +56,7 @@ def _path_set(index: int, height: int, width: int) -> np.ndarray:
 # The same examples every time: a test suite that fails by chance is not believed. Explore with --hypothesis-seed.
 hypothesis.settings.register_profile("glpath", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("glpath")
+
+# Whoever starts the suite in the background of a script has SIGINT ignored, and so would have the programs that are
+# tested here; a handler of one's own makes it a signal again, in them too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
