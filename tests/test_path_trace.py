@@ -279,7 +279,7 @@ def test_a_closed_chest_in_a_lit_room_is_dark_inside() -> None:
     inside = glpath.render(scene, spp=64, max_depth=1).mean
     assert np.mean(inside > 0) < 0.01
     without = scene_of([*ROOM[:1], *LAMPS], (0.2, 0.3, 0.1), (-0.2, 0.2, -0.25), fov=100, size=48)
-    assert inside.mean() < 2e-5 * glpath.render(without, spp=64, max_depth=1).mean.mean()
+    assert inside.mean() < 1e-4 * glpath.render(without, spp=64, max_depth=1).mean.mean()
 
 
 # The film.
