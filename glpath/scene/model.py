@@ -1,13 +1,15 @@
-"""The scene as plain data: triangles, materials, a camera. No file format and no GL here.
+"""The scene as plain data: triangles, spheres, planes, materials, lights, a camera. No file format and no GL here.
 
-Every shape is triangles by the time it stands here. Quads, boxes, spheres and meshes keep their names and
-triangle ranges in `shapes`, so that messages and tables can speak of them.
+Quads, boxes and meshes are triangles by the time they stand here; spheres and planes stay exact, for engines that
+intersect them. Shapes keep their names and their range of primitives in `shapes`, so that messages and tables can
+speak of them.
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,24 +43,91 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Texture:
+    """A picture that colours surfaces, repeated endlessly. A checker is one of 2 x 2 texels, not filtered.
+
+    image  : (h, w, 3) float32, linear Rec. 709, row 0 at the top, where v = 1
+    scale  : repeats per unit of u and of v
+    filter : "linear" or "nearest"
+    """
+
+    name: str
+    image: NDArray[np.float32]
+    scale: tuple[float, float] = (1.0, 1.0)
+    filter: Literal["linear", "nearest"] = "linear"
+
+
+@dataclass(frozen=True)
 class Material:
-    """Lambertian reflection.
+    """Lambertian reflection, and with it what the ray tracer knows: Phong's highlight and a mirror [TB IV].
 
     reflectance : (3,) float64 in [0, 1], linear Rec. 709
     two_sided   : False makes the back black (it still blocks light)
+    specular    : (3,) float64 >= 0, Phong's coefficient
+    exponent    : Phong's, > 0
+    mirror      : (3,) float64 in [0, 1], share of the light from the mirror direction
+    texture     : index into `Scene.textures`, which the reflectance is multiplied by; None without
     """
 
     name: str
     reflectance: Float64
     two_sided: bool = True
+    specular: Float64 = field(default_factory=lambda: np.zeros(3))
+    exponent: float = 32.0
+    mirror: Float64 = field(default_factory=lambda: np.zeros(3))
+    texture: int | None = None
+
+    @property
+    def lambertian(self) -> bool:
+        """Nothing but diffuse reflection of one colour, all that the path tracer knows."""
+        return self.texture is None and not (np.any(self.specular > 0) or np.any(self.mirror > 0))
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light without extent. Shapes with an emission are lights too, but not here.
+
+    kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
+    intensity : (3,) float64, linear Rec. 709: radiant intensity W sr^-1 (a spot's on its axis), or, with
+                falloff "none" and for a directional light, the irradiance W m^-2 on a surface that faces it
+    position  : (3,) float64; of no meaning for a directional light
+    direction : (3,) float64 unit, the way the light goes; of no meaning for a point light
+    cone      : half angles in degrees, of full light and of its end; between them it fades smoothly
+    falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
+    """
+
+    name: str
+    kind: Literal["point", "spot", "directional"]
+    intensity: Float64
+    position: Float64 = field(default_factory=lambda: np.zeros(3))
+    direction: Float64 = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    cone: tuple[float, float] = (30.0, 40.0)
+    falloff: Literal["quadratic", "none"] = "quadratic"
+
+
+@dataclass(frozen=True)
+class Sky:
+    """What rays see that hit nothing: a blend from horizon (and below) to zenith by the sine of the elevation.
+
+    zenith, horizon : (3,) float64 radiance, linear Rec. 709
+    up              : (3,) float64 unit
+    """
+
+    zenith: Float64
+    horizon: Float64
+    up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A named range of triangles with one material.
+    """A named range of primitives with one material: an object, in the words of TB.
 
+    kind               : of the scene file: quad, box, mesh (ranges of triangles), sphere or plane
+    first, count       : range in `Scene.triangles`, `Scene.spheres` or `Scene.planes`, see `primitive`
+    material           : index into `Scene.materials`
     emission           : (3,) float64 radiance W sr^-1 m^-2, linear Rec. 709; zeros for a shape that is not a light
     emission_two_sided : the light leaves both sides; otherwise only the side of the normal
+    subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
     """
 
     name: str
@@ -68,6 +137,12 @@ class Shape:
     material: int
     emission: Float64 = field(default_factory=lambda: np.zeros(3))
     emission_two_sided: bool = False
+    subdivisions: int = 4
+
+    @property
+    def primitive(self) -> Literal["triangle", "sphere", "plane"]:
+        """What it consists of."""
+        return self.kind if self.kind in ("sphere", "plane") else "triangle"  # type: ignore[return-value]
 
     @property
     def emits(self) -> bool:
@@ -78,8 +153,17 @@ class Shape:
 class Scene:
     """Everything a renderer needs, as arrays.
 
-    triangles : (T, 3, 3) float64, corners in world space; counter-clockwise seen from the front
-    shapes    : ranges that cover the triangles in order, without gaps
+    triangles    : (T, 3, 3) float64, corners in world space; counter-clockwise seen from the front
+    shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
+    triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners
+    spheres      : (S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre; any affine map,
+                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative. u runs
+                   with the longitude about the unit sphere's z axis, v from its south pole (0) to its north pole (1)
+    planes       : (P, 3, 4) float64, world_from_plane: columns are the directions in which u and v grow by one (any
+                   length, perpendicular), the unit normal out of the front, and the point of u = v = 0
+    lights       : without extent; the path tracer knows none of them
+    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]
+    sky          : None: black
     """
 
     name: str
@@ -88,6 +172,13 @@ class Scene:
     shapes: tuple[Shape, ...]
     materials: tuple[Material, ...]
     source: str = ""
+    triangle_uv: Float64 = field(default_factory=lambda: np.zeros((0, 3, 2)))
+    spheres: Float64 = field(default_factory=lambda: np.zeros((0, 3, 4)))
+    planes: Float64 = field(default_factory=lambda: np.zeros((0, 3, 4)))
+    textures: tuple[Texture, ...] = ()
+    lights: tuple[Light, ...] = ()
+    ambient: Float64 = field(default_factory=lambda: np.zeros(3))
+    sky: Sky | None = None
 
     @property
     def triangle_shape(self) -> Int32:
