@@ -24,6 +24,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ _PROBE_SECONDS = 60
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE = 0x3233
 _GL_MAX_IMAGE_UNITS = 0x8F38
+_GL_RENDERBUFFER = 0x8D41
+_GL_DEPTH_COMPONENT32F = 0x8CAC
 
 
 @dataclass(frozen=True)
@@ -139,10 +142,8 @@ class Context:
         """Those of the device's limits that rendering here runs into, by their GL names."""
         self.use()
         units = ctypes.c_int(0)
-        address = self._loader.load_opengl_function("glGetIntegerv")
-        ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(address)(
-            _GL_MAX_IMAGE_UNITS, ctypes.byref(units)
-        )
+        get = self.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
+        get(_GL_MAX_IMAGE_UNITS, ctypes.byref(units))
         names = (
             "GL_MAX_TEXTURE_SIZE",
             "GL_MAX_ARRAY_TEXTURE_LAYERS",
@@ -159,6 +160,11 @@ class Context:
         self.gl.gc_mode = None  # type: ignore[assignment]
         self._loader.__exit__(None, None, None)
         self.gl.release()
+
+    def function(self, name: str, *arguments: Any) -> Callable[..., None]:
+        """A function of OpenGL that moderngl does not have, by its name and the ctypes of its arguments."""
+        address = self._loader.load_opengl_function(name)
+        return ctypes.CFUNCTYPE(None, *arguments)(address)
 
 
 _lock = threading.RLock()
@@ -190,6 +196,21 @@ def get_context(backend: str = "auto", device: int | None = None, require_gpu: b
                 raise _no_gpu([str(_context.info)])
         _context.use()
         return _context
+
+
+def float_depth(gl: moderngl.Context, size: tuple[int, int]) -> moderngl.Renderbuffer:
+    """A depth attachment of 32 bit floats, which keeps every float in [0, 1] as it is; moderngl's has 24 bits."""
+    depth = gl.depth_renderbuffer(size)
+    assert _context is not None, "there is no context"
+    assert _context.gl is gl, "not the context of this process"
+    number, whole = ctypes.c_uint, ctypes.c_int
+    bind = _context.function("glBindRenderbuffer", number, number)
+    bind(_GL_RENDERBUFFER, depth.glo)
+    _context.function("glRenderbufferStorage", number, number, whole, whole)(
+        _GL_RENDERBUFFER, _GL_DEPTH_COMPONENT32F, *size
+    )
+    bind(_GL_RENDERBUFFER, 0)
+    return depth
 
 
 def release_context() -> None:
