@@ -9,17 +9,17 @@ roll change from set to set.
 Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
 Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
 
-`SphereShadowBuffer` and `CubeShadowBuffer` are for lights without extent, which see in every direction: the sphere of
-latitude and longitude of TB, and a cube, which has no poles to waste cells on. An entry is the nearest primitive along
-the ray of its cell and the plane that touches it there; from both follows its t. Filled object by object: the cells
-in which an object can be seen are bounded (`light_bounds`), and each of these rays is intersected exactly, with what
-is nearer kept by the depth test. Looked up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A
+`SphereShadowBuffer` and `CubeShadowBuffer` are for lights without extent, which see in every direction: the sphere
+of latitude and longitude of TB, and a cube, which has no poles to waste cells on. An entry is the nearest primitive
+along the ray of its cell, its t, and the plane that touches it there. Filled object by object: the cells in which
+an object can be seen are bounded (`light_bounds`), and each of these rays is intersected exactly, with what is
+nearer kept by the depth test. Looked up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A
 directional light has no such buffer: it has no point that directions could be told apart from, and the orthographic
 one that it would need has no size in a scene with an endless ground; its shadows take rays.
 
-Cost:     as many intersection tests as cells are inside of objects' bounds; 20 bytes a cell. Nothing for a new view.
-Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame (they are bounded on
-          the CPU).
+Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
+Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, as they are bounded
+          on the CPU.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ from glpath.buffers.light_bounds import (
     CellRectangles,
     Int64,
     cube_rectangles_of_caps,
+    cube_rectangles_of_planes,
     cube_rectangles_of_triangles,
-    plane_caps,
     sphere_caps,
     sphere_rectangles_of_caps,
+    sphere_rectangles_of_planes,
     sphere_rectangles_of_triangles,
 )
 from glpath.errors import UsageError
@@ -171,6 +172,7 @@ class PointShadowBuffer:
         self._entries.filter = _NEAREST
         self._depth = float_depth_texture(gl, size)
         target = gl.framebuffer([self._entries], self._depth)
+        target.clear(0.0, 0.0, 0.0, -1.0)
         self.textures = {"shadow_buffer": self._entries}
         self._positions = np.zeros((lights, 3))
         self._keys: list[tuple[object, ...] | None] = [None] * lights
@@ -209,6 +211,9 @@ class PointShadowBuffer:
     def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
         raise NotImplementedError
 
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        raise NotImplementedError
+
     def _rectangles(self, light: Float64) -> list[CellRectangles]:
         """Where the primitives of each kind can be seen from a light (3,)."""
         scene, numbers = self.objects.scene, self.objects.numbering
@@ -218,7 +223,7 @@ class PointShadowBuffer:
             self._of_caps(Caps(caps.axis[:some], caps.angle[:some])),
             self._of_caps(Caps(caps.axis[some:], caps.angle[some:])),
             self._of_triangles(scene.triangles, light),
-            self._of_caps(plane_caps(scene.planes, light)),
+            self._of_planes(scene.planes, light),
         ]
 
     def _table(self, rows: NDArray[np.float64] | Int64) -> moderngl.Texture:
@@ -285,7 +290,7 @@ class PointShadowBuffer:
         }
 
     def defines(self, test: ShadowTest = "distance", taps: int = 1) -> dict[str, object]:
-        """For a program that includes point_shadow.glsl: the rule of a lookup, and the cells across that it filters."""
+        """For a program that includes point_shadow.glsl: a lookup's rule, and the cells across of its filter."""
         if not 1 <= taps <= min(MAX_TAPS, *self.cells):
             raise UsageError(
                 f"shadow filter of {taps} taps in a buffer of {self.cells[1]} x {self.cells[0]} cells; "
@@ -358,9 +363,7 @@ class SphereShadowBuffer(PointShadowBuffer):
 
     shape = "sphere"
 
-    def __init__(
-        self, gl: moderngl.Context, objects: GpuObjects, rows: int, columns: int, lights: int = 1
-    ) -> None:
+    def __init__(self, gl: moderngl.Context, objects: GpuObjects, rows: int, columns: int, lights: int = 1) -> None:
         super().__init__(gl, objects, (columns, rows), (1, 1), lights)
 
     def _of_caps(self, caps: Caps) -> CellRectangles:
@@ -368,6 +371,9 @@ class SphereShadowBuffer(PointShadowBuffer):
 
     def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
         return sphere_rectangles_of_triangles(triangles, light, self.cells[1], self.cells[0])
+
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        return sphere_rectangles_of_planes(planes, light, self.cells[1], self.cells[0])
 
 
 class CubeShadowBuffer(PointShadowBuffer):
@@ -386,3 +392,6 @@ class CubeShadowBuffer(PointShadowBuffer):
 
     def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
         return cube_rectangles_of_triangles(triangles, light, self.cells[0])
+
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        return cube_rectangles_of_planes(planes, light, self.cells[0])

@@ -13,7 +13,7 @@ Float64 = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
-    """hit (N,) bool, of rays through all pixels, row by row from the top; position, normal (N, 3); object (N,) int."""
+    """hit (pixels,), row by row from the top; and of those that hit: position, normal (N, 3), object (N,)."""
 
     hit: NDArray[np.bool_]
     position: Float64
@@ -32,7 +32,9 @@ def objects_of(scene: Scene) -> dict[str, NDArray[np.int64]]:
     }
 
 
-def nearest(scene: Scene, origin: Float64, d: Float64, tmin: float = 0.0) -> tuple[Float64, Float64, NDArray[np.int64]]:
+def nearest(
+    scene: Scene, origin: Float64, d: Float64, tmin: float = 0.0
+) -> tuple[Float64, Float64, NDArray[np.int64]]:
     """(N,) t, inf for none; (N, 3) normal; (N,) object, of rays from (N, 3) or (3,) along (N, 3)."""
     t, normal, which = np.full(len(d), np.inf), np.zeros((len(d), 3)), np.full(len(d), -1)
     origin = np.broadcast_to(origin, d.shape)
