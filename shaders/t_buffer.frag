@@ -1,5 +1,5 @@
 // t_buffer.frag: a ray that may hit the object is shot; (object, t) is kept where t is less than what is there [TB II.B].
-// The rule t' < t is the depth test. Scaling t by a power of two keeps all its bits and their order.
+// The rule t' < t is the depth test. Scaling t by DEPTH_SCALE, a power of two, keeps all its bits and their order.
 #include "t_buffer_ray.glsl"
 
 flat in int primitive;
@@ -20,5 +20,5 @@ void main()
     float t = shoot(aim, eye_direction(pixel));
     if (!(t < NO_HIT)) discard;
     found = vec2(primitive + 1, t);
-    gl_FragDepth = t * 5.421010862427522e-20;  // 2^-64
+    gl_FragDepth = t * DEPTH_SCALE;
 }

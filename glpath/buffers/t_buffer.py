@@ -21,7 +21,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.gl.context import float_depth
+from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.gpu_objects import GpuObjects
 from glpath.gl.passes import Dispatch, Pass
 from glpath.gl.program import Program, load_program
@@ -147,7 +147,7 @@ class TBuffer(EyeBuffer):
         super().__init__(gl, objects, size, count_tests=count_tests)
         split = objects.numbering.first_plane >= split_from
         drawn = self._pair_texture() if split else self.texture
-        target = gl.framebuffer([drawn], float_depth(gl, size))
+        target = gl.framebuffer([drawn], float_depth_texture(gl, size))
         self._small: _SmallPrimitives | None = _SmallPrimitives(self, drawn) if split else None
         self._draws: list[tuple[Pass, Uniforms]] = []
         for kind, numbers in objects.numbering.kinds.items():
@@ -160,7 +160,8 @@ class TBuffer(EyeBuffer):
                 f"t-buffer: {kind}s",
                 gl,
                 self._program(
-                    {f"KIND_{kind.upper()}": 1} | ({"FROM_LIST": 1} if listed else {}),
+                    {f"KIND_{kind.upper()}": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH}
+                    | ({"FROM_LIST": 1} if listed else {}),
                     vertex="t_buffer.vert",
                     fragment="t_buffer.frag",
                 ),

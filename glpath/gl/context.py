@@ -52,8 +52,6 @@ _PROBE_SECONDS = 60
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE = 0x3233
 _GL_MAX_IMAGE_UNITS = 0x8F38
-_GL_RENDERBUFFER = 0x8D41
-_GL_DEPTH_COMPONENT32F = 0x8CAC
 
 
 @dataclass(frozen=True)
@@ -138,6 +136,10 @@ class Context:
         self._loader.__exit__(None, None, None)
         self._thread = None
 
+    def function(self, name: str, *arguments: type) -> Callable[..., None]:
+        """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
+        return ctypes.CFUNCTYPE(None, *arguments)(self._loader.load_opengl_function(name))
+
     def limits(self) -> dict[str, int]:
         """Those of the device's limits that rendering here runs into, by their GL names."""
         self.use()
@@ -160,11 +162,6 @@ class Context:
         self.gl.gc_mode = None  # type: ignore[assignment]
         self._loader.__exit__(None, None, None)
         self.gl.release()
-
-    def function(self, name: str, *arguments: Any) -> Callable[..., None]:
-        """A function of OpenGL that moderngl does not have, by its name and the ctypes of its arguments."""
-        address = self._loader.load_opengl_function(name)
-        return ctypes.CFUNCTYPE(None, *arguments)(address)
 
 
 _lock = threading.RLock()
@@ -196,21 +193,6 @@ def get_context(backend: str = "auto", device: int | None = None, require_gpu: b
                 raise _no_gpu([str(_context.info)])
         _context.use()
         return _context
-
-
-def float_depth(gl: moderngl.Context, size: tuple[int, int]) -> moderngl.Renderbuffer:
-    """A depth attachment of 32 bit floats, which keeps every float in [0, 1] as it is; moderngl's has 24 bits."""
-    depth = gl.depth_renderbuffer(size)
-    assert _context is not None, "there is no context"
-    assert _context.gl is gl, "not the context of this process"
-    number, whole = ctypes.c_uint, ctypes.c_int
-    bind = _context.function("glBindRenderbuffer", number, number)
-    bind(_GL_RENDERBUFFER, depth.glo)
-    _context.function("glRenderbufferStorage", number, number, whole, whole)(
-        _GL_RENDERBUFFER, _GL_DEPTH_COMPONENT32F, *size
-    )
-    bind(_GL_RENDERBUFFER, 0)
-    return depth
 
 
 def release_context() -> None:
