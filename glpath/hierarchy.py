@@ -15,10 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
+from glpath.kernels import kernel
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -110,7 +111,7 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _build(boxes, order, leaf_size):  # type: ignore[no-untyped-def]
     """Nodes of all ranges, depth first. Permutes `boxes` along with `order`, so that each range lies together."""
     n = len(order)
@@ -140,7 +141,7 @@ def _build(boxes, order, leaf_size):  # type: ignore[no-untyped-def]
     return nodes[:size], skip[:size].copy(), first[:size].copy(), count[:size].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _split(boxes, order, begin, end, leaf_size, box):  # type: ignore[no-untyped-def]
     """Write the range's box, part its items in two and return where the second begins; `begin` for a leaf."""
     n = end - begin
@@ -211,33 +212,33 @@ def _split(boxes, order, begin, end, leaf_size, box):  # type: ignore[no-untyped
     return left
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bin(box, axis, low, extent):  # type: ignore[no-untyped-def]
     centre = 0.5 * box[axis] + 0.5 * box[axis + 3]
     return min(int((centre - low) / extent * BINS), BINS - 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _clear(box):  # type: ignore[no-untyped-def]
     box[:3] = np.inf
     box[3:] = -np.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _enclose(box, other):  # type: ignore[no-untyped-def]
     for j in range(3):
         box[j] = min(box[j], other[j])
         box[j + 3] = max(box[j + 3], other[j + 3])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _area(box):  # type: ignore[no-untyped-def]
     """Half of the surface; of a box that encloses something."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return x * y + y * z + z * x
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _depth(skip):  # type: ignore[no-untyped-def]
     deepest = 0
     ends = np.empty(len(skip), np.int32)  # of the subtrees around the current node
