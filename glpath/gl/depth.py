@@ -17,8 +17,8 @@ _DEPTH_COMPONENT = 0x1902
 _FLOAT = 0x1406
 _DEPTH_COMPONENT32F = 0x8CAC
 
-#: A distance times this power of two is a depth: the same digits, and all that a scene may hold fits below 1.
-DISTANCE_TO_DEPTH = 2.0**-100
+#: A distance times this power of two is a depth: the same digits, and from 1e-19 to 1e19 a normal float below 1.
+DISTANCE_TO_DEPTH = 2.0**-64
 
 
 def float_depth_texture(gl: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:

@@ -32,6 +32,7 @@ class Pass:
     blend    : None, "min" or "max", for all attachments
     depth    : test and write depth (less)
     clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
+    indirect : a buffer whose first four words, written on the device, say what to draw, instead of `vertices`
     """
 
     name: str
@@ -46,6 +47,7 @@ class Pass:
     clear: tuple[float, float, float, float] | None = None
     textures: Mapping[str, moderngl.Texture] = field(default_factory=dict)
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
+    indirect: moderngl.Buffer | None = None
     area: tuple[int, int, int, int] | None = None
 
     def __post_init__(self) -> None:
@@ -83,7 +85,10 @@ class Pass:
             buffer.bind_to_storage_buffer(binding)
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
-            self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+            if self.indirect is None:
+                self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+            else:
+                self._vertex_array.render_indirect(self.indirect, moderngl.TRIANGLES, count=1)
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
 
