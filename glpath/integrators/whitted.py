@@ -1,12 +1,12 @@
 """Recursive ray tracing with lights without extent: the classical algorithm, and the T-buffer's [TB].
 
-One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it. The
-frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to a
-surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a hierarchy
-of boxes, as its section VI hopes. The routines of intersection and shading are the same for all.
+One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it.
+The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
+a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
+hierarchy of boxes, as its section VI hopes. The routines of intersection and shading are the same for all.
 
-Poor at: light that comes by way of other surfaces (it is one number, `ambient`); soft shadows; refraction. Shapes with
-an emission are seen, but light nothing.
+Poor at: light that comes by way of other surfaces (it is one number, `ambient`); soft shadows; refraction. Shapes
+with an emission are seen, but light nothing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class WhittedSettings:
     max_depth   : surfaces on the way of light to the eye; 1 is direct light only, k has k - 1 reflections
     seed        : decides the places in the pixel of all path sets but the first
     primary     : "classic" or "t-buffer"
-    shadows     : "rays", or shadow-buffers over latitude and longitude ("sphere", as in TB) or on six faces ("cube")
+    shadows     : "rays", or shadow-buffers: over latitude and longitude ("sphere", as in TB), or six faces ("cube")
     shadow_resolution : rows of a sphere's (twice as many columns), or texels along a cube's side
     shadow_test : "distance", or "identity" as in TB, wrong where an object shadows itself
     shadow_filter : cells across that a lookup asks (percentage-closer filtering); 1: the nearest alone
@@ -91,10 +91,11 @@ class WhittedTracer:
         self.settings = settings
         self.stopwatch = Stopwatch(gl, hardware, timings)
         self.count_tests = count_tests
+        self.camera = objects.scene.camera
         self._size = window[2:]
+        self._sum = 0  # which of the two sets of sums holds the present ones
         self._dropped = 0
         self._tests = {"primary": 0, "shadow_buffer": 0, "shadow": 0, "secondary": 0}
-        self.shadow_buffer: PointShadowBuffer | None = None
         self._set_up(objects)
         self.look_at(window)
 
@@ -185,26 +186,27 @@ class WhittedTracer:
         shadow_buffer: PointShadowBuffer | None = None,
     ) -> None:
         settings, gl = self.settings, self.gl
-        self.objects = objects
+        self.objects: GpuObjects = objects
         self.camera = objects.scene.camera
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0
-        self._sums = PixelSums(gl, self._size, _brightest(objects))
-        self._ray_tests = gl.buffer(data=bytes(8 * self._size[0] * self._size[1])) if self.count_tests else None
+        self._sums: PixelSums = PixelSums(gl, self._size, _brightest(objects))
+        words = bytes(8 * self._size[0] * self._size[1])
+        self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
         generated, defines = {**objects.generated, "HIERARCHY": hierarchy_glsl()}, dict(objects.defines)
-        self._constant = {**objects.uniforms, **_air(objects.scene)}
+        self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
-        self.hierarchy = hierarchy
+        self.hierarchy: GpuHierarchy | None = hierarchy
         if settings.secondary == "hierarchy":
             self.hierarchy = self.hierarchy or GpuHierarchy(gl, objects)
             textures |= self.hierarchy.textures
             self._constant |= self.hierarchy.uniforms
             defines["BY_HIERARCHY"] = 1
-        self.shadow_buffer = shadow_buffer
+        self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
         lights = objects.positional_lights
         if settings.shadows != "rays" and lights:
             resolution = settings.shadow_resolution
@@ -217,13 +219,13 @@ class WhittedTracer:
             textures |= self.shadow_buffer.textures
             defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
             defines["SHADOW_BUFFERS"] = 1
-        self._counted = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
+        self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
         program = load_program(
             gl, vertex="fullscreen.vert", fragment="whitted.frag", generated=generated, defines=defines
         )
-        self._shade_passes = [
+        self._shade_passes: list[Pass] = [
             Pass(
                 "shade",
                 gl,
@@ -277,4 +279,4 @@ def _brightest(objects: GpuObjects) -> float:
             (0.01 * objects.radius) ** 2 if light.kind != "directional" and light.falloff == "quadratic" else 1.0
         )
         values.append(float(light.intensity.max()) / square)
-    return max(values)
+    return float(max(values))
