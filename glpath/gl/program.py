@@ -117,7 +117,7 @@ class Program:
             member = gl[name]
             if not isinstance(member, moderngl.Uniform):
                 continue
-            if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):
+            if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
                 self.images[name] = len(self.images)
                 # moderngl can set the unit of an image of floats only; it is the same call.
                 member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
