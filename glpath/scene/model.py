@@ -157,8 +157,8 @@ class Scene:
     shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
     triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners
     spheres      : (S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre; any affine map,
-                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative. u runs
-                   with the longitude about the unit sphere's z axis, v from its south pole (0) to its north (1)
+                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative.
+                   u runs with the longitude about its z axis, v from the south pole (0) to the north pole (1)
     planes       : (P, 3, 4) float64, world_from_plane: columns are the directions in which u and v grow by one (any
                    length, perpendicular), the unit normal out of the front, and the point of u = v = 0
     lights       : without extent; the path tracer knows none of them
