@@ -97,6 +97,7 @@ def test_the_public_names_are_these() -> None:
         "read_image",
         "relative_mse",
         "render",
+        "render_frames",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None

@@ -55,12 +55,13 @@ class WhittedSettings:
     shadows: Shadows = "rays"
     shadow_resolution: int = 1024
     shadow_test: ShadowTest = "distance"
-    shadow_filter: int = 1
+    shadow_filter: int = 2
     secondary: Secondary = "hierarchy"
 
     def as_dict(self) -> dict[str, object]:
-        """Those that decide something: with shadow rays there is no shadow-buffer."""
+        """Those that decide something: the integrator's name says `primary`, shadow rays have no shadow-buffer."""
         given = asdict(self)
+        del given["primary"]
         if self.shadows == "rays":
             for name in ("shadow_resolution", "shadow_test", "shadow_filter"):
                 del given[name]
@@ -94,8 +95,7 @@ class WhittedTracer:
         self.camera = objects.scene.camera
         self._size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones
-        self._dropped = 0
-        self._tests = {"primary": 0, "shadow_buffer": 0, "shadow": 0, "secondary": 0}
+        self.forget_statistics()
         self._set_up(objects)
         self.look_at(window)
 
@@ -176,6 +176,12 @@ class WhittedTracer:
         if self.stopwatch.enabled:
             counts["stage_ms"] = dict(self.stopwatch.milliseconds)
         return counts
+
+    def forget_statistics(self) -> None:
+        """Count anew."""
+        self._dropped = 0
+        self._tests = {"primary": 0, "shadow_buffer": 0, "shadow": 0, "secondary": 0}
+        self.stopwatch.milliseconds.clear()
 
     # What the frame is made of.
 
