@@ -151,6 +151,19 @@ def test_a_buffer_is_kept_while_nothing_moves(kind: type[SphereShadowBuffer]) ->
 
 
 @BOTH
+def test_a_buffer_is_filled_again_when_an_object_moves(kind: type[SphereShadowBuffer]) -> None:
+    before, after = (scene_of(spheres=[ball((x, 0, 0), 0.5)], planes=[ground()]) for x in (0.0, 3.0))
+    buffer = buffer_for(before, 200, kind)
+    below = np.array([[0.0, -2.0, 0.0], [3.0, -2.0, 0.0]])
+    up = np.tile([0.0, 1.0, 0.0], (2, 1))
+    for scene, lit in ((before, [0, 1]), (after, [1, 0]), (before, [0, 1])):
+        buffer.objects = GpuObjects(buffer.gl, scene)
+        buffer.fill((1.5, 8.0, 0.0))
+        np.testing.assert_array_equal(buffer.visibility(0, below, up, [1, 1]), lit)
+        assert not buffer.fill((1.5, 8.0, 0.0))
+
+
+@BOTH
 def test_far_fewer_rays_are_shot_than_there_are_cells_and_objects(kind: type[SphereShadowBuffer]) -> None:
     """TB's argument: the count hardly grows with the number of objects, when they fill the same view."""
     counts = []

@@ -3,8 +3,8 @@
 The paper shoots "all the rays from the light source which can possibly intersect" an object, and does not say how
 they are found. Here an object's outline on the sphere of directions is bounded: a sphere's by a cap (its cone of
 tangents), a triangle's by its corners and by how high the great arcs between them bulge. Rectangles of the buffer
-follow: of latitude and longitude, or of the faces of a cube. A plane takes half of all directions, which are found
-row by row. The exact test comes after, ray by ray.
+follow: of latitude and longitude, or of the faces of a cube; large ones are cut into bands of rows. A plane takes
+half of all directions, which are found row by row. The exact test comes after, ray by ray.
 
 All in float64 on the CPU, vectorised over primitives. The light may stand inside an object, or on it.
 
@@ -14,6 +14,7 @@ Poor at:  long thin ellipsoids, which are bounded as the sphere around them, and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ Int64 = NDArray[np.int64]
 FACES = 6
 #: Radians that a bound is grown by: the shader's atan and the rounding of its rays stay below.
 MARGIN = 1e-5
+#: Rectangles of so many cells are cut into bands, of about so many cells, and up to so many. To draw a rectangle
+#: costs as much as to shoot some hundred rays.
+_LARGE, _BAND_CELLS, _BANDS = 1500, 300, 24
 _TINY = 1e-300
 
 
@@ -124,7 +128,24 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
     half = np.where(pole, np.pi, np.arcsin(np.minimum(ratio, 1.0)))
     south = np.maximum(latitude - angle, -np.pi / 2)
     north = np.minimum(latitude + angle, np.pi / 2)
-    return _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
+    rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
+
+    def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """A row is inside where the cosine of its longitude less the cap's is large enough."""
+        i = rectangles.primitive[which]
+        theta = ((row + 0.5) / rows - 0.5) * np.pi
+        # The margin in the cosine is a margin of angle, and of its square where the sine is small.
+        least = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
+        width = np.arccos(np.clip(least / np.maximum(np.cos(theta) * np.cos(latitude[i]), _TINY), -1.0, 1.0))
+        width = np.where(angle[i] < np.pi / 2, width + MARGIN, np.inf)
+        range_middle = (rectangles.first[which, 0] + rectangles.last[which, 0] + 1) * np.pi / columns
+        at = middle[i] + 2 * np.pi * np.round((range_middle - middle[i]) / (2 * np.pi))
+        # Where the range meets the arc at both its ends, all of it stays.
+        reach = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
+        width = np.where(np.abs(at - range_middle) + width + reach < 2 * np.pi, width, np.inf)
+        return (at - width) / (2 * np.pi) * columns - 0.5, (at + width) / (2 * np.pi) * columns - 0.5
+
+    return _in_bands(rectangles, span)
 
 
 def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
@@ -168,7 +189,75 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     north = np.where((around & up) | unsure, np.pi / 2, north)
     south = np.where((around & ~up) | unsure, -np.pi / 2, south)
     west, east = np.where(whole, 0.0, west), np.where(whole, 2 * np.pi, east)
-    return _latitude_longitude((south, north), (west, east), rows, columns)
+    rectangles = _latitude_longitude((south, north), (west, east), rows, columns)
+    planes = _edge_planes(triangles - light)
+
+    def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """Each edge's plane cuts an arc out of the row. One that the range meets at both its ends is left out."""
+        low = (rectangles.first[which, 0] + 0.5) / columns * 2 * np.pi
+        high = (rectangles.last[which, 0] + 0.5) / columns * 2 * np.pi
+        begin, end = np.full(len(which), -np.inf), np.full(len(which), np.inf)
+        theta = ((row + 0.5) / rows - 0.5) * np.pi
+        cosine, sine = np.cos(theta), np.sin(theta)
+        for edge in range(3):
+            n = planes[rectangles.primitive[which], edge]
+            across = np.maximum(cosine * np.hypot(n[:, 0], n[:, 1]), _TINY)
+            half = np.arccos(np.clip(-(sine * n[:, 2] + MARGIN) / across, -1.0, 1.0))
+            middle = np.arctan2(n[:, 1], n[:, 0])
+            middle += 2 * np.pi * np.round((0.5 * (low + high) - middle) / (2 * np.pi))
+            one = (middle + half - 2 * np.pi < low) & (middle - half + 2 * np.pi > high)
+            begin = np.where(one, np.maximum(begin, middle - half), begin)
+            end = np.where(one, np.minimum(end, middle + half), end)
+        return begin / (2 * np.pi) * columns - 0.5, end / (2 * np.pi) * columns - 0.5
+
+    return _in_bands(rectangles, span)
+
+
+def _in_bands(
+    whole: CellRectangles, span: Callable[[Int64, Int64, Int64], tuple[Float64, Float64]]
+) -> CellRectangles:
+    """Large rectangles cut into bands of rows, each as wide as its object is there.
+
+    span : of (N,) indices of rectangles, their faces and rows: the first and last column, real numbers
+    """
+    height = whole.last[:, 1] - whole.first[:, 1] + 1
+    cells = height * (whole.last[:, 0] - whole.first[:, 0] + 1)
+    large = np.flatnonzero((cells >= _LARGE) & (height > 1))
+    if not len(large):
+        return whole
+    height = height[large]
+    bands = np.minimum(cells[large] // _BAND_CELLS, _BANDS)
+    which = np.repeat(large, height)
+    offset = np.arange(len(which)) - np.repeat(np.cumsum(height) - height, height)
+    row = whole.first[which, 1] + offset
+    low, high = span(which, whole.face[which], row)
+    first = np.ceil(np.maximum(low, whole.first[which, 0])).astype(np.int64)
+    last = np.floor(np.minimum(high, whole.last[which, 0])).astype(np.int64)
+    none = last < first
+    first[none], last[none] = np.iinfo(np.int64).max, -1
+    begins = np.flatnonzero(offset % np.repeat(-(-height // bands), height) == 0)
+    ends = np.concatenate([begins[1:], [len(which)]]) - 1
+    cut = _without_empty(
+        whole.primitive[which[begins]],
+        whole.face[which[begins]],
+        np.stack([np.minimum.reduceat(first, begins), row[begins]], axis=1),
+        np.stack([np.maximum.reduceat(last, begins), row[ends]], axis=1),
+    )
+    others = np.setdiff1d(np.arange(len(whole.primitive)), large)
+    return _join([CellRectangles(*(field[others] for field in whole)), cut])
+
+
+def _edge_planes(d: Float64) -> Float64:
+    """(T, 3, 3) unit normals of the planes through the light and each edge of triangles with corners (T, 3, 3).
+
+    Directions inside have positive products with all three. Zeros where the light is in the triangle's plane.
+    """
+    d = d / np.maximum(np.linalg.norm(d, axis=2, keepdims=True), _TINY)
+    normal = np.cross(d, np.roll(d, -1, axis=1))
+    size = np.linalg.norm(normal, axis=2, keepdims=True)
+    volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])
+    sure = (np.abs(volume) > 1e-9) & np.all(size[:, :, 0] > 1e-9, axis=1)
+    return np.asarray(normal / np.maximum(size, _TINY) * (np.sign(volume) * sure)[:, None, None])
 
 
 def _towards(world_from_plane: Float64, light: Float64) -> Float64:
@@ -272,7 +361,28 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
         first, last = _face_cells(low, high, side)
         last[missed] = -1
         parts.append(_without_empty(index, np.full_like(index, face), first, last))
-    return _join(parts)
+    rectangles = _join(parts)
+    axes_of_face = np.stack([to_face(face, caps.axis) for face in range(FACES)])
+    cosine = np.cos(np.minimum(caps.angle + MARGIN, np.pi / 2))
+
+    def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """Inside, the square of a direction's product with the axis is large enough: a quadratic, along a row."""
+        i = rectangles.primitive[which]
+        a, square = axes_of_face[face, i], cosine[i] ** 2
+        y = np.tan(((row + 0.5) / side - 0.5) * np.pi / 2)
+        along = a[:, 1] * y + a[:, 2]
+        p, q, r = a[:, 0] ** 2 - square, a[:, 0] * along, along**2 - square * (1 + y * y)
+        inside = q * q - p * r
+        # An ellipse; the other conics are rare, and keep their rectangles. As is a row that just touches.
+        ellipse = (p < -1e-6) & (inside > -1e-9)
+        root = np.sqrt(np.maximum(inside, 0.0)) + MARGIN
+        with np.errstate(divide="ignore", invalid="ignore"):
+            begin, end = (-q + root) / p, (-q - root) / p
+        begin = np.where(ellipse, begin, np.where(p < -1e-6, np.inf, -np.inf))
+        end = np.where(ellipse, end, np.where(p < -1e-6, -np.inf, np.inf))
+        return (np.arctan(begin) * 2 / np.pi + 0.5) * side - 0.5, (np.arctan(end) * 2 / np.pi + 0.5) * side - 0.5
+
+    return _in_bands(rectangles, span)
 
 
 def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) -> CellRectangles:
@@ -321,8 +431,26 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
             low = np.where(covered[:, None], np.minimum(low, corner[:2]), low)
             high = np.where(covered[:, None], np.maximum(high, corner[:2]), high)
         found = np.all(low <= high, axis=1)
-        angles = (np.arctan(np.where(found[:, None], s, 0.0)) for s in (low, high))
-        first, last = _face_cells(*angles, side)
+        low, high = (np.arctan(np.where(found[:, None], s, 0.0)) for s in (low, high))
+        first, last = _face_cells(low, high, side)
         last[~found] = -1
         parts.append(_without_empty(index[near], np.full(len(near), face, dtype=np.int64), first, last))
-    return _join(parts)
+    rectangles = _join(parts)
+    edges = _edge_planes(triangles - light)
+    edges_of_face = np.stack([to_face(face, edges) for face in range(FACES)])
+
+    def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """Each edge's plane cuts the row once."""
+        y = np.tan(((row + 0.5) / side - 0.5) * np.pi / 2)
+        begin, end = np.full(len(which), -1.0), np.full(len(which), 1.0)
+        for edge in range(3):
+            n = edges_of_face[face, rectangles.primitive[which], edge]
+            rest = n[:, 1] * y + n[:, 2] + 2 * MARGIN
+            with np.errstate(divide="ignore", invalid="ignore"):
+                cut = -rest / n[:, 0]
+            begin = np.where(n[:, 0] > 0, np.maximum(begin, cut), begin)
+            end = np.where(n[:, 0] < 0, np.minimum(end, cut), end)
+            end = np.where((n[:, 0] == 0) & (rest < 0), -2.0, end)
+        return (np.arctan(begin) * 2 / np.pi + 0.5) * side - 0.5, (np.arctan(end) * 2 / np.pi + 0.5) * side - 0.5
+
+    return _in_bands(rectangles, span)

@@ -139,6 +139,7 @@ class PointShadowBuffer:
 
     Attributes
     ----------
+    objects            : may be replaced, by the same ones somewhere else say; then all lights have to be filled
     textures           : for a program that includes point_shadow.glsl
     intersection_tests : made by all fills so far
     """
@@ -274,7 +275,7 @@ class PointShadowBuffer:
                 ],
                 axis=1,
             )
-            stage.textures = {**stage.textures, "rectangles": self._table(rows)}
+            stage.textures = {**self.objects.textures, "rectangles": self._table(rows)}
             stage.run(uniforms)
         self._keys[light] = key
         return True
