@@ -21,6 +21,7 @@ from glpath.scene import tessellate
 from glpath.scene.load import read_scene_file, scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
+from glpath.scene.stacked import stacked
 
 
 def load_scene(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -120,7 +121,7 @@ def furnace(
     )
 
 
-GENERATED: dict[str, Callable[..., Scene]] = {"furnace": furnace}
+GENERATED: dict[str, Callable[..., Scene]] = {"furnace": furnace, "stacked": stacked}
 
 
 def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
