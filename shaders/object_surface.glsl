@@ -17,7 +17,8 @@ struct Surface
 vec2 sphere_uv(vec3 unit)
 {
     float longitude = atan(unit.y, unit.x) * (0.5 / PI);
-    return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 1.0 - acos(clamp(unit.z, -1.0, 1.0)) / PI);
+    // Not acos: drivers approximate it to four digits only.
+    return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 0.5 + atan(unit.z, length(unit.xy)) / PI);
 }
 
 Surface surface(int primitive, vec3 origin, vec3 direction, float t)
