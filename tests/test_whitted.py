@@ -292,7 +292,7 @@ def test_tests_are_counted_exactly() -> None:
     )
     tests = film.metadata.statistics["intersection_tests"]
     assert tests["shadow"] == other_each * pixels  # to the sun
-    assert tests["shadow_buffer"] > 3 * 32 * 32  # the lower half of the cube sees the plane
+    assert tests["shadow_buffer"] >= 3 * 32 * 32  # the lower half of the cube sees the plane
 
 
 @pytest.mark.parametrize(
