@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     )
     from glpath.film import Film
     from glpath.image import read_image
-    from glpath.rendering import Progress, RenderInterrupted, render
+    from glpath.rendering import Progress, RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
     __version__: str
@@ -48,6 +48,7 @@ _HOME = {
     "read_image": "image",
     "relative_mse": "compare",
     "render": "rendering",
+    "render_frames": "rendering",
 }
 
 __all__ = [
@@ -67,6 +68,7 @@ __all__ = [
     "read_image",
     "relative_mse",
     "render",
+    "render_frames",
 ]
 
 

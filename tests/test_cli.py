@@ -97,6 +97,7 @@ def test_the_public_names_are_these() -> None:
         "read_image",
         "relative_mse",
         "render",
+        "render_frames",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None
@@ -208,7 +209,10 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     (call,) = renderer.calls
     assert call.pop("scene").shapes[0].emission.tolist() == [2, 2, 2]
     assert callable(call.pop("on_progress"))
+    unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
+    assert [call.pop(name) for name in unused] == [None] * 5
     assert call == {
+        "integrator": "path",
         "spp": 32,
         "max_depth": 3,
         "seed": 9,
@@ -219,6 +223,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "directions": "sphere",
         "ambient": (0.5, 0.5, 0.5),
         "roulette": 3,
+        "count_tests": False,
         "backend": "egl",
         "device": 1,
         "require_gpu": True,
@@ -226,12 +231,29 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     }
 
 
-def test_render_asks_for_the_usual_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
+def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
+    options = (
+        "--integrator t-buffer --shadows sphere --shadow-resolution 400 --shadow-test identity --shadow-filter 1 "
+        "--secondary classic --count-tests"
+    )
+    run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
+    (call,) = renderer.calls
+    assert {name: call[name] for name in ("integrator", "shadows", "shadow_resolution", "shadow_test")} == {
+        "integrator": "t-buffer",
+        "shadows": "sphere",
+        "shadow_resolution": 400,
+        "shadow_test": "identity",
+    }
+    assert (call["shadow_filter"], call["secondary"], call["count_tests"]) == (1, "classic", True)
+
+
+def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
     run("render", "furnace", "-o", tmp_path / "a.png")
     (call,) = renderer.calls
-    assert (call["spp"], call["max_depth"], call["seed"], call["sampling"]) == (256, 5, 0, "sobol")
-    assert call["resolution"] is call["crop"] is call["camera"] is call["roulette"] is call["device"] is None
-    assert call["ambient"] == (0.0, 0.0, 0.0)
+    assert (call["integrator"], call["max_depth"], call["seed"], call["count_tests"]) == ("path", 5, 0, False)
+    others = ("spp", "sampling", "ambient", "directions", "roulette", "shadows", "shadow_filter", "secondary")
+    others += ("resolution", "crop", "camera", "device")
+    assert all(call[name] is None for name in others)
 
 
 @pytest.mark.parametrize(

@@ -25,12 +25,21 @@ from glpath.image import TONEMAPS, check_writable
 if TYPE_CHECKING:
     from glpath.film import Film
 
-INTEGRATORS = ("path",)
+INTEGRATORS = ("path", "t-buffer", "classic")
 INTERRUPTED = 130
 
 Vector = tuple[float, float, float]
 
+# What rays are shot for, as `film.metadata.statistics` calls it.
+_TESTS = {
+    "primary": "from the eye",
+    "shadow_buffer": "to fill shadow-buffers",
+    "shadow": "shadow rays",
+    "secondary": "reflections",
+}
+
 _PICTURE, _CAMERA, _SAMPLING, _MACHINE, _OUTPUT = "Picture", "Camera", "Sampling", "Machine", "What is printed"
+_PATH, _RAYS = "Path tracing (--integrator path)", "Ray tracing (--integrator t-buffer or classic)"
 
 
 def register(app: typer.Typer) -> None:
@@ -51,7 +60,14 @@ def render(
             rich_help_panel=_PICTURE,
         ),
     ],
-    spp: Annotated[int, typer.Option(help="Path sets: samples per pixel.", rich_help_panel=_SAMPLING)] = 256,
+    spp: Annotated[
+        int | None,
+        typer.Option(
+            help="Path sets: samples per pixel. By default 256, of a ray tracer 16.",
+            show_default=False,
+            rich_help_panel=_SAMPLING,
+        ),
+    ] = None,
     max_depth: Annotated[
         int, typer.Option(help="1 is direct light only, 3 two bounces.", rich_help_panel=_SAMPLING)
     ] = 5,
@@ -93,36 +109,86 @@ def render(
         ),
     ] = None,
     integrator: Annotated[
-        str, typer.Option(metavar="|".join(INTEGRATORS), help="The engine.", rich_help_panel=_SAMPLING)
+        str,
+        typer.Option(
+            metavar="|".join(INTEGRATORS),
+            help="Global illumination; or ray tracing with point lights and mirrors, by T-buffer or ray by ray.",
+            rich_help_panel=_SAMPLING,
+        ),
     ] = "path",
     sampling: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="sobol|random",
-            help="Where random numbers come from; random is the paper's.",
-            rich_help_panel=_SAMPLING,
+            help="Where random numbers come from; random is the paper's. [default: sobol]",
+            rich_help_panel=_PATH,
         ),
-    ] = "sobol",
+    ] = None,
     directions: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="pair|hemisphere|sphere",
-            help="The shared directions of a bounce; sphere is the paper's.",
-            rich_help_panel=_SAMPLING,
+            help="The shared directions of a bounce; sphere is the paper's. [default: pair]",
+            rich_help_panel=_PATH,
         ),
-    ] = "pair",
+    ] = None,
     ambient: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="R,G,B",
-            help="Radiance assumed beyond the last vertex; one number is grey.",
-            rich_help_panel=_SAMPLING,
+            help="Radiance assumed beyond the last vertex; one number is grey. [default: 0]",
+            rich_help_panel=_PATH,
         ),
-    ] = "0",
+    ] = None,
     roulette: Annotated[
         int | None,
-        typer.Option(metavar="DEPTH", help="From here on paths end by chance.", rich_help_panel=_SAMPLING),
+        typer.Option(metavar="DEPTH", help="From here on paths end by chance.", rich_help_panel=_PATH),
     ] = None,
+    shadows: Annotated[
+        str | None,
+        typer.Option(
+            metavar="rays|sphere|cube",
+            help="Shadow rays, or shadow-buffers: the paper's, or of six faces. [default: rays]",
+            rich_help_panel=_RAYS,
+        ),
+    ] = None,
+    shadow_resolution: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Rows of a sphere's shadow-buffer, texels along a cube's side. [default: 1024]",
+            rich_help_panel=_RAYS,
+        ),
+    ] = None,
+    shadow_test: Annotated[
+        str | None,
+        typer.Option(
+            metavar="distance|identity",
+            help="A shadow-buffer's rule; identity is the paper's. [default: distance]",
+            rich_help_panel=_RAYS,
+        ),
+    ] = None,
+    shadow_filter: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Cells across that a lookup asks, for smooth edges; 1: no filter. [default: 2]",
+            rich_help_panel=_RAYS,
+        ),
+    ] = None,
+    secondary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="hierarchy|classic",
+            help="Reflections and shadow rays by a hierarchy of boxes, or against every object. "
+            "[default: hierarchy with t-buffer]",
+            rich_help_panel=_RAYS,
+        ),
+    ] = None,
+    count_tests: Annotated[
+        bool,
+        typer.Option("--count-tests", help="Count intersection tests; slower.", rich_help_panel=_RAYS),
+    ] = False,
     backend: Annotated[
         str, typer.Option(metavar="auto|egl|osmesa", help="How OpenGL is reached.", rich_help_panel=_MACHINE)
     ] = "auto",
@@ -152,8 +218,10 @@ def render(
     there is. Files appear whole or not at all; missing folders are made.
     """
     from glpath import rendering
+    from glpath.buffers.shadow_buffer import ShadowTest
     from glpath.film import check_suffix
     from glpath.integrators.path_trace import Directions
+    from glpath.integrators.whitted import Secondary, Shadows
     from glpath.sampling import Sampling
     from glpath.scene import load_scene, parameters_from_options
 
@@ -166,14 +234,20 @@ def render(
         ("--integrator", integrator, INTEGRATORS),
         ("--sampling", sampling, get_args(Sampling)),
         ("--directions", directions, get_args(Directions)),
+        ("--shadows", shadows, get_args(Shadows)),
+        ("--shadow-test", shadow_test, get_args(ShadowTest)),
+        ("--secondary", secondary, get_args(Secondary)),
         ("--progress", progress, MODES),
     ):
-        _check_choice(option, found, allowed)
+        if found is not None:
+            _check_choice(option, found, allowed)
     for option, count, least in (
         ("--spp", spp, 1),
         ("--max-depth", max_depth, 1),
         ("--seed", seed, 0),
         ("--roulette", roulette, 1),
+        ("--shadow-resolution", shadow_resolution, 1),
+        ("--shadow-filter", shadow_filter, 1),
         ("--device", device, 0),
     ):
         if count is not None and count < least:
@@ -186,7 +260,7 @@ def render(
         "up": _vector("--camera-up", camera_up),
         "fov": camera_fov,
     }
-    ambient_rgb = _colour("--ambient", ambient)
+    ambient_rgb = None if ambient is None else _colour("--ambient", ambient)
     size = None if resolution is None else _resolution(resolution)
     window = None if crop is None else _crop(crop)
 
@@ -204,16 +278,23 @@ def render(
             with reporting(progress, sys.stderr) as report:
                 film = rendering.render(
                     loaded,
+                    integrator=cast("rendering.Integrator", integrator),
                     spp=spp,
                     max_depth=max_depth,
                     seed=seed,
                     resolution=size,
                     crop=window,
                     camera={key: value for key, value in camera.items() if value is not None} or None,
-                    sampling=cast("Sampling", sampling),
-                    directions=cast("Directions", directions),
+                    sampling=cast("Sampling | None", sampling),
+                    directions=cast("Directions | None", directions),
                     ambient=ambient_rgb,
                     roulette=roulette,
+                    shadows=cast("Shadows | None", shadows),
+                    shadow_resolution=shadow_resolution,
+                    shadow_test=cast("ShadowTest | None", shadow_test),
+                    shadow_filter=shadow_filter,
+                    secondary=cast("Secondary | None", secondary),
+                    count_tests=count_tests,
                     backend=backend,
                     device=device,
                     require_gpu=require_gpu,
@@ -232,7 +313,7 @@ def render(
         for line in _summary(film, written, verbose):
             typer.echo(line, err=True)
     if interrupted:
-        _say_interrupted(film, spp, written)
+        _say_interrupted(film, spp or rendering.DEFAULT_SPP[integrator], written)
         raise typer.Exit(INTERRUPTED)
 
 
@@ -279,6 +360,8 @@ def _summary(film: Film, written: Sequence[Path], verbose: bool) -> Iterator[str
     cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost", 0)
     if cast:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
+    for purpose, count in m.statistics.get("intersection_tests", {}).items():
+        yield f"  {_TESTS[purpose]}: {_million(count)} intersection tests"
     dropped = m.statistics.get("dropped_samples", 0)
     if dropped:
         yield f"  {dropped} samples were NaN or infinite and count as 0"
