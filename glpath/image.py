@@ -251,7 +251,8 @@ def _read_png(path: Path) -> Float64:
     import imageio.v3 as iio
 
     stored = iio.imread(path, plugin="pillow")
-    return decode_srgb(stored / np.iinfo(stored.dtype if stored.dtype != np.bool_ else np.uint8).max)
+    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
+    return decode_srgb(stored / white)
 
 
 def _read_jpeg(path: Path) -> Float64:

@@ -108,6 +108,17 @@ def test_a_broken_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> 
         image.read_image(path)
 
 
+@pytest.mark.parametrize(
+    ("mode", "white"),
+    [("1", 1), ("L", 255), ("LA", (255, 9)), ("I;16", 65535), ("RGBA", (255, 255, 255, 3))],
+)
+def test_white_is_one_in_every_kind_of_png(tmp_path: Path, mode: str, white: object) -> None:
+    from PIL import Image
+
+    Image.new(mode, (3, 2), white).save(tmp_path / "a.png")
+    assert np.array_equal(image.read_image(tmp_path / "a.png"), np.ones((2, 3, 3)))
+
+
 def test_a_jpeg_is_read_as_srgb_whatever_its_colour_model(tmp_path: Path) -> None:
     from PIL import Image
 

@@ -1,4 +1,4 @@
-"""Materials, textures and lights of a scene file: what is written is in the scene, and broken pictures are named."""
+"""Materials, textures and lights of a scene file: what is written is in the scene; broken pictures are named."""
 
 from __future__ import annotations
 

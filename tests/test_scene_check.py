@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from glpath.cli import scenes
 from glpath.errors import SceneError
-from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene, scene_from_dict
-from glpath.scene.check import sees_triangles
+from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene, path_traceable, scene_from_dict
+from glpath.scene.check import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
 
@@ -63,6 +63,169 @@ def test_a_camera_on_a_surface_is_warned_of():
 def test_a_surface_that_reflects_everything_is_warned_of():
     (warning,) = check_scene(scene(material="mirror"))
     assert '"mirror" reflects all light' in warning
+
+
+GROUND = {"type": "plane", "name": "ground", "point": [0, -2, 0], "normal": [0, 1, 0]}
+BALL = {"type": "sphere", "name": "ball", "radius": 1}
+BOX = {"type": "box", "name": "box", "min": [-1, -1, -1], "max": [1, 1, 1]}
+LAMP = {"type": "point", "name": "lamp", "position": [3, 5, 3], "intensity": 9}
+
+
+def warnings_of(*shapes: dict, eye: tuple = (0, 0, 5), target: tuple = (0, 0, 0), **tables: object) -> list[str]:
+    camera = {"position": eye, "target": target, "up": [0.1, 1, 0.2]}
+    return check_scene(scene_from_dict({"camera": camera, "shapes": list(shapes), "lights": [LAMP], **tables}))
+
+
+def test_a_scene_of_exact_shapes_under_a_lamp_has_no_warnings():
+    assert warnings_of(BALL, GROUND) == []
+    assert warnings_of(BOX, GROUND) == []
+    assert warnings_of(GROUND) == []
+
+
+def test_any_light_will_do():
+    sun = {"type": "directional", "direction": [0, -1, 0], "irradiance": 1}
+    assert warnings_of(BALL, lights=[sun]) == []
+    assert warnings_of(BALL, lights=[], ambient=0.1) == []
+    assert warnings_of({**BALL, "emission": {"radiance": 1}}, lights=[]) == []
+    for dark in ([], [{**LAMP, "intensity": 0}]):
+        (warning,) = warnings_of(BALL, lights=dark, sky={"zenith": 1})
+        assert "No shape emits light, and there is no other light: the picture will be black." in warning
+        assert "[[lights]]" in warning
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("shape", [BALL, BOX], ids=["sphere", "box"])
+@pytest.mark.parametrize("spot", [False, True])
+def test_a_light_inside_a_closed_shape_is_warned_of(shape: dict, flip: bool, spot: bool):
+    inside = {**LAMP, "position": [0.3, 0.4, 0.5]}
+    if spot:
+        inside |= {"type": "spot", "target": [0, 0, 0]}
+    turned = {**shape, "flip_normals": flip, "transform": [{"rotate": {"axis": [1, 2, 3], "angle": 30}}]}
+    (warning,) = warnings_of(turned, GROUND, lights=[LAMP, inside])
+    assert f'The light "lamp" stands inside the shape "{shape["name"]}", which keeps it from everything' in warning
+    # Who is inside as well sees it shine.
+    assert warnings_of(turned, GROUND, eye=(0.2, 0.1, 0), target=(0.3, 0.3, 0), lights=[inside]) == []
+
+
+def test_a_light_beside_a_closed_shape_is_outside_of_it():
+    # In the box around the sphere and around the turned box, but not in them.
+    beside = {**LAMP, "position": [0.8, 0.8, 0.8]}
+    assert warnings_of(BALL, lights=[beside]) == []
+    turned = {**BOX, "transform": [{"rotate": {"axis": [0, 0, 1], "angle": 45}}]}
+    assert warnings_of(turned, lights=[{**LAMP, "position": [1.2, 1.2, 0]}]) == []
+    open_box = {"type": "quad", "corners": [[-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1]]}
+    assert warnings_of(open_box, lights=[{**LAMP, "position": [0, 0, 0.01]}]) == []
+
+
+def test_a_light_below_the_ground_is_warned_of():
+    (warning,) = warnings_of(BALL, GROUND, lights=[{**LAMP, "position": [0, -3, 0]}])
+    assert 'The light "lamp" and the camera are on different sides of the plane "ground"' in warning
+
+
+def test_a_camera_inside_a_sphere_is_warned_of():
+    inside = {"eye": (0.3, 0, 0), "target": (0, 0, 0)}
+    (warning,) = warnings_of(BALL, **inside)
+    assert 'The camera stands inside the sphere "ball" and sees nothing but its inside' in warning
+    assert "flip_normals" in warning
+    long = {**BALL, "transform": [{"scale": [1, 1, 4]}]}
+    (warning,) = warnings_of(long, eye=(0, 0, 3.9))
+    assert 'inside the sphere "ball"' in warning
+    assert warnings_of(long, eye=(0, 0, 4.1)) == []
+    # Rooms.
+    assert warnings_of({**BALL, "flip_normals": True}, **inside) == []
+    assert warnings_of({**BALL, "emission": {"radiance": 1, "two_sided": True}}, **inside) == []
+    assert warnings_of(BOX, **inside) == []
+
+
+@pytest.mark.parametrize(("shape", "eye"), [(BALL, (0.6, 0, 0.8)), (GROUND, (3, -2, 5))])
+def test_a_camera_on_an_exact_surface_is_warned_of(shape: dict, eye: tuple):
+    (warning,) = warnings_of(shape, eye=eye, target=(9, 9, 9))
+    assert f'stands exactly on a surface, of the shape "{shape["name"]}"' in warning
+    above = (1.001 * np.array(eye)).tolist() if shape is BALL else (3, -1.99, 5)
+    assert warnings_of(shape, eye=above, target=(0, -0.5, 0)) == []
+
+
+def test_a_material_that_gives_more_than_it_gets_is_warned_of():
+    shiny = {"type": "phong", "reflectance": 0.7, "mirror": 0.5}
+    (warning,) = warnings_of({**BALL, "material": "m"}, materials={"m": shiny})
+    assert '"m" reflects more light than it receives: reflectance and mirror add up to 1.2' in warning
+    # A dark texture makes room for the mirror; a white one does not.
+    for brightest, count in ((0.5, 0), (0.9, 1)):
+        textures = {"t": {"type": "checker", "colors": [0.1, brightest]}}
+        textured = {**shiny, "texture": "t"}
+        assert len(warnings_of({**BALL, "material": "m"}, materials={"m": textured}, textures=textures)) == count
+    plain = {"texture": "t"}  # reflectance 1 times the texture
+    assert warnings_of({**BALL, "material": "m"}, materials={"m": plain}, textures=textures) == []
+
+
+# Spheres against the view of CAMERA: centre, radii along the axes.
+SPHERES = {
+    "in the middle": ((0, 0, 0), (1, 1, 1), True),
+    "behind the camera": ((0, 0, 7), (1, 1, 1), False),
+    "around the camera": ((0, 0, 7), (3, 3, 3), True),
+    "reaching into view from above": ((0, 3, 0), (1.3, 1.3, 1.3), True),
+    "staying above": ((0, 3, 0), (1.1, 1.1, 1.1), False),
+    "reaching into a corner of view": ((3, 2.5, 0), (0.8, 0.8, 0.8), True),
+    "passing a corner of view by": ((3, 2.5, 0), (0.6, 0.6, 0.6), False),
+    "a disc across the view": ((0, 0, 0), (9, 9, 0.01), True),
+    "a needle from behind": ((0, 0, 9), (0.01, 0.01, 4.5), True),
+    "a needle that ends behind": ((0, 0, 9), (0.01, 0.01, 3.9), False),
+    "a tall needle beside": ((4, 0, 0), (0.5, 9, 0.5), False),
+}
+
+
+@pytest.mark.parametrize("case", SPHERES)
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_the_pyramid_of_view_meets_a_sphere_or_it_does_not(case: str, mirror: int):
+    centre, radii, seen = SPHERES[case]
+    steps = [{"scale": [mirror * radii[0], *radii[1:]]}, {"translate": centre}]
+    shape = {**BALL, "transform": steps}
+    data = {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "shapes": [shape]}
+    assert sees_anything(replace(scene_from_dict(data), camera=CAMERA)) is seen
+
+
+@settings(deadline=None, max_examples=80)
+@given(
+    st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(-6, 12)),
+    st.tuples(st.floats(0.1, 4), st.floats(0.1, 4), st.floats(0.1, 4)),
+    st.floats(0, 180),
+)
+def test_an_ellipsoid_is_in_view_where_a_fine_mesh_of_it_is(centre: tuple, radii: tuple, angle: float):
+    steps = [{"scale": radii}, {"rotate": {"axis": [1, 2, 3], "angle": angle}}, {"translate": centre}]
+    data = {
+        "camera": {"position": [0, 0, 5], "target": [0, 0, 0]},
+        "shapes": [{**BALL, "transform": steps, "subdivisions": 3}],
+    }
+    exact = replace(scene_from_dict(data), camera=CAMERA)
+    larger, smaller = (
+        sees_triangles(CAMERA, path_traceable(replace(exact, spheres=exact.spheres * factor)).triangles)
+        for factor in ([1.02, 1.02, 1.02, 1], [1, 1, 1, 1])
+    )
+    # The mesh lies inside; a little larger it lies outside.
+    if smaller:
+        assert sees_anything(exact)
+    if not larger:
+        assert not sees_anything(exact)
+
+
+@pytest.mark.parametrize(
+    ("normal", "point", "seen"),
+    [
+        ([0, 1, 0], [0, -2, 0], True),  # a ground
+        ([0, -1, 0], [0, -2, 0], True),  # its back
+        ([0, 0, 1], [0, 0, 0], True),  # a wall ahead
+        ([0, 0, 1], [0, 0, 6], False),  # a wall behind
+        ([1, 0, 0.1], [9, 0, 0], True),  # a wall beside, seen far away
+        ([1, 0, 1], [0, 0, 6], False),  # behind, parallel to nothing in view
+        ([1, 0, 0.3], [0, 0, 6], True),
+    ],
+)
+def test_a_plane_is_in_view_when_a_ray_meets_it(normal: list, point: list, seen: bool):
+    data = {
+        "camera": {"position": [0, 0, 5], "target": [0, 0, 0]},
+        "shapes": [{"type": "plane", "normal": normal, "point": point}],
+    }
+    assert sees_anything(replace(scene_from_dict(data), camera=CAMERA)) is seen
 
 
 # Triangles against the view of CAMERA, whose pyramid is 64 : 48 and opens 40 degrees upwards.

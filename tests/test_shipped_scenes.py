@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
+from scipy import spatial
 from typer.testing import CliRunner
 
 from glpath.cli import scenes
@@ -162,6 +164,108 @@ def test_the_furnace_is_closed_and_its_fronts_are_inward(parameters: dict):
     assert (np.sum(inward * scene.normals, axis=1) > 0).all()
 
 
+def test_three_spheres_are_stacked_on_a_ground_under_a_lamp():
+    scene = load_scene("three-spheres")
+    assert [each.primitive for each in scene.shapes] == ["plane", "sphere", "sphere", "sphere"]
+    centres = scene.spheres[:, :, 3]
+    assert centres[:2, 2].tolist() == pytest.approx([1, 1])  # on the ground
+    apart = np.linalg.norm(centres - np.roll(centres, 1, axis=0), axis=1)
+    assert apart == pytest.approx([2, 2, 2], abs=1e-6)  # each touches the other two
+    assert (np.abs(pixels(scene, np.concatenate([centres + d for d in np.eye(3)]))) < 0.8).all()
+    (lamp,) = scene.lights
+    assert lamp.kind == "point"
+    assert lamp.position[2] > 4
+    assert scene.sky is not None
+    materials = [scene.materials[each.material] for each in scene.shapes]
+    assert sum(material.texture is not None for material in materials) >= 2  # figure 11
+    assert all(material.mirror.any() for material in materials)  # figure 10
+
+
+def covered(scene: Scene, side: int = 64) -> float:
+    """Share of the picture that the spheres and triangles cover, by rays through side x side places."""
+    right, up, forward = scene.camera.frame()
+    half_height = np.tan(np.radians(scene.camera.fov) / 2)
+    half_width = half_height * scene.camera.resolution[0] / scene.camera.resolution[1]
+    x, y = np.meshgrid((np.arange(side) + 0.5) / side * 2 - 1, (np.arange(side) + 0.5) / side * 2 - 1)
+    rays = forward + half_width * x[..., None] * right + half_height * y[..., None] * up
+    hit = np.zeros((side, side), bool)
+    for sphere in scene.spheres:
+        away = sphere[:, 3] - scene.camera.position
+        distance = np.linalg.norm(np.cross(rays, away), axis=2) / np.linalg.norm(rays, axis=2)
+        hit |= distance < sphere[0, 0]
+    for corners in scene.triangles - scene.camera.position:
+        sides = rays @ np.cross(corners, np.roll(corners, -1, axis=0)).T
+        hit |= (sides < 0).all(axis=2) | (sides > 0).all(axis=2)
+    return float(hit.mean())
+
+
+@pytest.mark.parametrize("objects", [1, 2, 3, 10, 50, 100, 6000])
+@pytest.mark.parametrize("kind", ["sphere", "triangle"])
+@pytest.mark.parametrize("aspect", [0.5, 1, 1280 / 720])
+def test_stacked_objects_are_in_view_and_touch_no_other(objects: int, kind: str, aspect: float):
+    scene = load_scene("stacked", {"objects": objects, "kind": kind, "aspect": aspect})
+    assert len(scene.shapes) == len(scene.spheres) + len(scene.triangles) == objects
+    assert {each.count for each in scene.shapes} == {1}
+    if kind == "sphere":
+        centres, radius = scene.spheres[:, :, 3], scene.spheres[0, 0, 0]
+        assert np.array_equal(scene.spheres[:, :, :3], np.broadcast_to(radius * np.eye(3), (objects, 3, 3)))
+        corners = np.array([[x, y, 1] for x in (-1, 1) for y in (-1, 1)])
+        points = (centres[:, None] + radius * corners).reshape(-1, 3)
+        if objects > 1:
+            nearest = spatial.cKDTree(centres).query(centres, 2)[0][:, 1]
+            assert nearest == pytest.approx(2 * radius, rel=1e-9)  # each rests on others, none is in another
+    else:
+        points = scene.triangles.reshape(-1, 3)
+        assert (scene.normals[:, 2] > 0.9).all()
+        centres = scene.triangles.mean(axis=1)
+        reach = np.linalg.norm(scene.triangles - centres[:, None], axis=2).max()
+        if objects > 1:
+            assert spatial.cKDTree(centres).query(centres, 2)[0][:, 1].min() > 0.99 * reach
+    seen = np.abs(pixels(scene, points) / [scene.camera.resolution[0] / scene.camera.resolution[1], 1])
+    assert (seen <= 1 + 1e-12).all()
+    assert seen.max() > 0.95  # as large as the picture allows
+
+
+@pytest.mark.parametrize(("kind", "least"), [("sphere", 0.6), ("triangle", 0.55)])
+def test_stacked_objects_fill_the_picture_whatever_their_number(kind: str, least: float):
+    shares = [covered(load_scene("stacked", {"objects": n, "kind": kind})) for n in (50, 100, 1000)]
+    assert min(shares) > least
+    three = covered(load_scene("stacked", {"objects": 3, "kind": kind}))
+    assert three > 0.25
+
+
+def test_stacked_spheres_stand_on_each_other_row_by_row():
+    centres = load_scene("stacked", {"objects": 3}).spheres[:, :, 3]
+    assert centres[0, 1] == centres[1, 1] < centres[2, 1]
+    assert centres[2, 0] == pytest.approx(0)  # figure 12, left
+    tower = load_scene("stacked", {"objects": 3, "aspect": 0.25}).spheres[:, :, 3]
+    assert np.ptp(tower[:, 0]) == 0
+
+
+def test_a_ground_goes_below_the_stack():
+    scene = load_scene("stacked", {"objects": 20, "ground": "true"})
+    (ground,) = scene.planes
+    assert ground[:, 2].tolist() == [0, 1, 0]
+    assert np.linalg.det(ground[:, :3]) == pytest.approx(1)
+    assert ground[1, 3] == pytest.approx(scene.bounds[0][1])
+    assert scene.shapes[0].primitive == "plane"
+    assert scene.primitive_shape("sphere").tolist() == list(range(1, 21))
+    assert check_scene(scene) == []
+
+
+def test_a_million_objects_are_quickly_there():
+    start = time.process_time()
+    scene = load_scene("stacked", {"objects": 1_000_000})
+    elapsed = time.process_time() - start
+    assert len(scene.spheres) == 1_000_000
+    assert sum(each.count for each in scene.shapes) == 1_000_000
+    assert len(scene.primitive_shape("sphere")) == 1_000_000
+    assert elapsed < 10  # 0.6 s where nothing else runs
+    start = time.process_time()
+    assert len(load_scene("stacked", {"objects": 6000, "kind": "triangle"}).shapes) == 6000
+    assert time.process_time() - start < 1  # 0.02 s
+
+
 def test_parameters_shape_the_furnace():
     text = {"reflectance": "0.25", "radiance": "3", "resolution": "16", "subdivisions": "1"}
     scene = load_scene("furnace", text)
@@ -185,6 +289,9 @@ def test_parameters_shape_the_furnace():
         ("furnace", {"reflectance": "nan"}, ["reflectance is"]),
         ("furnace", {"resolution": "many"}, ['resolution is "many"', "whole number from 1"]),
         ("furnace", {"shape": "torus"}, ['shape is "torus"', "box or sphere"]),
+        ("stacked", {"objects": "0"}, ['objects is "0"', "from 1 to 1000000", "default is 100"]),
+        ("stacked", {"kind": "cube"}, ['kind is "cube"', "sphere or triangle"]),
+        ("stacked", {"ground": "perhaps"}, ['ground is "perhaps"', "true or false"]),
         ("cornell-box", {"size": "2"}, ["cornell-box: has no parameters", "size", "furnace"]),
     ],
 )
@@ -244,6 +351,55 @@ def test_info_tells_what_is_in_a_scene():
     output = run("info", "cornell-box")
     for part in ("32 triangles", "tall-block", "[0.63, 0.065, 0.05]", "at [278, 273, -800]", "512 x 512", "Lights"):
         assert part in output
+
+
+def test_info_tells_of_spheres_planes_textures_and_lights():
+    output = run("info", "three-spheres")
+    parts = ["3 spheres, 1 plane", "infinite", "12.5664", "tiles", "2 x 2", "nearest", "point", "sky", "ambient"]
+    for part in parts:
+        assert part in output
+    told = json.loads(run("info", "three-spheres", "--json"))
+    assert (told["triangles"], told["spheres"], told["planes"]) == (0, 3, 1)
+    assert [each["area"] for each in told["shapes"]] == [None, *[pytest.approx(4 * np.pi)] * 3]
+    scene = load_scene("three-spheres")
+    (lamp,) = told["lights"]
+    assert lamp["kind"] == "point"
+    assert lamp["power"] == pytest.approx((4 * np.pi * scene.lights[0].intensity).tolist())
+    assert told["ambient"] == scene.ambient.tolist()
+    assert told["sky"]["zenith"] == scene.sky.zenith.tolist()
+    assert [each["texture"] for each in told["materials"]] == ["tiles", "beach-ball", None, None]
+    assert told["materials"][3]["mirror"] == scene.materials[3].mirror.tolist()
+    assert told["textures"][0] == {"name": "tiles", "size": [2, 2], "scale": [0.4, 0.4], "filter": "nearest"}
+
+
+def test_info_describes_every_kind_of_light(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    (tmp_path / "a.toml").write_text(
+        """
+        camera = { position = [0, 0, 5], target = [0, 0, 0] }
+        shapes = [{ type = "sphere", radius = 1, transform = [{ scale = [1, 2, 3] }], emission = { radiance = 1 } }]
+        lights = [
+            { type = "spot", position = [0, 0, 4], target = [0, 0, 0], intensity = 7 },
+            { type = "directional", direction = [0, -1, 0], irradiance = 3 },
+            { type = "point", position = [0, 5, 0], intensity = 2, falloff = "none" },
+        ]
+        """
+    )
+    output = run("info", str(tmp_path / "a.toml"))
+    for part in ("front", "cone 30 to 40 degrees", "towards [0, -1, 0]", "[7, 7, 7] W sr^-1", "[2, 2, 2] W m^-2"):
+        assert part in output
+    told = json.loads(run("info", str(tmp_path / "a.toml"), "--json"))
+    # The surface of the ellipsoid 1, 2, 3 by the elliptic integrals: 48.8821.
+    assert told["shapes"][0]["area"] == pytest.approx(48.8821, rel=0.011)
+    assert [each["power"] is None for each in told["lights"]] == [False, True, True, True]
+
+
+def test_info_shows_the_first_of_thousands_of_shapes():
+    output = run("info", "stacked", "-D", "objects=500")
+    assert "sphere-39" in output
+    assert "sphere-40" not in output
+    assert "460 more" in output
+    assert len(json.loads(run("info", "stacked", "-D", "objects=500", "--json"))["shapes"]) == 500
 
 
 def test_info_gives_the_power_of_a_light_to_programs():

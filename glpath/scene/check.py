@@ -64,29 +64,35 @@ def check_scene(scene: Scene) -> list[str]:
     found = [] if shining else _about_darkness(scene)
     for light, around in zip(placed, around_lights, strict=True):
         found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
+    # A sphere with a light in it is meant as a room.
+    lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
+    found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
+    return found + _about_materials(scene)
+
+
+def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
+    """around: the shapes that enclose the camera, fronts outward, without a light inside."""
+    touching = _touched(scene)
+    if touching is not None:
+        return [
+            f'The camera stands exactly on a surface, of the shape "{touching.name}": '
+            "half of the picture may be that surface. Move it a little."
+        ]
     if not sees_anything(scene):
         lower, upper = scene.bounds
-        found.append(
+        return [
             "The camera sees nothing: no shape is in view. "
             f"It stands at {_point(scene.camera.position)} and looks at {_point(scene.camera.target)}; "
             f"the scene reaches from {_point(lower)} to {_point(upper)}."
-        )
-    touching = _touched(scene)
-    if touching is not None:
-        found.append(
-            f'The camera stands exactly on a surface, of the shape "{touching.name}": '
-            "half of the picture may be that surface. Move it a little."
-        )
-    else:
-        # A sphere with a light in it, or one turned inside out, is meant as a room; so may be any box.
-        room = np.array([shape.primitive != "sphere" or shape.emission_two_sided for shape in scene.shapes])
-        room |= np.any(around_lights, axis=0) if around_lights else False
-        found += [
-            f'The camera stands inside the sphere "{scene.shapes[index].name}" and sees nothing but its inside. '
-            "Move it out, or give the sphere flip_normals = true if it is meant as a room."
-            for index in np.flatnonzero((around_camera > 0) & ~room)
         ]
-    return found + _about_materials(scene)
+    # A box may be meant as a room, and so may a sphere that shines to its inside.
+    shapes = [scene.shapes[index] for index in around]
+    return [
+        f'The camera stands inside the sphere "{shape.name}" and sees nothing but its inside. '
+        "Move it out, or give the sphere flip_normals = true if it is meant as a room."
+        for shape in shapes
+        if shape.primitive == "sphere" and not (shape.emits and shape.emission_two_sided)
+    ]
 
 
 def _about_darkness(scene: Scene) -> list[str]:

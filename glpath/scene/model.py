@@ -158,7 +158,7 @@ class Scene:
 
     triangles    : (T, 3, 3) float64, corners in world space; counter-clockwise seen from the front
     shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
-    triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners
+    triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners; (0, 3, 2) where no texture asks for them
     spheres      : (S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre; any affine map,
                    so an ellipsoid as well. Its front is outside, or inside where the determinant is negative. u
                    runs with the longitude about the unit sphere's z axis, v from its south pole (0) to its north

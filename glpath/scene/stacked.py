@@ -58,7 +58,11 @@ def stacked(
     """
     half_width = max(1, round(resolution * aspect)) / resolution
     if kind == "sphere":
-        centres, radius = _fit(_pile_of_spheres(objects, half_width), np.array([1.0, 1.0, 1.0]), half_width)
+        places = _pile_of_spheres(objects, half_width)
+        # Of the box around all, the side that is nearest to the camera and so appears largest.
+        front = np.array([places.min(axis=0) - [1, 1, -1], places.max(axis=0) + 1])
+        middle, radius = _fit(front, half_width)
+        centres = radius * (places - middle)
         spheres = np.zeros((objects, 3, 4))
         spheres[:, range(3), range(3)] = radius
         spheres[:, :, 3] = centres
@@ -158,18 +162,15 @@ def _wall_of_triangles(objects: int, half_width: float) -> Float64:
     way = np.where((column + row) % 2 == 0, 1.0, -1.0)[:, None]
     x = up[:, None] * corners[:, 0]  # turned by half, not mirrored: the corners stay counter-clockwise
     shape = np.stack([x, y * np.cos(lean), -way * y * np.sin(lean)], axis=2)
-    centres, size = _fit(place, np.abs(shape).max(axis=(0, 1)), half_width)
-    return np.ascontiguousarray(centres[:, None, :] + size * shape)
+    triangles = place[:, None, :] + shape
+    middle, size = _fit(triangles.reshape(-1, 3), half_width)
+    return np.asarray(size * (triangles - middle))
 
 
-def _fit(places: Float64, reach: Float64, half_width: float) -> tuple[Float64, float]:
-    """Places (N, 3) moved to the middle and scaled until all is in view, and the scale.
-
-    reach : (3,) how far an object extends from its place along each axis; the nearest part must be in view as well
-    """
-    lower, upper = places.min(axis=0), places.max(axis=0)
-    half = (upper - lower) / 2 + reach
-    # What is `depth` nearer than the middle is seen larger: half * size <= view * (1 - depth * size / distance).
-    extents = ((half[0], half_width), (half[1], 1.0))
-    size = min(1 / (extent / view + reach[2] / _DISTANCE) for extent, view in extents)
-    return size * (places - (lower + upper) / 2), float(size)
+def _fit(points: Float64, half_width: float) -> tuple[Float64, float]:
+    """The middle of points (N, 3), and the largest size about it at which all of them are in view."""
+    middle = np.append((points.min(axis=0) + points.max(axis=0))[:2] / 2, 0.0)
+    x, y = np.abs(points - middle).T[:2]
+    # What is nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
+    nearer = points[:, 2] / _DISTANCE
+    return middle, float(1 / np.max([x / half_width + nearer, y + nearer]))
