@@ -224,7 +224,7 @@ class _SmallPrimitives:
                 (self._first, "least t", {}),
                 (self._second, "lowest number", {"SECOND": 1}),
             ):
-                program = buffer._program(define | more, compute="t_buffer_small.comp")
+                program = buffer._program(define | more | {STORES_ARE_TEXELS: 1}, compute="t_buffer_small.comp")
                 stage = Dispatch(f"t-buffer: small {kind}s, {name}", gl, program, objects.textures, buffers)
                 stages.append((stage, own, grid))
             program = buffer._program({}, compute="t_buffer_list.comp")

@@ -165,9 +165,9 @@ def load_program(
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
-    fragment_defines = {"TEXELS_ARE_IMAGES": 1} if gl.info["GL_RENDERER"].startswith("llvmpipe") else {}
+    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if gl.info["GL_RENDERER"].startswith("llvmpipe") else {}
     sources = {
-        k: Source(v, generated or {}, dict(defines or {}) | (fragment_defines if k == "fragment_shader" else {}))
+        k: Source(v, generated or {}, dict(defines or {}) | (fetch_defines if k != "vertex_shader" else {}))
         for k, v in stages.items()
         if v
     }
