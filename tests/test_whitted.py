@@ -151,6 +151,21 @@ def test_inside_a_sphere_with_its_light() -> None:
         np.testing.assert_allclose(film.mean, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("scale", [2.0**-13, 1.0, 2.0**13])  # by which floats are not rounded
+def test_a_huge_ground_and_any_unit_of_length(scale: float) -> None:
+    """The sums of a film have bits for what is seen, whatever the size of the scene and the power of its lights."""
+    lamp = replace(POINT, intensity=POINT.intensity * scale**2, position=scale * POINT.position)
+    scene = scene_of(
+        spheres=[ball((0, -1e5 * scale, 0), (1e5 - 1) * scale), ball((0, 0, 0), scale)],
+        lights=(lamp,),
+        view=camera((0, scale, 6 * scale)),
+    )
+    assert_as_reference(scene, 2)
+    dim = replace(scene, lights=(replace(lamp, intensity=1e-6 * lamp.intensity),))
+    films = [glpath.render(s, integrator="t-buffer", spp=1, max_depth=2).mean for s in (scene, dim)]
+    np.testing.assert_allclose(films[1], 1e-6 * films[0], rtol=1e-5, atol=1e-6 * films[1].max())
+
+
 def test_a_light_inside_an_object_lights_nothing_outside() -> None:
     scene = scene_of(
         spheres=[ball((0, 1, 0), 0.5)],

@@ -27,7 +27,7 @@ from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.sampling import pixel_place
-from glpath.scene.model import Camera, Scene
+from glpath.scene.model import Camera, Float64, Scene
 
 Primary = Literal["classic", "t-buffer"]
 Shadows = Literal["rays", "sphere", "cube"]
@@ -276,14 +276,25 @@ def _air(scene: Scene) -> Uniforms:
 
 
 def _brightest(objects: GpuObjects) -> float:
-    """Radiance that is seldom passed: of lights as they shine from a hundredth of the scene's size."""
+    """Radiance of bright places: white ones at half of the objects' distances from a light, lamps, and the sky."""
     scene = objects.scene
     values = [0.0, *scene.ambient, *(s.emission.max() for s in scene.shapes)]
     if scene.sky:
         values += [*scene.sky.zenith, *scene.sky.horizon]
     for light in scene.lights:
-        square = (
-            (0.01 * objects.radius) ** 2 if light.kind != "directional" and light.falloff == "quadratic" else 1.0
-        )
-        values.append(float(light.intensity.max()) / square)
+        square = 1.0
+        if light.kind != "directional" and light.falloff == "quadratic":
+            square = _typical_distance(objects, light.position) ** 2
+        values.append(float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
+
+
+def _typical_distance(objects: GpuObjects, place: Float64) -> float:
+    """The median distance from a place to the boxes of what it is not inside, and to planes."""
+    finite = objects.numbering.first_plane
+    outside = np.maximum(objects.lower[:finite] - place, place - objects.upper[:finite])
+    normals, points = objects.scene.planes[:, :, 2], objects.scene.planes[:, :, 3]
+    heights = np.abs(np.sum((place - points) * normals, axis=1))
+    distances = np.concatenate([np.linalg.norm(np.maximum(outside, 0.0), axis=1), heights])
+    distances = distances[distances > 0]
+    return float(np.median(distances)) if len(distances) else objects.radius
