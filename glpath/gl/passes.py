@@ -85,6 +85,36 @@ class Pass:
             gl.disable_direct(0x3000 + i)
 
 
+@dataclass
+class Dispatch:
+    """One run of a compute shader and all it reads and writes.
+
+    name    : the paper's word for the stage
+    buffers : by their binding; whoever reads them next may do so at once
+    """
+
+    name: str
+    gl: moderngl.Context
+    program: Program
+    textures: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+    buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        missing = set(self.program.samplers) - set(self.textures)
+        assert not missing, f"{self.name}: no texture for {sorted(missing)}"
+
+    def run(self, uniforms: Mapping[str, object], groups: tuple[int, int]) -> None:
+        """Run so many work groups across and down."""
+        for name, unit in self.program.samplers.items():
+            self.textures[name].use(unit)
+        for binding, buffer in self.buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+        self.program.set(uniforms)
+        with self.gl.debug_scope(self.name):
+            self.program.gl.run(*groups)  # type: ignore[union-attr]
+        self.gl.memory_barrier()
+
+
 class Stopwatch:
     """Milliseconds by stage of the frame.
 

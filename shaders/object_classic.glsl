@@ -1,0 +1,54 @@
+// object_classic.glsl: the classical algorithm: a ray against every primitive of the scene [TB I, III.A].
+// Needs:  object_intersect.glsl
+//
+// Of primitives at the same t, the one with the lowest number wins, everywhere.
+#include "object_intersect.glsl"
+
+#define TEST_ALL(FIRST, STOP, ROUTINE)                                      \
+    for (int i = FIRST; i < STOP; ++i)                                      \
+    {                                                                       \
+        float at = ROUTINE(i, origin, direction, tmin, own);                \
+        COUNT_TEST                                                          \
+        if (at < t)                                                         \
+        {                                                                   \
+            t = at;                                                         \
+            primitive = i;                                                  \
+        }                                                                   \
+    }
+
+#define TEST_ANY(FIRST, STOP, ROUTINE)                                      \
+    for (int i = FIRST; i < STOP && !blocked; ++i)                          \
+    {                                                                       \
+        blocked = ROUTINE(i, origin, direction, tmin, own) < tmax;          \
+        COUNT_TEST                                                          \
+    }
+
+#ifdef COUNT_TESTS
+uint tests = 0u;  // made by this invocation so far
+#define COUNT_TEST ++tests;
+#else
+#define COUNT_TEST
+#endif
+
+// The nearest primitive of those from FIRST on, or -1; t is NO_HIT then.
+int nearest_classic(vec3 origin, vec3 direction, float tmin, int own, out float t)
+{
+    int primitive = -1;
+    t = NO_HIT;
+    TEST_ALL(0, first_ellipsoid, intersect_sphere)
+    TEST_ALL(first_ellipsoid, first_triangle, intersect_ellipsoid)
+    TEST_ALL(first_triangle, first_plane, intersect_triangle)
+    TEST_ALL(first_plane, primitive_count, intersect_plane)
+    return primitive;
+}
+
+// Is anything between tmin and tmax? The first found ends the search [TB IV.A 2 v].
+bool blocked_classic(vec3 origin, vec3 direction, float tmin, float tmax, int own)
+{
+    bool blocked = false;
+    TEST_ANY(0, first_ellipsoid, intersect_sphere)
+    TEST_ANY(first_ellipsoid, first_triangle, intersect_ellipsoid)
+    TEST_ANY(first_triangle, first_plane, intersect_triangle)
+    TEST_ANY(first_plane, primitive_count, intersect_plane)
+    return blocked;
+}

@@ -1,0 +1,76 @@
+// object_surface.glsl: what a ray has met: place, normal, texture coordinates, material.
+// Needs:  constants.glsl, object_intersect.glsl
+// Frame:  world; the normal leaves the front.
+#include "constants.glsl"
+#include "object_intersect.glsl"
+
+struct Surface
+{
+    vec3 position;
+    vec3 normal;   // unit, out of the front
+    vec2 uv;
+    int object;    // the shape's number
+    int material;
+};
+
+// Where a direction of the unit sphere lies on it: u with the longitude, v from the south pole to the north.
+vec2 sphere_uv(vec3 unit)
+{
+    float longitude = atan(unit.y, unit.x) * (0.5 / PI);
+    return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 1.0 - acos(clamp(unit.z, -1.0, 1.0)) / PI);
+}
+
+Surface surface(int primitive, vec3 origin, vec3 direction, float t)
+{
+    Surface s;
+    s.position = origin + t * direction;
+    vec4 last = surface_texel(primitive, SURFACE_LAST);
+    s.object = int(last.z);
+    s.material = int(last.w);
+#ifdef HAS_SPHERES
+    if (primitive < first_ellipsoid)
+    {
+        vec4 sphere = sphere_texel(primitive, SPHERE_BALL);
+        vec3 out_of = normalize(s.position - sphere.xyz);
+        // Back onto the sphere, as t of a far one has lost the last digits of the place.
+        s.position = sphere.xyz + abs(sphere.w) * out_of;
+        s.normal = sphere.w < 0.0 ? -out_of : out_of;
+        mat3 rows = mat3(
+            unit_texel(primitive, UNIT_ROW0).xyz, unit_texel(primitive, UNIT_ROW1).xyz,
+            unit_texel(primitive, UNIT_ROW2).xyz);
+        s.uv = sphere_uv(normalize(to_unit(rows, out_of)));
+    }
+#endif
+#ifdef HAS_ELLIPSOIDS
+    if (primitive >= first_ellipsoid && primitive < first_triangle)
+    {
+        vec4 row0 = unit_texel(primitive, UNIT_ROW0), row1 = unit_texel(primitive, UNIT_ROW1);
+        vec4 row2 = unit_texel(primitive, UNIT_ROW2);
+        mat3 rows = mat3(row0.xyz, row1.xyz, row2.xyz);
+        vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
+        s.normal = normalize(rows * unit) * sign(determinant(rows));
+        s.uv = sphere_uv(unit);
+    }
+#endif
+#ifdef HAS_TRIANGLES
+    if (primitive >= first_triangle && primitive < first_plane)
+    {
+        TriangleFrom from = triangle_of(primitive, origin);
+        vec3 weight = vec3(dot(from.edge1, direction), dot(from.edge2, direction), dot(from.edge0, direction));
+        weight /= weight.x + weight.y + weight.z;
+        vec4 first = surface_texel(primitive, SURFACE_FIRST);
+        s.uv = weight.x * first.xy + weight.y * first.zw + weight.z * last.xy;
+        s.normal = normalize(from.plane.xyz);
+    }
+#endif
+#ifdef HAS_PLANES
+    if (primitive >= first_plane)
+    {
+        int plane = primitive - first_plane;
+        s.normal = plane_texel(plane, PLANE_NORMAL).xyz;
+        vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
+        s.uv = vec2(dot(from_point, plane_texel(plane, PLANE_U).xyz), dot(from_point, plane_texel(plane, PLANE_V).xyz));
+    }
+#endif
+    return s;
+}
