@@ -6,6 +6,8 @@ and the median of their times counts.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import platform
 import statistics
@@ -61,6 +63,21 @@ class Report:
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
+
+    def as_json(self) -> str:
+        """Strict JSON: what is no number (NaN, infinity) is null."""
+        return json.dumps(_plain(self.as_dict()), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Of values that JSON has: numpy's scalars as Python's, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def judge(claim: str, rule: tuple[Condition, ...], measured: Mapping[str, float]) -> tuple[str, bool]:

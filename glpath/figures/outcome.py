@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +37,7 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
     """
     report = outcome.report
     text = {"Title": report.name, "Description": report.claim, "Software": "glpath"}
-    contents = {".png": encode_png(outcome.picture, text), ".json": as_json(report).encode()}
+    contents = {".png": encode_png(outcome.picture, text), ".json": report.as_json().encode()}
     if report.rows:
         contents[".csv"] = as_csv(report.rows).encode()
     paths = []
@@ -48,21 +47,6 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
             part.write_bytes(content)
         paths.append(path)
     return paths
-
-
-def as_json(report: Report) -> str:
-    """The report as JSON; what is not a number (NaN, infinity) is null, as JSON has neither."""
-    return json.dumps(_plain(report.as_dict()), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.bool_ | np.integer | np.floating):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def as_csv(rows: list[dict[str, Any]]) -> str:

@@ -1,0 +1,96 @@
+"""`glpath bench`: which options go with which bench, and what is printed and written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from glpath.bench import path_buffer, t_buffer
+from glpath.cli.bench import BENCHES
+from glpath.cli.main import app
+from glpath.measure import Report
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
+    """Both benches, without their work; what they were asked for."""
+    asked: list[tuple[object, ...]] = []
+
+    def stand_in(name, holds):
+        def measure(*arguments):
+            *options, say = arguments
+            say("measuring")
+            asked.append((name, *options))
+            rows = [{"kind": "sphere", "ms": 0.5}, {"kind": "triangle", "ms": 0.25, "peer_ms": float("nan")}]
+            return Report(name, "fast (a >= 1)", {"a": 1.25}, holds, rows, {"renderer": "none"}, {"glpath": "0"})
+
+        return measure
+
+    monkeypatch.setattr(path_buffer, "bench_path_buffer", stand_in("path-buffer", True))
+    monkeypatch.setattr(t_buffer, "bench_t_buffer", stand_in("t-buffer", False))
+    return asked
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["bench", *map(str, arguments)])
+
+
+def test_list_names_every_bench() -> None:
+    result = run("--list")
+    assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES) == ["path-buffer", "t-buffer"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["path-buffer"], ("path-buffer", 3, None)),
+        (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"))),
+        (["t-buffer"], ("t-buffer", 1.0, 7)),
+        (["t-buffer", "--rounds", "3", "--scale", "0.5"], ("t-buffer", 0.5, 3)),
+    ],
+)
+def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, calls) == (0, [expected])
+    assert "measuring" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "no name; allowed are path-buffer, t-buffer"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, t-buffer"),
+        (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
+        (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
+        (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
+        (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
+        (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
+    ],
+)
+def test_wrong_usage_says_what_is_allowed(calls, arguments, words) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, calls) == (2, [])
+    assert words in result.stderr
+
+
+def test_the_verdict_is_said_and_the_json_is_strict(calls, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.json"
+    result = run("t-buffer", "--json", path)
+    assert "fast (a >= 1): DOES NOT HOLD" in result.stdout
+    assert "fast (a >= 1): holds" in run("path-buffer").stdout
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    written = json.loads(path.read_text(), parse_constant=refuse)
+    assert (written["holds"], written["measured"]) == (False, {"a": 1.25})
+    assert written["rows"][1]["peer_ms"] is None
+    assert json.loads(run("t-buffer", "--json", "-").stdout) == written
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(calls, tmp_path: Path) -> None:
+    result = run("t-buffer", "--json", tmp_path)
+    assert (result.exit_code, calls) == (1, [])
