@@ -10,22 +10,29 @@
 // at the start itself is taken to be exactly 0, so that the far side is still met from inside, without any bias.
 const float NO_HIT = 3e38;
 
-// f: start relative to the centre; w: |f|^2 - r^2, as a product, which keeps its digits near the surface.
+// xyz: start relative to the centre, f; w: |f|^2 - r^2, with the digits kept that cancel where the start is near the
+// surface, above all for a huge sphere below or above everything.
 vec4 sphere_from(vec3 origin, vec3 centre, float radius)
 {
     precise vec3 f = origin - centre;
-    precise float distance = sqrt(dot(f, f));
-    precise float c = (distance - radius) * (distance + radius);
+    vec3 size = abs(f);
+    float most = max(size.x, max(size.y, size.z));
+    vec2 rest = size.x == most ? f.yz : size.y == most ? f.xz : f.xy;
+    precise float c = (most - radius) * (most + radius) + dot(rest, rest);
     return vec4(f, c);
 }
 
-// The first root beyond tmin. The discriminant is taken from the ray's closest point, for spheres that are small and
-// far away. Source: Haines, Günther & Akenine-Möller 2019, Precision Improvements for Ray/Sphere Intersection.
+// The first root of |f + t direction|^2 = r^2 beyond tmin. Far from the sphere the discriminant is taken from the ray's
+// closest point, as b^2 and c are then large and alike; near it they are not.
+// Source: Haines, Günther & Akenine-Möller 2019, Precision Improvements for Ray/Sphere Intersection.
 float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
 {
     precise float b = -dot(from.xyz, direction);
     precise vec3 closest = from.xyz + b * direction;
-    precise float square = radius * radius - dot(closest, closest);
+    precise float square2 = radius * radius;
+    precise float afar = square2 - dot(closest, closest);
+    precise float near = b * b - from.w;
+    float square = from.w > 3.0 * square2 ? afar : near;
     precise float root = sqrt(max(square, 0.0));
     precise float q = b < 0.0 ? b - root : b + root;
     precise float other = from.w / q;
@@ -65,34 +72,64 @@ float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
     return t < NO_HIT / max(scale, 1.0) ? t : NO_HIT;
 }
 
-// edge*: normals of the planes through the start and an edge; plane: a normal and its product with the way to the plane.
+// corner*: relative to the start; plane: a normal, and its product with the way to the plane.
 struct TriangleFrom
 {
-    vec3 edge0;  // from corner 0 to 1, so its product with a direction is the weight of corner 2
-    vec3 edge1;
-    vec3 edge2;
+    vec3 corner0;
+    vec3 corner1;
+    vec3 corner2;
     vec4 plane;
 };
 
-// Two triangles that share an edge find the same number for it, with the other sign, so no ray slips through.
-// Source: the sign test by Plücker coordinates, as in Embree's robust mode (Wald et al. 2014).
 TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2)
 {
     precise vec3 a = corner0 - origin, b = corner1 - origin, c = corner2 - origin;
-    precise vec3 ab = b - a, bc = c - b, ca = a - c;
-    precise vec3 edge0 = cross(ab, a + b), edge1 = cross(bc, b + c), edge2 = cross(ca, c + a);
+    precise vec3 ab = b - a, bc = c - b;
     precise vec3 normal = cross(ab, bc);
     precise float offset = dot(normal, a);
-    return TriangleFrom(edge0, edge1, edge2, vec4(normal, offset));
+    return TriangleFrom(a, b, c, vec4(normal, offset));
+}
+
+// Two axes across a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+void axes_across(vec3 d, out vec3 x, out vec3 y)
+{
+    float side = d.z < 0.0 ? -1.0 : 1.0;
+    precise float a = -1.0 / (side + d.z);
+    precise float b = d.x * d.y * a;
+    precise vec3 across = vec3(1.0 + side * d.x * d.x * a, side * b, -side * d.x);
+    precise vec3 along = vec3(b, side + d.y * d.y * a, -d.y);
+    x = across;
+    y = along;
+}
+
+// The weights of the corners at the ray, not yet divided by their sum; all of one sign where it passes inside.
+// A corner is projected on its own, so that triangles that share it agree on where it is, and the difference of two
+// products is 0 or has the right sign: no ray slips through between them.
+// Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation for the shear, and 0 counted
+// as inside for both instead of a second look in double precision.
+vec3 triangle_weights(TriangleFrom from, vec3 direction, out float extent)
+{
+    vec3 x, y;
+    axes_across(direction, x, y);
+    precise vec2 a = vec2(dot(from.corner0, x), dot(from.corner0, y));
+    precise vec2 b = vec2(dot(from.corner1, x), dot(from.corner1, y));
+    precise vec2 c = vec2(dot(from.corner2, x), dot(from.corner2, y));
+    precise vec3 first = vec3(b.x * c.y, c.x * a.y, a.x * b.y), second = vec3(b.y * c.x, c.y * a.x, a.y * b.x);
+    precise vec3 weights = first - second;
+    vec2 most = max(abs(a), max(abs(b), abs(c)));
+    extent = max(most.x, most.y);
+    return weights;
 }
 
 float triangle_hit(TriangleFrom from, vec3 direction, float tmin)
 {
-    precise vec3 weight = vec3(dot(from.edge1, direction), dot(from.edge2, direction), dot(from.edge0, direction));
+    float extent;
+    vec3 weight = triangle_weights(from, direction, extent);
+    precise float sum = weight.x + weight.y + weight.z;
     precise float t = from.plane.w / dot(from.plane.xyz, direction);
     float least = min(weight.x, min(weight.y, weight.z)), most = max(weight.x, max(weight.y, weight.z));
-    bool inside = least >= 0.0 || most <= 0.0;
-    // An edge-on triangle divides 0 by 0: neither comparison holds for that.
+    // Seen edge-on, all weights are nothing but rounding, also past its ends: such a triangle is not met.
+    bool inside = (least >= 0.0 || most <= 0.0) && abs(sum) > 5e-7 * extent * extent;
     return inside && t > tmin && t < NO_HIT ? t : NO_HIT;
 }
 

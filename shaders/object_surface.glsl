@@ -56,7 +56,8 @@ Surface surface(int primitive, vec3 origin, vec3 direction, float t)
     if (primitive >= first_triangle && primitive < first_plane)
     {
         TriangleFrom from = triangle_of(primitive, origin);
-        vec3 weight = vec3(dot(from.edge1, direction), dot(from.edge2, direction), dot(from.edge0, direction));
+        float extent;
+        vec3 weight = triangle_weights(from, direction, extent);
         weight /= weight.x + weight.y + weight.z;
         vec4 first = surface_texel(primitive, SURFACE_FIRST);
         s.uv = weight.x * first.xy + weight.y * first.zw + weight.z * last.xy;

@@ -1,4 +1,4 @@
-"""Shadow-buffers: what a light point sees, looked up instead of shooting shadow rays [PB 3.3].
+"""Shadow-buffers: what a light sees, looked up instead of shooting shadow rays [PB 3.3, TB III].
 
 `HemicubeShadowBuffer` is for a point on a surface: a hemicube above it (Cohen & Greenberg 1985), five faces in one
 atlas, filled by one instanced draw. It holds triangle numbers. `shaders/direct.glsl` looks them up and meets the
@@ -8,18 +8,57 @@ roll change from set to set.
 
 Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
 Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
+
+`SphereShadowBuffer` and `CubeShadowBuffer` are for lights without extent, which see in every direction: the sphere
+of latitude and longitude of TB, and a cube, which has no poles to waste cells on. An entry is the nearest primitive
+along the ray of its cell, its t, and the plane that touches it there. Filled object by object: the cells in which
+an object can be seen are bounded (`light_bounds`), and each of these rays is intersected exactly, with what is
+nearer kept by the depth test. Looked up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A
+directional light has no such buffer: it has no point that directions could be told apart from, and the orthographic
+one that it would need has no size in a scene with an endless ground; its shadows take rays.
+
+Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
+Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, as they are bounded
+          on the CPU.
 """
 
 from __future__ import annotations
 
+from typing import Literal, NamedTuple
+
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import frame_about
+from glpath.buffers.light_bounds import (
+    Caps,
+    CellRectangles,
+    Int64,
+    cube_rectangles_of_caps,
+    cube_rectangles_of_planes,
+    cube_rectangles_of_triangles,
+    sphere_caps,
+    sphere_rectangles_of_caps,
+    sphere_rectangles_of_planes,
+    sphere_rectangles_of_triangles,
+)
+from glpath.errors import UsageError
+from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
+from glpath.gl.gpu_objects import GpuObjects
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
+from glpath.scene.model import Float64
+
+ShadowTest = Literal["distance", "identity"]
+
+#: In the order of their numbers, see `GpuObjects`.
+KINDS = ("sphere", "ellipsoid", "triangle", "plane")
+#: The widest filter of a lookup, in cells across.
+MAX_TAPS = 15
+_RECTANGLES_WIDTH = 4096
+_NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class HemicubeShadowBuffer:
@@ -72,3 +111,287 @@ class HemicubeShadowBuffer:
     def scan(self, uniforms: dict[str, object]) -> None:
         """Scan convert the scene as the light point sees it."""
         self._pass.run(uniforms)
+
+
+class Entries(NamedTuple):
+    """What the rays of a buffer's cells meet.
+
+    primitive : (faces, rows, columns) int32, number of the primitive, -1 for none
+    t         : (faces, rows, columns) float32, distance from the light, inf for none
+    """
+
+    primitive: NDArray[np.int32]
+    t: NDArray[np.float32]
+
+
+class PointShadowBuffer:
+    """What lights without extent see in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
+
+    All lights share one texture, a tile for each, so that a shader can loop over them.
+
+    Parameters
+    ----------
+    gl      : the context
+    objects : what throws shadows
+    cells   : (columns, rows) of a face
+    faces   : (columns, rows) of faces in a tile
+    lights  : how many lights there is room for
+
+    Attributes
+    ----------
+    textures           : for a program that includes point_shadow.glsl
+    intersection_tests : made by all fills so far
+    """
+
+    shape = ""
+
+    def __init__(
+        self, gl: moderngl.Context, objects: GpuObjects, cells: tuple[int, int], faces: tuple[int, int], lights: int
+    ) -> None:
+        self.gl = gl
+        self.objects = objects
+        self.cells = cells
+        self.faces = faces
+        self.lights = lights
+        self.tile = (cells[0] * faces[0], cells[1] * faces[1])
+        most = int(gl.info["GL_MAX_TEXTURE_SIZE"])
+        if min(cells) < 1 or lights < 1:
+            raise UsageError(
+                f"shadow-buffer of {cells[1]} x {cells[0]} cells for {lights} lights: there must be one of each",
+                "Take at least one cell, and no buffer for a scene without point lights.",
+            )
+        self._across = min(lights, max(1, most // self.tile[0]))
+        size = (self._across * self.tile[0], -(-lights // self._across) * self.tile[1])
+        if max(size) > most:
+            raise UsageError(
+                f"shadow-buffer of {cells[1]} x {cells[0]} cells for {lights} lights: a texture of {size[0]} x "
+                f"{size[1]} texels; this device allows {most} x {most}",
+                "Take a lower shadow resolution, or shadow rays.",
+            )
+        self._entries = gl.texture(size, 4, dtype="f4")
+        self._entries.filter = _NEAREST
+        self._depth = float_depth_texture(gl, size)
+        target = gl.framebuffer([self._entries], self._depth)
+        target.clear(0.0, 0.0, 0.0, -1.0)
+        self.textures = {"shadow_buffer": self._entries}
+        self._positions = np.zeros((lights, 3))
+        self._keys: list[tuple[object, ...] | None] = [None] * lights
+        self.intersection_tests = 0
+        self._passes = []
+        self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
+        for number, kind in enumerate(KINDS):
+            program = load_program(
+                gl,
+                vertex="point_shadow_fill.vert",
+                fragment="point_shadow_fill.frag",
+                generated=objects.generated,
+                defines={
+                    **objects.defines,
+                    **self._defines,
+                    f"KIND_{kind.upper()}": 1,
+                    "RECTANGLES_WIDTH": _RECTANGLES_WIDTH,
+                    "DEPTH_SCALE": DISTANCE_TO_DEPTH,
+                },
+            )
+            self._passes.append(
+                Pass(
+                    f"shadow-buffer: {kind}s",
+                    gl,
+                    program,
+                    target,
+                    depth=True,
+                    clear=(0.0, 0.0, 0.0, -1.0) if number == 0 else None,
+                    textures={**objects.textures, "rectangles": self._table(np.zeros((0, 4)))},
+                )
+            )
+
+    def _of_caps(self, caps: Caps) -> CellRectangles:
+        raise NotImplementedError
+
+    def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
+        raise NotImplementedError
+
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        raise NotImplementedError
+
+    def _rectangles(self, light: Float64) -> list[CellRectangles]:
+        """Where the primitives of each kind can be seen from a light (3,)."""
+        scene, numbers = self.objects.scene, self.objects.numbering
+        caps = sphere_caps(scene.spheres[numbers.spheres], light)
+        some = numbers.first_ellipsoid
+        return [
+            self._of_caps(Caps(caps.axis[:some], caps.angle[:some])),
+            self._of_caps(Caps(caps.axis[some:], caps.angle[some:])),
+            self._of_triangles(scene.triangles, light),
+            self._of_planes(scene.planes, light),
+        ]
+
+    def _table(self, rows: NDArray[np.float64] | Int64) -> moderngl.Texture:
+        height = max(1, -(-len(rows) // _RECTANGLES_WIDTH))
+        table = np.zeros((height * _RECTANGLES_WIDTH, 4), np.uint32)
+        table[: len(rows)] = rows
+        texture = self.gl.texture((_RECTANGLES_WIDTH, height), 4, data=table.tobytes(), dtype="u4")
+        texture.filter = _NEAREST
+        return texture
+
+    def key(self, light: int = 0) -> tuple[object, ...] | None:
+        """What the light's buffer was filled with; None before."""
+        return self._keys[light]
+
+    def fill(self, position: ArrayLike, light: int = 0) -> bool:
+        """Fill the buffer of a light at `position` (3,) [TB III.E], unless it holds just that.
+
+        Returns whether it had to be filled.
+        """
+        at = np.asarray(position, np.float64)
+        key = (*at.tolist(), self.objects.geometry_digest)
+        if self._keys[light] == key:
+            return False
+        # The rays start where the device has the light.
+        at = at.astype(np.float32).astype(np.float64)
+        self._positions[light] = at
+        corner = (light % self._across * self.tile[0], light // self._across * self.tile[1])
+        uniforms = self.objects.uniforms | {
+            "shadow_cells": (float(self.cells[0]), float(self.cells[1])),
+            "light_position": tuple(at.tolist()),
+            "tile_faces": self.faces,
+            "tile_corner": corner,
+            "tile_size": self.tile,
+        }
+        numbers = self.objects.numbering.kinds
+        for kind, stage, found in zip(KINDS, self._passes, self._rectangles(at), strict=True):
+            self.intersection_tests += found.cells
+            stage.area = (*corner, *self.tile)
+            stage.vertices = 6 * len(found.primitive)
+            if stage.vertices == 0 and stage.clear is None:
+                continue
+            rows = np.stack(
+                [
+                    found.first[:, 0] | found.first[:, 1] << 16,
+                    found.last[:, 0] | found.last[:, 1] << 16,
+                    found.primitive + numbers[kind].start,
+                    found.face,
+                ],
+                axis=1,
+            )
+            stage.textures = {**stage.textures, "rectangles": self._table(rows)}
+            stage.run(uniforms)
+        self._keys[light] = key
+        return True
+
+    @property
+    def uniforms(self) -> dict[str, object]:
+        """For a program that includes point_shadow.glsl."""
+        positions = [tuple(p) for p in self._positions.tolist()]
+        return {
+            "shadow_cells": (float(self.cells[0]), float(self.cells[1])),
+            "shadow_light_position": positions if len(positions) > 1 else positions[0],
+            "shadow_tiles_across": self._across,
+        }
+
+    def defines(self, test: ShadowTest = "distance", taps: int = 1) -> dict[str, object]:
+        """For a program that includes point_shadow.glsl: a lookup's rule, and the cells across of its filter."""
+        if not 1 <= taps <= min(MAX_TAPS, *self.cells):
+            raise UsageError(
+                f"shadow filter of {taps} taps in a buffer of {self.cells[1]} x {self.cells[0]} cells; "
+                f"1 (none) to {min(MAX_TAPS, *self.cells)} are possible",
+                "2 to 4 make smooth edges.",
+            )
+        chosen: dict[str, object] = {"SHADOW_LIGHTS": self.lights, "SHADOW_TAPS": taps}
+        return self._defines | chosen | ({"SHADOW_IDENTITY": 1} if test == "identity" else {})
+
+    def read(self, light: int = 0) -> Entries:
+        """The entries of a light's buffer as arrays. Waits for the device."""
+        columns, rows = self.cells
+        across, up = self.faces
+        x, y = light % self._across * self.tile[0], light // self._across * self.tile[1]
+
+        def tile(texture: moderngl.Texture, components: int) -> NDArray[np.float32]:
+            whole = np.frombuffer(texture.read(), np.float32).reshape(*texture.size[::-1], components)
+            own = whole[y : y + self.tile[1], x : x + self.tile[0]]
+            faces = own.reshape(up, rows, across, columns, components).swapaxes(1, 2)
+            return faces.reshape(up * across, rows, columns, components)
+
+        primitive = tile(self._entries, 4)[..., 3].astype(np.int32)
+        t = tile(self._depth, 1)[..., 0] * np.float32(1 / DISTANCE_TO_DEPTH)
+        return Entries(primitive, np.where(primitive < 0, np.float32(np.inf), t))
+
+    def visibility(
+        self,
+        light: int,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        objects: ArrayLike,
+        test: ShadowTest = "distance",
+        taps: int = 1,
+    ) -> NDArray[np.float32]:
+        """The plain way, from arrays to arrays: the share of a light that reaches places on surfaces.
+
+        positions : (N, 3) world
+        normals   : (N, 3) unit, of either side
+        objects   : (N,) the object (index of the shape) that each belongs to
+
+        Returns (N,) float32 in [0, 1].
+        """
+        n = len(np.asarray(positions))
+        width = min(1024, max(n, 1))
+        height = max(1, -(-n // width))
+        tables = np.zeros((2, height * width, 4), np.float32)
+        tables[0, :n, :3], tables[0, :n, 3], tables[1, :n, :3] = positions, objects, normals
+        places, facing = (self.gl.texture((width, height), 4, data=t.tobytes(), dtype="f4") for t in tables)
+        out = self.gl.texture((width, height), 1, dtype="f4")
+        program = load_program(
+            self.gl,
+            vertex="fullscreen.vert",
+            fragment="point_shadow_report.frag",
+            generated=self.objects.generated,
+            defines=self.objects.defines | self.defines(test, taps),
+        )
+        textures = {**self.objects.textures, **self.textures, "places": places, "normals": facing}
+        stage = Pass("visibility", self.gl, program, self.gl.framebuffer([out]), textures=textures)
+        stage.run(self.objects.uniforms | self.uniforms | {"light": light})
+        return np.frombuffer(out.read(), np.float32)[:n].copy()
+
+
+class SphereShadowBuffer(PointShadowBuffer):
+    """The shadow-buffer of TB III.C: entries over latitude and longitude about world's z axis.
+
+    rows, columns : of entries, each half a turn / rows high; TB uses 400 x 800
+
+    Poor at:  directions near the poles, where many cells share little.
+    """
+
+    shape = "sphere"
+
+    def __init__(self, gl: moderngl.Context, objects: GpuObjects, rows: int, columns: int, lights: int = 1) -> None:
+        super().__init__(gl, objects, (columns, rows), (1, 1), lights)
+
+    def _of_caps(self, caps: Caps) -> CellRectangles:
+        return sphere_rectangles_of_caps(caps, self.cells[1], self.cells[0])
+
+    def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
+        return sphere_rectangles_of_triangles(triangles, light, self.cells[1], self.cells[0])
+
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        return sphere_rectangles_of_planes(planes, light, self.cells[1], self.cells[0])
+
+
+class CubeShadowBuffer(PointShadowBuffer):
+    """A shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
+
+    A cell in the middle of a face takes 5.2 times the solid angle of one in its corner.
+    """
+
+    shape = "cube"
+
+    def __init__(self, gl: moderngl.Context, objects: GpuObjects, side: int, lights: int = 1) -> None:
+        super().__init__(gl, objects, (side, side), (3, 2), lights)
+
+    def _of_caps(self, caps: Caps) -> CellRectangles:
+        return cube_rectangles_of_caps(caps, self.cells[0])
+
+    def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
+        return cube_rectangles_of_triangles(triangles, light, self.cells[0])
+
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
+        return cube_rectangles_of_planes(planes, light, self.cells[0])

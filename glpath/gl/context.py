@@ -24,6 +24,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -135,14 +136,16 @@ class Context:
         self._loader.__exit__(None, None, None)
         self._thread = None
 
+    def function(self, name: str, *arguments: type) -> Callable[..., None]:
+        """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
+        return ctypes.CFUNCTYPE(None, *arguments)(self._loader.load_opengl_function(name))
+
     def limits(self) -> dict[str, int]:
         """Those of the device's limits that rendering here runs into, by their GL names."""
         self.use()
         units = ctypes.c_int(0)
-        address = self._loader.load_opengl_function("glGetIntegerv")
-        ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(address)(
-            _GL_MAX_IMAGE_UNITS, ctypes.byref(units)
-        )
+        get = self.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
+        get(_GL_MAX_IMAGE_UNITS, ctypes.byref(units))
         names = (
             "GL_MAX_TEXTURE_SIZE",
             "GL_MAX_ARRAY_TEXTURE_LAYERS",

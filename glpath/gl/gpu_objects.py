@@ -1,9 +1,9 @@
 """A `Scene` on the device as objects that rays are shot at: exact spheres, triangles, planes, and what shades them.
 
-Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A kind
-is then a range, and a loop over a kind fetches only what that kind needs. Everything lies in one float texture, in
-sections; llvmpipe fetches texels with vector gathers, but loads from buffers lane by lane. The layout is declared once,
-here, and handed to GLSL as text (`#include <OBJECTS>`); `shaders/object_*.glsl` build upon it.
+Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A
+kind is then a range, and a loop over a kind fetches only what that kind needs. Everything lies in one float
+texture, in sections; llvmpipe fetches texels with vector gathers, but loads from buffers lane by lane. The layout
+is declared once, here, and handed to GLSL as text (`#include <OBJECTS>`); `shaders/object_*.glsl` build upon it.
 
 Cost:     16 to 80 bytes a primitive. Pictures have 16 bytes a texel, in rows of 4096 of their own.
 """
@@ -28,6 +28,11 @@ LAYOUT: dict[str, dict[str, str]] = {
         "ROW0": "of spheres and ellipsoids: first row of unit_from_world; x of the centre",
         "ROW1": "second row; y of the centre",
         "ROW2": "third row; z of the centre",
+    },
+    "ellipsoid": {
+        "AXIS0": "a half axis: image of the unit sphere's x; x of the centre",
+        "AXIS1": "of y; y of the centre",
+        "AXIS2": "of z; z of the centre",
     },
     "triangle": {"VERTEX0": "corner, world space", "VERTEX1": "corner", "VERTEX2": "corner"},
     "plane": {
@@ -176,6 +181,7 @@ class GpuObjects:
         sections = {
             "sphere": _spheres(scene, numbers),
             "unit": _units(scene, numbers),
+            "ellipsoid": _ellipsoids(scene, numbers),
             "triangle": _padded(scene.triangles),
             "plane": _planes(scene),
             "surface": _surfaces(scene, numbers),
@@ -301,6 +307,11 @@ def _units(scene: Scene, numbers: Numbering) -> Float64:
     table[:, :, :3] = np.linalg.inv(maps[:, :, :3])
     table[:, :, 3] = maps[:, :, 3]
     return table
+
+
+def _ellipsoids(scene: Scene, numbers: Numbering) -> Float64:
+    maps = scene.spheres[numbers.spheres[numbers.first_ellipsoid :]]
+    return np.concatenate([maps[:, :, :3].transpose(0, 2, 1), maps[:, :, 3:]], axis=2)
 
 
 def _planes(scene: Scene) -> Float64:

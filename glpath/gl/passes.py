@@ -26,11 +26,13 @@ class Pass:
     """One draw: a program and the target, blend, depth and viewport state it depends on.
 
     name     : the paper's word for the stage; used in timings, GL debug groups and errors
-    target   : framebuffer drawn to, whole
+    target   : framebuffer drawn to
+    area     : (x, y, width, height) of the target that is drawn to and cleared; None for the whole
     vertices : count per instance; there are no vertex buffers, vertices are pulled by gl_VertexID
     blend    : None, "min" or "max", for all attachments
     depth    : test and write depth (less)
     clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
+    indirect : a buffer whose first four words, written on the device, say what to draw, instead of `vertices`
     """
 
     name: str
@@ -45,6 +47,8 @@ class Pass:
     clear: tuple[float, float, float, float] | None = None
     textures: Mapping[str, moderngl.Texture] = field(default_factory=dict)
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
+    indirect: moderngl.Buffer | None = None
+    area: tuple[int, int, int, int] | None = None
 
     def __post_init__(self) -> None:
         self._vertex_array = self.gl.vertex_array(self.program.gl, [])
@@ -57,7 +61,8 @@ class Pass:
         """Set the whole state and draw."""
         gl = self.gl
         target = self.target
-        target.viewport = (0, 0, *target.size)
+        area = self.area or (0, 0, *target.size)
+        target.viewport = area
         target.scissor = None  # type: ignore[assignment]
         target.use()
         gl.enable_only(self._flags)  # no culling either
@@ -73,14 +78,17 @@ class Pass:
             gl.depth_func = "<"
             target.depth_mask = True
         if self.clear is not None:
-            target.clear(*self.clear)
+            target.clear(*self.clear, viewport=area)
         for name, unit in self.program.samplers.items():
             self.textures[name].use(unit)
         for binding, buffer in self.buffers.items():
             buffer.bind_to_storage_buffer(binding)
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
-            self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+            if self.indirect is None:
+                self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+            else:
+                self._vertex_array.render_indirect(self.indirect, moderngl.TRIANGLES, count=1)
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
 

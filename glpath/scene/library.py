@@ -20,6 +20,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.scene import tessellate
 from glpath.scene.load import read_scene_file, scene_from_dict
 from glpath.scene.model import Scene
+from glpath.scene.office import office, office_premesh
 from glpath.scene.place import Place, shown
 
 
@@ -120,7 +121,11 @@ def furnace(
     )
 
 
-GENERATED: dict[str, Callable[..., Scene]] = {"furnace": furnace}
+GENERATED: dict[str, Callable[..., Scene]] = {
+    "furnace": furnace,
+    "office": office,
+    "office-premesh": office_premesh,
+}
 
 
 def _generate(name: str, parameters: Mapping[str, object]) -> Scene:

@@ -1,0 +1,329 @@
+"""Which cells of a point light's shadow-buffer an object can be seen in: rectangles that miss none [TB III.E].
+
+The paper shoots "all the rays from the light source which can possibly intersect" an object, and does not say how
+they are found. Here an object's outline on the sphere of directions is bounded: a sphere's by a cap (its cone of
+tangents), a triangle's by its corners and by how high the great arcs between them bulge. Rectangles of the buffer
+follow: of latitude and longitude, or of the faces of a cube. A plane takes half of all directions, which are found
+row by row. The exact test comes after, ray by ray.
+
+All in float64 on the CPU, vectorised over primitives. The light may stand inside an object, or on it.
+
+Cost:     about a microsecond per primitive and face; for a plane, per row.
+Poor at:  long thin ellipsoids, which are bounded as the sphere around them, and slanted slivers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.model import Float64
+
+Int64 = NDArray[np.int64]
+
+FACES = 6
+#: Radians that a bound is grown by: the shader's atan and the rounding of its rays stay below.
+MARGIN = 1e-5
+_TINY = 1e-300
+
+
+class CellRectangles(NamedTuple):
+    """Rectangles of cells, each of one primitive on one face; none is empty, and none reaches over an edge.
+
+    primitive : (N,) int64, number within its kind
+    face      : (N,) int64, 0 for the sphere
+    first     : (N, 2) int64, column and row of the first cell
+    last      : (N, 2) int64, of the last cell, itself included
+    """
+
+    primitive: Int64
+    face: Int64
+    first: Int64
+    last: Int64
+
+    @property
+    def cells(self) -> int:
+        """How many cells there are in all: as many rays are shot."""
+        return int(np.prod(self.last - self.first + 1, axis=1).sum())
+
+
+class Caps(NamedTuple):
+    """Caps on the sphere of directions.
+
+    axis  : (N, 3) unit
+    angle : (N,) radians, half of the opening; pi where every direction belongs to it
+    """
+
+    axis: Float64
+    angle: Float64
+
+
+def sphere_caps(world_from_unit: Float64, light: Float64) -> Caps:
+    """The caps that spheres (S, 3, 4) fill as seen from `light` (3,); an ellipsoid's is of the sphere around it."""
+    way = world_from_unit[:, :, 3] - light
+    distance = np.linalg.norm(way, axis=1)
+    radius = np.linalg.norm(world_from_unit[:, :, :3], ord=2, axis=(1, 2)) if len(way) else distance
+    outside = distance > radius
+    angle = np.where(outside, np.arcsin(np.minimum(radius / np.maximum(distance, _TINY), 1.0)), np.pi)
+    return Caps(way / np.maximum(distance, _TINY)[:, None], angle)
+
+
+def _cells(low: Float64, high: Float64) -> tuple[Int64, Int64]:
+    """The cells whose centres lie in [low, high], in cells; last < first where there is none."""
+    return np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
+
+
+def _latitude_longitude(
+    latitude: tuple[Float64, Float64], longitude: tuple[Float64, Float64], rows: int, columns: int
+) -> CellRectangles:
+    """From ranges of angles, longitudes up to a turn wide and anywhere; what reaches over the seam is split."""
+    south, north = latitude
+    west, east = longitude
+    # A margin of longitude is wider than one of latitude towards the poles.
+    nearest_pole = np.maximum(np.abs(south), np.abs(north))
+    margin = MARGIN / np.maximum(np.cos(np.minimum(nearest_pole, np.pi / 2)), MARGIN)
+    whole = east - west + 2 * margin >= 2 * np.pi
+    row_first, row_last = _cells(((south - MARGIN) / np.pi + 0.5) * rows, ((north + MARGIN) / np.pi + 0.5) * rows)
+    row_first, row_last = np.maximum(row_first, 0), np.minimum(row_last, rows - 1)
+    first, last = _cells((west - margin) / (2 * np.pi) * columns, (east + margin) / (2 * np.pi) * columns)
+    # First column within the first turn.
+    turn = np.floor_divide(first, columns) * columns
+    first, last = first - turn, last - turn
+    first, last = np.where(whole, 0, first), np.where(whole, columns - 1, np.minimum(last, first + columns - 1))
+    index = np.arange(len(south))
+    parts = [(index, first, np.minimum(last, columns - 1)), (index, np.zeros_like(first), last - columns)]
+    primitive = np.concatenate([p[0] for p in parts])
+    corner = np.stack([np.concatenate([p[1] for p in parts]), np.tile(row_first, 2)], axis=1)
+    opposite = np.stack([np.concatenate([p[2] for p in parts]), np.tile(row_last, 2)], axis=1)
+    return _without_empty(primitive, np.zeros_like(primitive), corner, opposite)
+
+
+_NOTHING = CellRectangles(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64)
+)
+
+
+def _join(parts: list[CellRectangles]) -> CellRectangles:
+    return CellRectangles(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+def _without_empty(primitive: Int64, face: Int64, first: Int64, last: Int64) -> CellRectangles:
+    some = np.all(last >= first, axis=1)
+    return CellRectangles(primitive[some], face[some], first[some], last[some])
+
+
+def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays lie in each cap."""
+    axis, angle = caps
+    latitude = np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
+    middle = np.arctan2(axis[:, 1], axis[:, 0])
+    pole = np.abs(latitude) + angle >= np.pi / 2 - MARGIN
+    ratio = np.sin(np.minimum(angle, np.pi / 2)) / np.maximum(np.cos(latitude), _TINY)
+    half = np.where(pole, np.pi, np.arcsin(np.minimum(ratio, 1.0)))
+    south = np.maximum(latitude - angle, -np.pi / 2)
+    north = np.minimum(latitude + angle, np.pi / 2)
+    return _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
+
+
+def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays can meet each triangle of (T, 3, 3)."""
+    d = triangles - light
+    length = np.linalg.norm(d, axis=2)
+    scale = np.maximum(length.max(axis=1, initial=0.0), _TINY)
+    d = d / np.maximum(length, _TINY)[:, :, None]
+    latitude = np.arctan2(d[:, :, 2], np.hypot(d[:, :, 0], d[:, :, 1]))
+    south, north = latitude.min(axis=1), latitude.max(axis=1)
+    following = np.roll(d, -1, axis=1)
+    # The arc between two corners bulges to the latitude of its great circle's highest point, where that lies on it.
+    normal = np.cross(d, following)
+    size = np.linalg.norm(normal, axis=2)
+    unit = normal / np.maximum(size, _TINY)[:, :, None]
+    highest = -unit[:, :, 2:] * unit
+    highest[:, :, 2] += 1.0
+    slack = -1e-9
+    from_here = np.einsum("ijk,ijk->ij", np.cross(normal, d), highest)
+    from_next = np.einsum("ijk,ijk->ij", np.cross(following, normal), highest)
+    top = np.arccos(np.clip(np.abs(unit[:, :, 2]), 0.0, 1.0))
+    north = np.maximum(north, np.where((from_here > slack) & (from_next > slack), top, -np.pi / 2).max(axis=1))
+    south = np.minimum(south, np.where((from_here < -slack) & (from_next < -slack), -top, np.pi / 2).min(axis=1))
+
+    # Longitudes run one way along an arc, and less than half a turn. All around the triangle they come back to
+    # where they began, unless there is a pole inside.
+    phi = np.arctan2(d[:, :, 1], d[:, :, 0])
+    step = np.roll(phi, -1, axis=1) - phi
+    step -= 2 * np.pi * np.round(step / (2 * np.pi))
+    around = np.abs(step.sum(axis=1)) > 1.0
+    walk = np.stack([np.zeros(len(phi)), step[:, 0], step[:, 0] + step[:, 1]], axis=1)
+    west, east = phi[:, 0] + walk.min(axis=1), phi[:, 0] + walk.max(axis=1)
+    # Close to a pole, or to the light in the triangle's own plane, nobody can say which way an arc runs.
+    unsure = np.any(np.abs(step) > np.pi - 1e-4, axis=1) | np.any(length < 1e-9 * scale[:, None], axis=1)
+    unsure |= np.any(np.hypot(d[:, :, 0], d[:, :, 1]) < MARGIN, axis=1)
+    volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])
+    unsure |= around & (np.abs(volume) < 1e-12)
+    whole = around | unsure
+    # A pole inside is on the same side of all three arcs as the triangle.
+    up = normal[:, :, 2].sum(axis=1) * volume > 0
+    north = np.where((around & up) | unsure, np.pi / 2, north)
+    south = np.where((around & ~up) | unsure, -np.pi / 2, south)
+    west, east = np.where(whole, 0.0, west), np.where(whole, 2 * np.pi, east)
+    return _latitude_longitude((south, north), (west, east), rows, columns)
+
+
+def _towards(world_from_plane: Float64, light: Float64) -> Float64:
+    """(P, 3): unit normals of planes (P, 3, 4), of the side that a light (3,) looks at them from, turned around.
+
+    Directions that meet the plane are less than a right angle from it.
+    """
+    normal = world_from_plane[:, :, 2]
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    height = np.einsum("ij,ij->i", normal, light - world_from_plane[:, :, 3])
+    return np.asarray(np.where(height > 0, -1.0, 1.0)[:, None] * normal)
+
+
+def _from_rows(face: int, primitive: int, first: Int64, last: Int64) -> CellRectangles:
+    """Rectangles from the first and last columns (rows,) of every row; equal neighbours become one."""
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(first) != 0) | (np.diff(last) != 0)]))
+    ends = np.concatenate([starts[1:], [len(first)]]) - 1
+    low = np.stack([first[starts], starts], axis=1)
+    high = np.stack([last[starts], ends], axis=1)
+    return _without_empty(np.full(len(starts), primitive), np.full(len(starts), face), low, high)
+
+
+def sphere_rectangles_of_planes(
+    world_from_plane: Float64, light: Float64, rows: int, columns: int
+) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays meet each plane of (P, 3, 4)."""
+    parts = [_NOTHING]
+    theta = ((np.arange(rows) + 0.5) / rows - 0.5) * np.pi
+    for index, n in enumerate(_towards(world_from_plane, light)):
+        # cos(theta) |n.xy| cos(phi - middle) + sin(theta) n.z > 0
+        across = np.maximum(np.cos(theta) * np.hypot(n[0], n[1]), _TINY)
+        half = np.arccos(np.clip(-(np.sin(theta) * n[2] + MARGIN) / across, -1.0, 1.0))
+        middle = np.arctan2(n[1], n[0])
+        low, high = (middle - half) / (2 * np.pi) * columns, (middle + half) / (2 * np.pi) * columns
+        first, last = _cells(low, high)
+        turn = np.floor_divide(first, columns) * columns
+        first, last = first - turn, last - turn
+        whole = last - first >= columns - 1
+        first, last = np.where(whole, 0, first), np.where(whole, columns - 1, last)
+        parts.append(_from_rows(0, index, first, np.minimum(last, columns - 1)))
+        parts.append(_from_rows(0, index, np.zeros_like(first), last - columns))
+    return _join(parts)
+
+
+def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: int) -> CellRectangles:
+    """The cells of a cube-buffer whose rays meet each plane of (P, 3, 4)."""
+    parts = [_NOTHING]
+    y = (np.arange(side) + 0.5) / side * 2 - 1
+    for index, world in enumerate(_towards(world_from_plane, light)):
+        for face in range(FACES):
+            n = to_face(face, world)
+            # n.x x + n.y y + n.z > 0
+            rest = n[1] * y + n[2] + MARGIN
+            with np.errstate(divide="ignore", invalid="ignore"):
+                cut = np.nan_to_num(-rest / n[0], nan=np.inf, posinf=np.inf, neginf=-np.inf)
+            if n[0] == 0.0:
+                low, high = np.where(rest > 0, -1.0, 2.0), np.full(side, 1.0)
+            elif n[0] > 0:
+                low, high = cut, np.full(side, 1.0)
+            else:
+                low, high = np.full(side, -1.0), cut
+            ends = (np.clip(s, -2.0, 2.0) + 1 for s in (low, high))
+            first, last = _cells(*(0.5 * side * s for s in ends))
+            parts.append(_from_rows(face, index, np.maximum(first, 0), np.minimum(last, side - 1)))
+    return _join(parts)
+
+
+def to_face(face: int, d: Float64) -> Float64:
+    """(..., 3) in the frame of a cube's face, as point_shadow_map.glsl has it: across, across and along."""
+    axis = face // 2
+    f = np.roll(d, -1 - axis, axis=-1).copy()
+    f[..., 2] *= -1.0 if face & 1 else 1.0
+    return f
+
+
+def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
+    """From tangents (N, 2) to cells within the face."""
+    # A tangent grows by up to twice its angle.
+    first, last = _cells((low - 2 * MARGIN + 1) * 0.5 * side, (high + 2 * MARGIN + 1) * 0.5 * side)
+    return np.maximum(first, 0), np.minimum(last, side - 1)
+
+
+def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
+    """The cells of a cube-buffer whose rays lie in each cap.
+
+    Across a face, a cap is seen between two planes that touch it and hold the other axis (Mara & McGuire 2013).
+    """
+    parts = []
+    index = np.arange(len(caps.angle))
+    radius = np.where(caps.angle < np.pi / 2, np.sin(np.minimum(caps.angle, np.pi / 2)), 1.0)
+    for face in range(FACES):
+        f = to_face(face, caps.axis)
+        along = f[:, 2:]
+        middle = np.arctan2(f[:, :2], along)
+        distance = np.hypot(f[:, :2], along)
+        half = np.where(
+            radius[:, None] < distance - 1e-12,
+            np.arcsin(np.minimum(radius[:, None] / np.maximum(distance, _TINY), 1.0)),
+            2 * np.pi,  # the axis across lies in the cap
+        )
+        low, high = np.maximum(middle - half, -np.pi / 4), np.minimum(middle + half, np.pi / 4)
+        missed = np.any(low > high + MARGIN, axis=1)
+        first, last = _face_cells(np.tan(low), np.tan(np.maximum(high, -np.pi / 4)), side)
+        last[missed] = -1
+        parts.append(_without_empty(index, np.full_like(index, face), first, last))
+    return _join(parts)
+
+
+def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) -> CellRectangles:
+    """The cells of a cube-buffer whose rays can meet each triangle of (T, 3, 3).
+
+    On a face lie what is left of each edge, cut off by the four planes through the light and the face's edges, and
+    those corners of the face that the triangle covers; the rectangle is around these.
+    """
+    parts = []
+    index = np.arange(len(triangles))
+    corners = np.array([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+    planes = np.array([[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, -1.0, 1.0]])
+    world = triangles - light
+    world = world / np.maximum(np.abs(world).max(axis=(1, 2), initial=0.0), _TINY)[:, None, None]
+    for face in range(FACES):
+        d = to_face(face, world)
+        heights = d @ planes.T  # (T, corner, plane): inside where >= 0
+        # Most triangles lie outside of one of the planes.
+        near = np.flatnonzero(~np.any(np.all(heights < -MARGIN, axis=1), axis=1))
+        d, heights = d[near], heights[near]
+        low, high = np.full((len(near), 2), np.inf), np.full((len(near), 2), -np.inf)
+        for i in range(3):
+            j = (i + 1) % 3
+            a, b, at_a, at_b = d[:, i], d[:, j], heights[:, i], heights[:, j]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                cut = at_a / (at_a - at_b)
+            start = np.where((at_a < 0) & (at_b >= 0), cut, 0.0).max(axis=1)
+            end = np.where((at_a >= 0) & (at_b < 0), cut, 1.0).min(axis=1)
+            gone = np.any((at_a < 0) & (at_b < 0), axis=1) | (start > end + 1e-9)
+            for s in (start, end):
+                p = a + s[:, None] * (b - a)
+                z = p[:, 2:]
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    q = np.where(z > 1e-12, p[:, :2] / z, np.nan)
+                # At the light itself every direction is possible.
+                q_low, q_high = np.where(np.isnan(q), -1.0, q), np.where(np.isnan(q), 1.0, q)
+                low = np.where(gone[:, None], low, np.minimum(low, q_low))
+                high = np.where(gone[:, None], high, np.maximum(high, q_high))
+        normals = np.cross(d, np.roll(d, -1, axis=1))
+        for corner in corners:
+            side_of = normals @ corner
+            tolerance = 1e-9
+            covered = np.all(side_of >= -tolerance, axis=1) | np.all(side_of <= tolerance, axis=1)
+            # Not where the corner's opposite is what the triangle covers.
+            covered &= np.any(d @ corner > 0, axis=1)
+            low = np.where(covered[:, None], np.minimum(low, corner[:2]), low)
+            high = np.where(covered[:, None], np.maximum(high, corner[:2]), high)
+        found = np.all(low <= high, axis=1)
+        first, last = _face_cells(np.where(found[:, None], low, 0.0), np.where(found[:, None], high, 0.0), side)
+        last[~found] = -1
+        parts.append(_without_empty(index[near], np.full(len(near), face, dtype=np.int64), first, last))
+    return _join(parts)

@@ -1,0 +1,36 @@
+"""Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+from numba.core import event
+
+log = logging.getLogger("glpath")
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side."""
+    return njit(cache=True, nogil=True)(function)
+
+
+class _Announcement(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Says once that something of ours is compiled. A function found in the cache is not compiled."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:
+        function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
+        if not self.said and getattr(function, "__module__", "").startswith("glpath."):
+            self.said = True
+            # A warning, since that is what logging shows where nobody has set it up.
+            log.warning("compiling for this CPU, once; later runs find it in numba's cache")
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to do: the announcement is about the beginning."""
+
+
+event.register("numba:compile", _Announcement())

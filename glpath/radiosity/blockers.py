@@ -1,0 +1,280 @@
+"""Blockers: the flat polygons that can stand between two points, and the one test of a segment against one of them.
+
+Every way of looking for a blocker ends in `hits`, so that all of them must agree bit for bit. What makes it so: a hit
+counts only where the point that it computes lies in the polygon's box, widened a little; the boxes of the hierarchy are
+widened a little more. However badly a sliver's coordinates round, no test of a box can lose it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import UsageError
+from glpath.hierarchy import Float64, Int32
+from glpath.kernels import kernel
+from glpath.scene.model import Scene
+
+#: Share of a segment, at each of its ends, where nothing blocks it: it ends on surfaces, and their neighbours touch it.
+ENDS = 1e-5
+#: Rounding, as a share of the largest coordinate: of what a box is widened by, and of a distance from a plane.
+_WIDER = 1e-9
+_ROUNDING = 1e-12
+#: How many times the blockers' largest coordinate a point's may be, so that these still cover the rounding.
+_FARTHEST = 1e3
+
+_PARALLELOGRAM, _SOLID = 1, 2
+
+
+class Polygons(NamedTuple):
+    """For the kernels.
+
+    forms  : (N, 12) float64, three linear forms of a point, four numbers each: the height over the polygon's plane
+             towards its front, and the coordinates along its two edges, 0 to 1 inside
+    bounds : (N, 6) float64, the box a hit has to lie in
+    flags  : (N,) uint8, _PARALLELOGRAM (else a triangle) and _SOLID
+    length : the normals' L1 norms, (N,) float64: what a rounding of coordinates does to a height
+    """
+
+    forms: Float64
+    bounds: Float64
+    flags: NDArray[np.uint8]
+    length: Float64
+
+
+@dataclass(frozen=True)
+class Blockers:
+    """Triangles and parallelograms.
+
+    corners       : (N, 3, 3) float64: a corner and the next one on either side, counter-clockwise from the front
+    parallelogram : (N,) bool; a triangle otherwise
+    solid         : (N,) bool, part of a closed surface, so that whatever meets its back must have met a front
+    shape         : (N,) int32, of the scene's shapes
+    """
+
+    corners: Float64
+    parallelogram: NDArray[np.bool_]
+    solid: NDArray[np.bool_]
+    shape: Int32
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Blockers:
+        """The polygons of a scene: triangles that make a parallelogram together become one. No spheres or planes."""
+        shape = np.repeat(
+            np.arange(len(scene.shapes), dtype=np.int32),
+            [s.count if s.primitive == "triangle" else 0 for s in scene.shapes],
+        )
+        triangles = np.ascontiguousarray(scene.triangles, np.float64)
+        corners, first, two = _parallelograms(triangles, shape)
+        closed = np.zeros(len(scene.shapes), bool)
+        for i, s in enumerate(scene.shapes):
+            closed[i] = s.primitive == "triangle" and _closed(triangles[s.first : s.first + s.count])
+        return cls(corners, two, closed[shape[first]], shape[first])
+
+    @classmethod
+    def of_triangles(cls, triangles: ArrayLike) -> Blockers:
+        """Triangles (N, 3, 3) as they are."""
+        corners = np.ascontiguousarray(triangles, np.float64)
+        if corners.ndim != 3 or corners.shape[1:] != (3, 3):
+            raise UsageError(f"Blockers.of_triangles: shape {corners.shape}; must be (N, 3, 3).")
+        n = len(corners)
+        return cls(corners, np.zeros(n, bool), np.zeros(n, bool), np.zeros(n, np.int32))
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    @property
+    def size(self) -> float:
+        """The largest coordinate, which rounding is measured by."""
+        return float(np.abs(self._outlines()).max(initial=np.finfo(float).tiny))
+
+    @property
+    def slack(self) -> float:
+        """Length by which a shaft has to be larger than the hull of the points it is made for."""
+        return _WIDER * self.size
+
+    @property
+    def normals(self) -> Float64:
+        """(N, 3) unit normals out of the front; of no meaning for a polygon without area."""
+        n = self._normals()
+        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
+
+    @property
+    def areas(self) -> Float64:
+        """(N,) scene units squared."""
+        return np.asarray(np.linalg.norm(self._normals(), axis=1) * np.where(self.parallelogram, 1.0, 0.5))
+
+    def boxes(self) -> tuple[Float64, Float64]:
+        """Lower and upper corners, (N, 3) each, widened as a hierarchy needs them."""
+        outlines = self._outlines()
+        wide = 2 * _WIDER * self.size
+        return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
+
+    def polygons(self, solids: bool) -> Polygons:
+        """What the kernels test. solids: a solid's polygon blocks only who comes from its front."""
+        corner = self.corners[:, 0]
+        e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
+        normal = self._normals()
+        square = np.einsum("ij,ij->i", normal, normal)
+        proper = square > np.finfo(float).tiny * 2**52
+        over = np.where(proper, square, 1.0)[:, None]
+        forms = np.zeros((len(self), 3, 4))
+        for k, direction in enumerate((normal, np.cross(e2, normal) / over, np.cross(normal, e1) / over)):
+            forms[:, k, :3] = direction
+            forms[:, k, 3] = -np.einsum("ij,ij->i", direction, corner)
+        forms[~proper] = 0  # all heights 0: without area, it blocks nothing
+        outlines = self._outlines()
+        wide = _WIDER * self.size
+        bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
+        flags = _PARALLELOGRAM * self.parallelogram + _SOLID * (self.solid & solids)
+        length = np.abs(forms[:, 0, :3]).sum(axis=1)
+        return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
+
+    def check_points(self, points: Float64, name: str) -> None:
+        """Raises UsageError for points that rounding was not reckoned with for."""
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise UsageError(f"{name}: shape {points.shape}; must be (n, 3).")
+        largest = np.abs(points).max(initial=0.0)
+        if not largest <= _FARTHEST * self.size and len(self):
+            raise UsageError(
+                f"{name}: a coordinate is {largest:g}, but those of the blockers go to {self.size:g} only.",
+                f"Points must be finite and within {_FARTHEST:g} times that: is it another unit of length?",
+            )
+
+    def _normals(self) -> Float64:
+        corner = self.corners[:, 0]
+        return np.cross(self.corners[:, 1] - corner, self.corners[:, 2] - corner)
+
+    def _outlines(self) -> Float64:
+        """(N, 4, 3): all corners; a triangle's last one twice."""
+        a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
+        fourth = np.where(self.parallelogram[:, None], b + c - a, c)
+        return np.stack([a, b, c, fourth], axis=1)
+
+
+def _closed(triangles: Float64) -> bool:
+    """Whether every edge is passed once either way, vertices compared exactly."""
+    vertices = triangles.reshape(-1, 3) + 0.0  # -0 is 0
+    _, which = np.unique(vertices, axis=0, return_inverse=True)
+    faces = which.reshape(-1, 3)
+    ways = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    there = np.unique(ways, axis=0)
+    return len(there) == len(ways) and np.array_equal(there, np.unique(ways[:, ::-1], axis=0))
+
+
+@kernel
+def _parallelograms(triangles, shape):  # type: ignore[no-untyped-def]
+    """Corners (N, 3, 3), the first triangle of each and whether two neighbours in the list were put together."""
+    count = len(triangles)
+    corners = np.empty((count, 3, 3))
+    first = np.empty(count, np.int32)
+    two = np.zeros(count, np.bool_)
+    n, i = 0, 0
+    while i < count:
+        corners[n] = triangles[i]
+        first[n] = i
+        if i + 1 < count and shape[i] == shape[i + 1]:
+            apex = _apex(triangles[i], triangles[i + 1])
+            if apex >= 0:
+                for k in range(3):
+                    corners[n, k] = triangles[i, (apex + k) % 3]
+                two[n] = True
+                i += 1
+        n += 1
+        i += 1
+    return corners[:n].copy(), first[:n].copy(), two[:n].copy()
+
+
+@kernel
+def _apex(a, b):  # type: ignore[no-untyped-def]
+    """Which corner of triangle a is opposite to b, where the two are a parallelogram; -1 where they aren't.
+
+    They are when they share an edge, passed in opposite ways, whose middle is the middle of the other two corners.
+    """
+    for i in range(3):
+        for j in range(3):
+            shared = True
+            for k in range(3):
+                shared = (
+                    shared and a[(i + 1) % 3, k] == b[(j + 2) % 3, k] and a[(i + 2) % 3, k] == b[(j + 1) % 3, k]
+                )
+            if not shared:
+                continue
+            size, gap = 0.0, 0.0
+            for k in range(3):
+                size += abs(a[(i + 1) % 3, k]) + abs(a[(i + 2) % 3, k]) + abs(a[i, k])
+                gap += abs(a[i, k] + b[j, k] - a[(i + 1) % 3, k] - a[(i + 2) % 3, k])
+            if gap <= 1e-14 * size:
+                return i
+    return -1
+
+
+@kernel
+def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
+    """Whether polygon x stands between points a and b: the one test that everything rests on."""
+    f = forms[x]
+    ha = f[0] * ax + f[1] * ay + f[2] * az + f[3]
+    hb = f[0] * bx + f[1] * by + f[2] * bz + f[3]
+    if (ha > 0) == (hb > 0):
+        return False
+    flag = flags[x]
+    if flag & _SOLID and ha <= 0:
+        return False
+    t = ha / (ha - hb)
+    if not (t > ENDS and t < 1 - ENDS):
+        return False
+    px, py, pz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+    u = f[4] * px + f[5] * py + f[6] * pz + f[7]
+    v = f[8] * px + f[9] * py + f[10] * pz + f[11]
+    if not (u >= 0 and v >= 0 and (u <= 1 and v <= 1 if flag & _PARALLELOGRAM else u + v <= 1)):
+        return False
+    o = bounds[x]
+    return o[0] <= px <= o[3] and o[1] <= py <= o[4] and o[2] <= pz <= o[5]
+
+
+@kernel
+def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
+    """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
+
+    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon that
+    a lies behind, which only solids have [SC, Enhancements]. size: of the largest coordinate.
+    """
+    f = forms[x]
+    least_a = most_a = least_b = most_b = f[3]
+    for k in range(3):
+        i, j = (k, k + 3) if f[k] > 0 else (k + 3, k)
+        least_a += f[k] * a[i]
+        most_a += f[k] * a[j]
+        least_b += f[k] * b[i]
+        most_b += f[k] * b[j]
+    tiny = _ROUNDING * size * length[x]
+    far = 2 * tiny / ENDS
+    if least_a > tiny and least_b > tiny or most_a < -tiny and most_b < -tiny:
+        return True
+    if least_a >= -tiny and least_b >= far or least_a >= far and least_b >= -tiny:
+        return True
+    if most_a <= tiny and most_b <= -far or most_a <= -far and most_b <= tiny:
+        return True
+    return flags[x] & _SOLID and most_a < -tiny
+
+
+@kernel
+def visible_by_all(polygons, points_a, points_b, own_a, own_b):  # type: ignore[no-untyped-def]
+    """(A, B) bool by testing every pair of points against every polygon: slow and obvious, for comparison.
+
+    own_a, own_b : (A,) and (B,) int32, the polygon that a point lies on, which never blocks it; -1 for none
+    """
+    visible = np.ones((len(points_a), len(points_b)), np.bool_)
+    for i in range(len(points_a)):
+        for j in range(len(points_b)):
+            a, b = points_a[i], points_b[j]
+            for x in range(len(polygons.forms)):
+                if x != own_a[i] and x != own_b[j] and hits(
+                    x, a[0], a[1], a[2], b[0], b[1], b[2], polygons.forms, polygons.bounds, polygons.flags
+                ):  # fmt: skip
+                    visible[i, j] = False
+                    break
+    return visible

@@ -1,0 +1,165 @@
+"""Goldsmith and Salmon's clusters: items put into a hierarchy one by one, each where it costs least.
+
+The hierarchy of the paper's statistics [SC, Statistics]; an inner node has as many children as came to it. Kept for
+comparison: `glpath.hierarchy.build_hierarchy` is quicker to build and no worse to search.
+
+Cost:     1 ms for a thousand items, some 3 s for a hundred thousand.
+
+[Goldsmith 1987] J. Goldsmith, J. Salmon, "Automatic creation of object hierarchies for ray tracing", IEEE Computer
+Graphics and Applications 7(5), 14-20.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from glpath.hierarchy import Hierarchy, checked_boxes
+from glpath.kernels import kernel
+
+
+def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Hierarchy:
+    """A hierarchy whose leaves are single items, built by insertion [Goldsmith 1987].
+
+    Parameters
+    ----------
+    lower, upper : (N, 3) corners of the items' boxes, finite; they may be flat, points, or equal to each other
+    seed         : of the order in which items come; theirs should be random, or neighbours in the list make long chains
+
+    Raises UsageError where the boxes are not finite or inside out.
+    """
+    low, high = checked_boxes(lower, upper)
+    boxes = np.concatenate([low, high], axis=1)
+    coming = np.random.default_rng(seed).permutation(len(boxes)).astype(np.int32)
+    nodes, skip, first, count, order = _flatten(boxes, *_insert_all(boxes, coming))
+    return Hierarchy(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
+
+
+@kernel
+def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
+    """The tree as links. Nodes below N are the items themselves, the others inner nodes; -1 is none."""
+    n = len(boxes)
+    most = max(2 * n, 1)
+    nodes = np.empty((most, 6))
+    nodes[:n] = boxes
+    child = np.full(most, -1, np.int32)
+    sibling = np.full(most, -1, np.int32)
+    parent = np.full(most, -1, np.int32)
+    children = np.zeros(most, np.int32)
+    size = n
+    root = -1
+    for i in range(n):
+        item = coming[i]
+        if root < 0:
+            root = item
+            continue
+        # The way down along the least growth; on it, the cheapest place to stay. Testing a node's children costs its
+        # area times their number, so growth costs the growth of the area times the number.
+        node, inherited, best, place = root, 0.0, np.inf, -1
+        while True:
+            grown = _union_area(nodes[node], boxes[item])
+            if node < n:  # the two become a pair in the place of the one
+                cost = inherited + 2 * grown
+            else:
+                inherited += (grown - _area(nodes[node])) * children[node]
+                cost = inherited + grown
+            if cost < best:
+                best, place = cost, node
+            if node < n or inherited >= best:
+                break
+            below, least, least_area = child[node], np.inf, np.inf
+            while below >= 0:
+                area = _area(nodes[below])
+                growth = _union_area(nodes[below], boxes[item]) - area
+                if growth < least or (growth == least and area < least_area):
+                    least, least_area, node = growth, area, below
+                below = sibling[below]
+        if place < n:
+            pair = size
+            size += 1
+            nodes[pair] = nodes[place]
+            _replace(root, place, pair, child, sibling, parent)
+            if place == root:
+                root = pair
+            child[pair], children[pair] = place, 1
+            sibling[place], parent[place] = -1, pair
+            place = pair
+        sibling[item], parent[item] = child[place], place
+        child[place] = item
+        children[place] += 1
+        while place >= 0:
+            for k in range(3):
+                nodes[place, k] = min(nodes[place, k], boxes[item, k])
+                nodes[place, k + 3] = max(nodes[place, k + 3], boxes[item, k + 3])
+            place = parent[place]
+    return nodes[:size], root, child, sibling
+
+
+@kernel
+def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped-def]
+    """Put `new` where `old` hangs."""
+    above = parent[old]
+    parent[new] = above
+    sibling[new] = sibling[old]
+    if old == root:
+        return
+    if child[above] == old:
+        child[above] = new
+        return
+    before = child[above]
+    while sibling[before] != old:
+        before = sibling[before]
+    sibling[before] = new
+
+
+@kernel
+def _flatten(boxes, linked, root, child, sibling):  # type: ignore[no-untyped-def]
+    """The links as depth-first arrays; see `Hierarchy`."""
+    n, size = len(boxes), 0 if root < 0 else len(linked)
+    nodes = np.empty((size, 6))
+    skip = np.empty(size, np.int32)
+    first = np.empty(size, np.int32)
+    count = np.zeros(size, np.int32)
+    order = np.empty(n, np.int32)
+    pending = np.empty(2 * size + 1, np.int32)  # links yet to come, and ~node where a node's subtree ends
+    waiting, items, node = 0, 0, 0
+    if size:
+        pending[0] = root
+        waiting = 1
+    while waiting:
+        waiting -= 1
+        link = pending[waiting]
+        if link < 0:
+            skip[~link] = node
+            continue
+        nodes[node] = linked[link]
+        first[node] = items
+        if link < n:
+            order[items] = link
+            items += 1
+            count[node] = 1
+            skip[node] = node + 1
+        else:
+            pending[waiting] = ~node
+            waiting += 1
+            below = child[link]
+            while below >= 0:
+                pending[waiting] = below
+                waiting += 1
+                below = sibling[below]
+        node += 1
+    return nodes, skip, first, count, order
+
+
+@kernel
+def _area(box):  # type: ignore[no-untyped-def]
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return x * y + y * z + z * x
+
+
+@kernel
+def _union_area(a, b):  # type: ignore[no-untyped-def]
+    x = max(a[3], b[3]) - min(a[0], b[0])
+    y = max(a[4], b[4]) - min(a[1], b[1])
+    z = max(a[5], b[5]) - min(a[2], b[2])
+    return x * y + y * z + z * x

@@ -1,0 +1,199 @@
+"""Receiver points in clumps that lie together, for shafts narrow enough to be empty and wide enough to pay.
+
+The paper makes one shaft per receiver, and leaves clumps of points, shafts within shafts and shafts for several
+receivers to the future [SC, Future Work]. All of them are ranges of the points in one order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.hierarchy import Float64, Int32, build_hierarchy
+from glpath.kernels import kernel
+
+#: A shaft within a shaft is made when it has at most this share of the points.
+_PART = 0.25
+
+
+class Groups(NamedTuple):
+    """Ranges of points that share a shaft, as a forest in depth-first order, M nodes.
+
+    order      : (P,) int64, the points; a group is order[begin : end]
+    boxes      : (M, 6) float64, around the points
+    skip       : (M,) int64, the node after a group and its parts
+    begin, end : (M,) int64
+    polygon    : (M,) int32, the blocker that all points lie on; -1 where they lie on several or none
+    normal     : (M, 3) float64, of unit length where it is that of all points; 0 where it isn't
+    levels     : most groups around any point
+    """
+
+    order: NDArray[np.int64]
+    boxes: Float64
+    skip: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    polygon: Int32
+    normal: Float64
+    levels: int
+
+    def parts(self, number: int) -> list[slice]:
+        """The nodes in that many ranges, or fewer, of about as many points, none of which parts a tree."""
+        roots = []
+        node = 0
+        while node < len(self.skip):
+            roots.append(node)
+            node = int(self.skip[node])
+        starts = self.begin[roots]
+        wanted = np.arange(1, number) * len(self.order) // number
+        cuts = np.unique(np.searchsorted(starts, wanted, side="left"))
+        nodes = [0, *(roots[c] for c in cuts if 0 < c < len(roots)), len(self.skip)]
+        return [slice(a, b) for a, b in zip(nodes, nodes[1:], strict=False)]
+
+
+def group_points(
+    points: Float64,
+    receiver: Int32,
+    normals: Float64 | None,
+    polygons: Int32 | None,
+    clump: int,
+    group: int,
+    nested: bool,
+) -> Groups:
+    """Clumps of at most `clump` points (0: whole receivers), in groups of at most `group` (0: none).
+
+    A group and a receiver have shafts of their own only if `nested`. Receivers that are small enough together share a
+    clump where there are groups.
+    """
+    count = len(points)
+    start = np.flatnonzero(np.diff(receiver, prepend=receiver[0] - 1))
+    polygon = polygons if polygons is not None else np.full(count, -1, np.int32)
+    if group:
+        lower = np.minimum.reduceat(points, start)
+        tree = build_hierarchy(lower, np.maximum.reduceat(points, start), 1)
+        skip, leaves = tree.skip.astype(np.int64), tree.order
+    else:
+        leaves = np.arange(len(start), dtype=np.int32)
+        skip = np.arange(1, len(start) + 1)
+    size = np.diff(start, append=count)
+    order = np.concatenate([np.arange(start[i], start[i] + size[i]) for i in leaves])
+    *made, levels = _groups(
+        np.ascontiguousarray(points), order, size[leaves], skip, clump or count, group or count, nested,
+        np.ascontiguousarray(polygon, np.int32),
+    )  # fmt: skip
+    begin, end = made[2], made[3]
+    normal = np.zeros((len(begin), 3))
+    if normals is not None:
+        # Equal throughout a range where the last change of the normal lies before it.
+        sorted_normals = normals[order]
+        changes = np.any(np.diff(sorted_normals, axis=0, prepend=sorted_normals[:1]) != 0, axis=1)
+        changed = np.cumsum(changes)
+        same = changed[begin] == changed[end - 1]
+        unit = sorted_normals / np.linalg.norm(sorted_normals, axis=1, keepdims=True)
+        normal[same] = unit[begin[same]]
+    return Groups(order, *made, normal, levels)
+
+
+@kernel
+def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: ignore[no-untyped-def]
+    """See `group_points`. skip: a forest whose leaves are the receivers, with `size` points each. Permutes `order`."""
+    count = len(order)
+    most = 4 * count + len(skip)
+    boxes = np.empty((most, 6))
+    skips = np.zeros(most, np.int64)
+    begins = np.empty(most, np.int64)
+    ends = np.empty(most, np.int64)
+    polygons = np.empty(most, np.int32)
+    # How many points lie before each node of the receivers' forest.
+    before = np.zeros(len(skip) + 1, np.int64)
+    leaf = 0
+    for node in range(len(skip)):
+        before[node + 1] = before[node]
+        if skip[node] == node + 1:
+            before[node + 1] += size[leaf]
+            leaf += 1
+
+    # Ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the group around (0: none).
+    # (-2, group) is a group's end.
+    pending = np.empty((most + 2, 4), np.int64)
+    n, levels, level = 0, 0, 0
+    root = 0
+    while root < len(skip):
+        pending[0] = (root, before[root], before[skip[root]], 0)
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            node, begin, end, around = pending[waiting]
+            if node == -2:
+                skips[begin] = n
+                level -= 1
+                continue
+            points_here = end - begin
+            single = node < 0 or skip[node] == node + 1
+            leaf = points_here <= clump
+            made = leaf
+            if nested and not leaf:
+                made = points_here <= group if around == 0 else points_here <= _PART * around
+            if made:
+                _around(points, order, begin, end, boxes[n])
+                begins[n], ends[n] = begin, end
+                polygons[n] = polygon[order[begin]]
+                for i in range(begin, end):
+                    if polygon[order[i]] != polygons[n]:
+                        polygons[n] = -1
+                around = points_here
+                level += 1
+                levels = max(levels, level)
+                pending[waiting] = (-2, n, 0, 0)
+                waiting += 1
+                n += 1
+            if leaf:
+                continue
+            if not single:
+                child = node + 1
+                children = 0
+                while child < skip[node]:
+                    pending[waiting] = (child, before[child], before[skip[child]], around)
+                    waiting += 1
+                    children += 1
+                    child = skip[child]
+                for i in range(children // 2):  # the first one on top
+                    for k in range(4):
+                        x = pending[waiting - children + i, k]
+                        pending[waiting - children + i, k] = pending[waiting - 1 - i, k]
+                        pending[waiting - 1 - i, k] = x
+            else:
+                middle = _halve(points, order, begin, end)
+                pending[waiting] = (-1, middle, end, around)
+                pending[waiting + 1] = (-1, begin, middle, around)
+                waiting += 2
+        root = skip[root]
+    return boxes[:n].copy(), skips[:n].copy(), begins[:n].copy(), ends[:n].copy(), polygons[:n].copy(), levels
+
+
+@kernel
+def _around(points, order, begin, end, box):  # type: ignore[no-untyped-def]
+    for k in range(3):
+        box[k], box[k + 3] = np.inf, -np.inf
+        for i in range(begin, end):
+            box[k] = min(box[k], points[order[i], k])
+            box[k + 3] = max(box[k + 3], points[order[i], k])
+
+
+@kernel
+def _halve(points, order, begin, end):  # type: ignore[no-untyped-def]
+    """Part a range in the middle of its longest side, half of the points each; return where."""
+    box = np.empty(6)
+    _around(points, order, begin, end, box)
+    axis = 0
+    for k in range(1, 3):
+        if box[k + 3] - box[k] > box[axis + 3] - box[axis]:
+            axis = k
+    part = order[begin:end].copy()
+    keys = np.empty(end - begin)
+    for i in range(end - begin):
+        keys[i] = points[part[i], axis]
+    order[begin:end] = part[np.argsort(keys, kind="mergesort")]
+    return begin + (end - begin) // 2

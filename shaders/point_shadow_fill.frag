@@ -1,0 +1,50 @@
+// point_shadow_fill.frag: shoots the ray of one cell of a point light's shadow-buffer at one object [TB III.E].
+// The depth test keeps the entry whose t' < t. Depth is t times a power of two, so its order is that of t to the bit.
+// Needs:  <OBJECTS>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
+#include <OBJECTS>
+#include "object_intersect.glsl"
+#include "point_shadow_map.glsl"
+
+flat in ivec2 face_corner;
+flat in int face;
+flat in float primitive;
+
+#if defined(KIND_SPHERE)
+flat in vec4 from;
+flat in float radius;
+#elif defined(KIND_ELLIPSOID)
+flat in mat3 rows;
+flat in vec4 from;
+#elif defined(KIND_TRIANGLE)
+flat in vec3 edge0;
+flat in vec3 edge1;
+flat in vec3 edge2;
+flat in vec4 plane;
+#else
+flat in vec4 plane;
+#endif
+
+layout(location = 0) out vec4 entry;  // as point_shadow.glsl reads it
+
+void main()
+{
+    vec3 d = normalize(shadow_direction(face, gl_FragCoord.xy - vec2(face_corner)));
+#if defined(KIND_SPHERE)
+    float t = sphere_hit(from, radius, d, 0.0);
+    vec3 normal = from.xyz + t * d;
+    vec3 seen = normal / (t * dot(normal, d));
+#elif defined(KIND_ELLIPSOID)
+    float t = ellipsoid_hit(UnitSpace(rows, from), d, 0.0);
+    vec3 normal = rows * (from.xyz + t * to_unit(rows, d));
+    vec3 seen = normal / (t * dot(normal, d));
+#elif defined(KIND_TRIANGLE)
+    float t = triangle_hit(TriangleFrom(edge0, edge1, edge2, plane), d, 0.0);
+    vec3 seen = plane.xyz / plane.w;
+#else
+    float t = plane_hit(plane.w, plane.xyz, d, 0.0);
+    vec3 seen = plane.xyz / plane.w;
+#endif
+    if (t >= NO_HIT) discard;
+    gl_FragDepth = t * DEPTH_SCALE;
+    entry = vec4(seen, primitive);
+}

@@ -1,0 +1,70 @@
+// point_shadow_fill.vert: the rectangles of cells whose rays may meet an object [TB III.E], two triangles each.
+// They end at the borders of cells, so every cell inside is shot at once and no other.
+// Needs:  <OBJECTS>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
+#include <OBJECTS>
+#include "object_intersect.glsl"
+
+uniform usampler2D rectangles;  // first column | row << 16, last column | row << 16, number of the primitive, face
+uniform vec3 light_position;
+uniform ivec2 tile_corner;      // in the texture of all lights
+uniform ivec2 tile_faces;       // columns and rows of faces in a tile
+uniform ivec2 tile_size;
+uniform vec2 shadow_cells;
+
+flat out ivec2 face_corner;
+flat out int face;
+flat out float primitive;
+
+// What follows from the light and the primitive alone, see object_intersect.glsl.
+#if defined(KIND_SPHERE)
+flat out vec4 from;
+flat out float radius;
+#elif defined(KIND_ELLIPSOID)
+flat out mat3 rows;
+flat out vec4 from;
+#elif defined(KIND_TRIANGLE)
+flat out vec3 edge0;
+flat out vec3 edge1;
+flat out vec3 edge2;
+flat out vec4 plane;
+#else
+flat out vec4 plane;
+#endif
+
+void main()
+{
+    int i = gl_VertexID / 6, vertex = gl_VertexID - 6 * i;
+    uvec4 rectangle = texelFetch(rectangles, ivec2(i % RECTANGLES_WIDTH, i / RECTANGLES_WIDTH), 0);
+    face = int(rectangle.w);
+    int number = int(rectangle.z);
+    primitive = float(number);
+    ivec2 in_tile = ivec2(face % tile_faces.x, face / tile_faces.x) * ivec2(shadow_cells);
+    face_corner = tile_corner + in_tile;
+
+#if defined(KIND_SPHERE)
+    vec4 ball = sphere_texel(number, SPHERE_BALL);
+    from = sphere_from(light_position, ball.xyz, abs(ball.w));
+    radius = ball.w;
+#elif defined(KIND_ELLIPSOID)
+    UnitSpace space = ellipsoid_from(light_position, unit_texel(number, UNIT_ROW0), unit_texel(number, UNIT_ROW1),
+                                     unit_texel(number, UNIT_ROW2));
+    rows = space.rows;
+    from = space.from;
+#elif defined(KIND_TRIANGLE)
+    TriangleFrom triangle = triangle_of(number, light_position);
+    edge0 = triangle.edge0;
+    edge1 = triangle.edge1;
+    edge2 = triangle.edge2;
+    plane = triangle.plane;
+#else
+    vec3 normal = plane_texel(number - first_plane, PLANE_NORMAL).xyz;
+    plane = vec4(normal, plane_from(light_position, normal, plane_texel(number - first_plane, PLANE_POINT).xyz));
+#endif
+
+    // Corners 0 1 2 and 2 1 3.
+    int corner = vertex < 3 ? vertex : vertex == 5 ? 3 : 5 - vertex;
+    ivec2 low = ivec2(rectangle.x & 0xffffu, rectangle.x >> 16u);
+    ivec2 high = ivec2(rectangle.y & 0xffffu, rectangle.y >> 16u) + 1;
+    ivec2 at = in_tile + ivec2((corner & 1) == 0 ? low.x : high.x, (corner & 2) == 0 ? low.y : high.y);
+    gl_Position = vec4(2.0 * vec2(at) / vec2(tile_size) - 1.0, 0.0, 1.0);
+}

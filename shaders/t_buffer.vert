@@ -1,0 +1,91 @@
+// t_buffer.vert: a primitive as the part of the window in which its rays are shot [TB II.B].
+// A sphere or ellipsoid is a rectangle of pixels, a triangle itself, grown a little, a plane what is on its side of the
+// horizon. All that the rays share goes along, flat.
+#include "t_buffer_ray.glsl"
+
+uniform int first;  // number of the first primitive of the kind
+#ifdef FROM_LIST
+layout(std430, binding = 1) buffer List { uint listed[]; };
+#endif
+
+flat out int primitive;
+flat out Target aim;
+
+const vec4 NOWHERE = vec4(2.0, 2.0, 0.0, 1.0);
+
+// A corner of the window's pixel grid.
+vec4 at_pixel(ivec2 corner) { return vec4(2.0 * vec2(corner) / vec2(eye_size) - 1.0, 0.0, 1.0); }
+
+#ifdef KIND_TRIANGLE
+// A corner of the triangle as a cone of the camera, moved so that both edges there keep a distance. Cones need no care
+// behind the eye: the clipper does it. A camera's (x, y, z) gets its lengths in pixels.
+// Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
+vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
+{
+    vec3 ahead = side * cross(own, next - own), behind = side * cross(previous, own - previous);
+    ahead.z += bound_margin() * (abs(ahead.x) + abs(ahead.y));
+    behind.z += bound_margin() * (abs(behind.x) + abs(behind.y));
+    vec3 p = cross(behind, ahead) * side;
+    // The window's middle is the origin of what is clipped.
+    vec2 shift = 2.0 * (eye_centre - vec2(eye_corner)) / vec2(eye_size) - 1.0;
+    return vec4(2.0 * p.xy / vec2(eye_size) + shift * p.z, 0.0, p.z);
+}
+#endif
+
+void main()
+{
+#ifdef KIND_PLANE
+    const int vertices = 3;
+    int item = gl_InstanceID, corner = gl_VertexID;
+#else
+#ifdef KIND_TRIANGLE
+    const int vertices = 3;
+#else
+    const int vertices = 6;
+#endif
+    int item = gl_VertexID / vertices, corner = gl_VertexID - vertices * item;
+#endif
+#ifdef FROM_LIST
+    item = int(listed[item]);
+#endif
+    primitive = first + item;
+    aim = target(primitive);
+
+#ifdef KIND_PLANE
+    vec2 place = vec2((corner & 1) * 4 - 1, (corner >> 1) * 4 - 1);
+    gl_Position = vec4(place, 0.0, 1.0);
+    vec2 slope = ((0.5 * place + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
+    vec3 normal = to_eye(aim.plane.xyz);
+    float towards = dot(normal, vec3(slope, 1.0)), margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
+    gl_ClipDistance[0] = aim.plane.w == 0.0 ? -1.0 : sign(aim.plane.w) * towards + margin + 1e-5;
+#else
+    ivec2 low, high;
+    int status = bounds(primitive, low, high);
+#ifdef KIND_TRIANGLE
+    vec3 pixels = vec3(eye_focal, eye_focal, 1.0);
+    vec3 a = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX0).xyz - eye_position);
+    vec3 b = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX1).xyz - eye_position);
+    vec3 c = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX2).xyz - eye_position);
+    // Only their directions count; products of three would leave the range of floats in large scenes.
+    vec3 most = max(abs(a), max(abs(b), abs(c)));
+    float scale = 1.0 / max(max(most.x, most.y), max(most.z, 1e-30));
+    a *= scale;
+    b *= scale;
+    c *= scale;
+    float volume = dot(cross(a, b - a), c - a);
+    float side = volume < 0.0 ? -1.0 : 1.0;
+    gl_Position = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
+    // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn.
+    vec3 edges = vec3(length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
+    float height = abs(volume) / max(max(edges.x, edges.y), max(edges.z, 1e-37));  // pixels
+    if (!(height > 0.1)) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+#else
+    ivec2 which = ivec2(corner & 1, corner == 2 || corner >= 4 ? 1 : 0);
+    if (corner == 3) which = ivec2(1, 0);
+    if (corner == 4) which = ivec2(0, 1);
+    if (corner == 5) which = ivec2(1, 1);
+    gl_Position = at_pixel(ivec2(which.x == 0 ? low.x : high.x + 1, which.y == 0 ? low.y : high.y + 1));
+#endif
+    if (status == HIDDEN) gl_Position = NOWHERE;
+#endif
+}

@@ -1,0 +1,42 @@
+// t_buffer_list.comp: from marks to a list in order, and the command that draws it. One work group.
+layout(local_size_x = 256) in;
+
+uniform int words;     // of marks
+uniform int vertices;  // of one primitive
+
+layout(std430, binding = 1) buffer List { uint listed[]; };
+layout(std430, binding = 4) buffer Large { uint large[]; };
+layout(std430, binding = 5) buffer Command { uint command[]; };  // vertices, instances, first vertex, first instance
+
+shared uint found[256];
+
+void main()
+{
+    int own = int(gl_LocalInvocationID.x), share = (words + 255) / 256;
+    int begin = own * share, end = min(begin + share, words);
+    uint marks = 0u;
+    for (int i = begin; i < end; ++i) marks += uint(bitCount(large[i]));
+    found[own] = marks;
+    barrier();
+    uint place = 0u;
+    for (int i = 0; i < own; ++i) place += found[i];
+    if (own == 255)
+    {
+        command[0] = uint(vertices) * (place + marks);
+        command[1] = 1u;
+        command[2] = 0u;
+        command[3] = 0u;
+    }
+    for (int i = begin; i < end; ++i)
+    {
+        uint word = large[i];
+        large[i] = 0u;
+        while (word != 0u)
+        {
+            int bit = findLSB(word);
+            word &= word - 1u;
+            listed[place] = uint(32 * i + bit);
+            ++place;
+        }
+    }
+}

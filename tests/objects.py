@@ -1,0 +1,71 @@
+"""Scenes of spheres, triangles and planes for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.scene.model import Camera, Float64, Material, Scene, Shape
+
+GREY = Material("grey", np.full(3, 0.5))
+
+
+def camera(
+    position: ArrayLike = (0, 0, 6),
+    target: ArrayLike = (0, 0, 0),
+    *,
+    fov: float = 50.0,
+    resolution: tuple[int, int] = (96, 64),
+) -> Camera:
+    position, target = np.array(position, float), np.array(target, float)
+    view = target - position
+    up = np.array([0, 1.0, 0] if abs(view[1]) < 0.9 * np.linalg.norm(view) else [0, 0, 1.0])
+    return Camera(position, target, up, fov, resolution)
+
+
+def ball(centre: ArrayLike, radius: float, rotation: NDArray[np.float64] | None = None) -> Float64:
+    """(3, 4) world_from_unit of a round sphere."""
+    linear = radius * (np.eye(3) if rotation is None else rotation)
+    return np.concatenate([linear, np.array(centre, float)[:, None]], axis=1)
+
+
+def ground(height: float = -2.0) -> Float64:
+    """(3, 4) world_from_plane of a horizontal plane with its front up."""
+    return np.array([[1, 0, 0, 0], [0, 0, 1, height], [0, -1, 0, 0]], float)
+
+
+def rotation(rng: np.random.Generator) -> Float64:
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return np.asarray(q * np.sign(np.linalg.det(q)))
+
+
+def scene_of(
+    *,
+    spheres: ArrayLike = (),
+    triangles: ArrayLike = (),
+    planes: ArrayLike = (),
+    view: Camera | None = None,
+    materials: Sequence[Material] = (GREY,),
+    **fields: object,
+) -> Scene:
+    """A scene of one shape per sphere and plane, and one of all triangles; shape i has material i, cyclically."""
+    s = np.array(spheres, float).reshape(-1, 3, 4)
+    t = np.array(triangles, float).reshape(-1, 3, 3)
+    p = np.array(planes, float).reshape(-1, 3, 4)
+    parts = [("sphere", i, 1) for i in range(len(s))] + [("mesh", 0, len(t))] * bool(len(t))
+    parts += [("plane", i, 1) for i in range(len(p))]
+    shapes = [
+        Shape(f"{kind}-{i}", kind, first, count, i % len(materials)) for i, (kind, first, count) in enumerate(parts)
+    ]
+    given = {"shapes": tuple(shapes), "triangle_uv": np.zeros((len(t), 3, 2))} | fields
+    return Scene(
+        "test",
+        view or camera(),
+        t,
+        materials=tuple(materials),
+        spheres=s,
+        planes=p,
+        **given,  # type: ignore[arg-type]
+    )

@@ -1,0 +1,154 @@
+"""The hierarchy of boxes finds exactly what looking at every box finds."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from glpath.errors import UsageError
+from glpath.hierarchy import BINS, Hierarchy, build_hierarchy
+
+# Coordinates from a small grid make boxes that touch, coincide and have no extent; others make slivers.
+coordinates = st.one_of(st.integers(-3, 3).map(float), st.floats(-1e6, 1e6, allow_subnormal=False))
+
+
+@st.composite
+def boxes(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+    corners = draw(hnp.arrays(float, st.tuples(st.integers(0, 40), st.just(2), st.just(3)), elements=coordinates))
+    return corners.min(axis=1), corners.max(axis=1)
+
+
+def random_boxes(n: int, size: float = 0.02, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    centres, half = rng.random((n, 3)), size * rng.random((n, 3))
+    return centres - half, centres + half
+
+
+def check(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, leaf_size: int) -> None:
+    """All that the docstring promises."""
+    n, size = len(lower), len(tree)
+    assert sorted(tree.order.tolist()) == list(range(n))
+    assert [a.dtype for a in (tree.skip, tree.first, tree.count, tree.order)] == [np.int32] * 4
+    leaves = np.flatnonzero(tree.count)
+    assert tree.count.sum() == n
+    assert tree.count.max(initial=0) <= leaf_size
+    np.testing.assert_array_equal(np.cumsum(tree.count[leaves]) - tree.count[leaves], tree.first[leaves])
+    for node in range(size):
+        items = tree.items(node)
+        np.testing.assert_array_equal(tree.lower[node], lower[items].min(axis=0))
+        np.testing.assert_array_equal(tree.upper[node], upper[items].max(axis=0))
+        children = tree.children(node)
+        assert len(children) == (0 if tree.count[node] else 2)
+        if children:
+            np.testing.assert_array_equal(np.concatenate([tree.items(c) for c in children]), items)
+        assert tree.skip[node] == (tree.skip[children[-1]] if children else node + 1)
+    if size:
+        assert tree.skip[0] == size
+
+
+def overlapping(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, query: np.ndarray) -> list[int]:
+    """Items whose boxes overlap a box, by the traversal without a stack."""
+    found, node = [], 0
+    while node < len(tree):
+        hit = np.all(tree.lower[node] <= query[1]) and np.all(query[0] <= tree.upper[node])
+        if hit and tree.count[node]:
+            items = tree.items(node)
+            inside = np.all((lower[items] <= query[1]) & (query[0] <= upper[items]), axis=1)
+            found += items[inside].tolist()
+        node = node + 1 if hit else int(tree.skip[node])
+    return sorted(found)
+
+
+@given(boxes(), st.integers(1, 5))
+def test_it_keeps_its_promises(corners: tuple[np.ndarray, np.ndarray], leaf_size: int) -> None:
+    check(build_hierarchy(*corners, leaf_size), *corners, leaf_size)
+
+
+@given(boxes(), st.integers(1, 5), hnp.arrays(float, (2, 3), elements=coordinates))
+def test_it_finds_what_brute_force_finds(
+    corners: tuple[np.ndarray, np.ndarray], leaf_size: int, query: np.ndarray
+) -> None:
+    lower, upper = corners
+    query = np.sort(query, axis=0)
+    brute = np.flatnonzero(np.all((lower <= query[1]) & (query[0] <= upper), axis=1))
+    assert overlapping(build_hierarchy(lower, upper, leaf_size), lower, upper, query) == brute.tolist()
+
+
+def test_no_items_and_one_item() -> None:
+    nothing = build_hierarchy(np.zeros((0, 3)), np.zeros((0, 3)))
+    assert (len(nothing), nothing.depth) == (0, 0)
+    one = build_hierarchy([[0, 0, 0]], [[1, 2, 3]])
+    assert (len(one), one.depth, one.count.tolist(), one.skip.tolist()) == (1, 1, [1], [1])
+
+
+@pytest.mark.parametrize("points", ["equal", "in a line", "ever denser", "two places"])
+def test_boxes_without_extent_make_no_deep_tree(points: str) -> None:
+    n = 4096
+    x = {
+        "equal": np.zeros(n),
+        "in a line": np.linspace(0, 1, n),
+        "ever denser": 2.0 ** -(np.arange(n) % 64),
+        "two places": np.arange(n) % 2.0,
+    }[points]
+    corners = np.stack([x, 0 * x, 0 * x], axis=1)
+    tree = build_hierarchy(corners, corners, 1)
+    check(tree, corners, corners, 1)
+    # Halving needs 13 levels; of points twice as near each time, one split tells at most log2(BINS) of 64 apart.
+    assert tree.depth <= 13 + 64 // (np.log2(BINS) - 1)
+
+
+def test_it_is_the_same_every_time() -> None:
+    corners = random_boxes(3000)
+    a, b = build_hierarchy(*corners), build_hierarchy(*corners)
+    for name in ("lower", "upper", "skip", "first", "count", "order"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_it_visits_far_fewer_nodes_than_halving_in_the_given_order() -> None:
+    """The heuristic's own measure, the sum of areas, against a tree that ignores the boxes."""
+    lower, upper = random_boxes(2000)
+    tree = build_hierarchy(lower, upper, 1)
+
+    def area(low: np.ndarray, high: np.ndarray) -> float:
+        x, y, z = high - low
+        return x * y + y * z + z * x
+
+    def halved(low: np.ndarray, high: np.ndarray) -> float:
+        own = area(low.min(axis=0), high.max(axis=0))
+        m = len(low) // 2
+        return own + (halved(low[:m], high[:m]) + halved(low[m:], high[m:]) if m else 0)
+
+    assert sum(map(area, tree.lower, tree.upper)) < 0.1 * halved(lower, upper)
+
+
+def test_a_hundred_thousand_boxes_take_less_than_two_seconds() -> None:
+    build_hierarchy(*random_boxes(2))  # compiled, or loaded from the cache
+    corners = random_boxes(100_000)
+    start = time.process_time()
+    tree = build_hierarchy(*corners)
+    assert time.process_time() - start < 2
+    assert tree.depth < 40
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "words"),
+    [
+        ([[0, 0, 0], [0, 0, np.nan]], np.ones((2, 3)), r"boxes\[1\]"),
+        ([[0, 0, 0]], [[1, np.inf, 1]], r"boxes\[0\].*keep it out"),
+        ([[0, 0, 0]], [[1, -1, 1]], "in order"),
+        (np.zeros((2, 3)), np.zeros((1, 3)), r"must be \(N, 3\)"),
+    ],
+)
+def test_boxes_that_are_none_are_refused(lower: object, upper: object, words: str) -> None:
+    with pytest.raises(UsageError, match=f"(?s){words}"):
+        build_hierarchy(lower, upper)  # type: ignore[arg-type]
+
+
+def test_an_empty_leaf_size_is_refused() -> None:
+    with pytest.raises(UsageError, match="leaf_size is 0"):
+        build_hierarchy(*random_boxes(3), leaf_size=0)
