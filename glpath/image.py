@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import struct
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -25,7 +26,7 @@ from glpath.errors import ImageError, UsageError
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-READABLE = (".png", ".exr", ".npz", ".npy")
+READABLE = (".png", ".jpg", ".jpeg", ".exr", ".npz", ".npy")
 
 # Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -196,7 +197,7 @@ def mean_of_sums(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Flo
 def read_image(path: str | Path) -> Float64:
     """Read a picture as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 
-    .png : sRGB is undone; it holds what the tone map left, not radiance
+    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
     .exr : channels R, G, B or Y; of a crop its own pixels only
     .npz : a film's mean, or the array `radiance`
     .npy : (H, W, 3) or (H, W)
@@ -211,13 +212,39 @@ def read_image(path: str | Path) -> Float64:
         )
     try:
         path.open("rb").close()
-        read = {".png": _read_png, ".exr": _read_exr, ".npz": _read_npz, ".npy": _read_npy}[suffix]
-        image = read(path)
+        image = _READERS[suffix](path)
     except FileNotFoundError as error:
         raise ImageError(f"{path}: there is no such file.") from error
-    except (OSError, RuntimeError, ValueError, SyntaxError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except (*_BROKEN, KeyError, zipfile.BadZipFile) as error:
         raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
     return _three_channels(image, path)
+
+
+# What the libraries raise for files that are broken, cut off, or of another format.
+_BROKEN = (OSError, RuntimeError, ValueError, SyntaxError, EOFError, struct.error)
+
+
+def picture_size(path: str | Path) -> tuple[int, int]:
+    """(width, height) in pixels of a .png, .jpg or .exr, from its header alone. Raises ImageError."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".exr":
+            import OpenEXR
+
+            with path.open("rb"):  # what the system says is clearer than what OpenEXR does
+                first, last = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
+            width, height = (last - first + 1).tolist()
+        else:
+            from PIL.JpegImagePlugin import JpegImageFile
+            from PIL.PngImagePlugin import PngImageFile
+
+            # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+            with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+                width, height = opened.size
+    except _BROKEN as error:
+        raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
+    return width, height
 
 
 def _read_png(path: Path) -> Float64:
@@ -225,6 +252,12 @@ def _read_png(path: Path) -> Float64:
 
     stored = iio.imread(path, plugin="pillow")
     return decode_srgb(stored / np.iinfo(stored.dtype if stored.dtype != np.bool_ else np.uint8).max)
+
+
+def _read_jpeg(path: Path) -> Float64:
+    import imageio.v3 as iio
+
+    return decode_srgb(iio.imread(path, plugin="pillow", mode="RGB") / 255)  # a JPEG may be CMYK
 
 
 def _read_exr(path: Path) -> Float64:
@@ -261,6 +294,16 @@ def open_npz(path: str | Path) -> NpzFile:
 def _read_npy(path: Path) -> Float64:
     image: Float64 = np.load(path, allow_pickle=False).astype(np.float64)
     return image
+
+
+_READERS = {
+    ".png": _read_png,
+    ".jpg": _read_jpeg,
+    ".jpeg": _read_jpeg,
+    ".exr": _read_exr,
+    ".npz": _read_npz,
+    ".npy": _read_npy,
+}
 
 
 def _three_channels(image: Float64, path: Path) -> Float64:

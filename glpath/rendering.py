@@ -27,7 +27,7 @@ from glpath.gl.context import Context, get_context
 from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.path_trace import Directions, PathTracer, PathTraceSettings
 from glpath.sampling import Sampling
-from glpath.scene import Scene, check_camera, check_scene, load_scene
+from glpath.scene import Scene, check_camera, check_scene, load_scene, path_traceable
 from glpath.versions import versions
 
 #: A path counts its casts in ten bits.
@@ -140,7 +140,7 @@ def render(
     film = Film.empty(_metadata(loaded, settings, window, context))
     job = _Job(film, spp, context.info.renderer, on_progress)
     job.report("compiling shaders")
-    gpu_scene = GpuScene(context.gl, loaded)
+    gpu_scene = GpuScene(context.gl, path_traceable(loaded))
     tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
     tracer = PathTracer(
         context.gl, gpu_scene, settings, tiles[0].window, hardware=context.info.hardware, timings=timings

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from glpath.cli import scenes
 from glpath.errors import SceneError
 from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene, scene_from_dict
-from glpath.scene.check import sees_anything
+from glpath.scene.check import sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
 
@@ -23,6 +23,7 @@ CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0,
 def scene(**changes: object) -> Scene:
     """A glowing ball before the camera."""
     ball = {"type": "sphere", "radius": 1, "subdivisions": 1, "emission": {"radiance": 1}, **changes}
+    ball = {key: value for key, value in ball.items() if value is not None}
     return scene_from_dict(
         {
             "camera": {"position": [0, 0, 5], "target": [0, 0, 0]},
@@ -50,12 +51,13 @@ def test_a_camera_that_sees_nothing_is_warned_of():
 
 
 def test_a_camera_on_a_surface_is_warned_of():
-    corner = scene().triangles[7, 1]
-    (warning,) = check_scene(scene().with_camera(position=corner))
-    assert 'exactly on a surface, of the shape "sphere-0"' in warning
-    middle = scene().triangles[7].mean(axis=0)
-    assert len(check_scene(scene().with_camera(position=middle))) == 1
-    assert check_scene(scene().with_camera(position=1.01 * middle)) == []
+    box = scene(type="box", min=[-1, -1, -1], max=[1, 1, 1], radius=None, subdivisions=None)
+    corner = box.triangles[7, 1]
+    (warning,) = check_scene(box.with_camera(position=corner))
+    assert 'exactly on a surface, of the shape "box-0"' in warning
+    middle = box.triangles[7].mean(axis=0)
+    assert len(check_scene(box.with_camera(position=middle))) == 1
+    assert check_scene(box.with_camera(position=1.01 * middle)) == []
 
 
 def test_a_surface_that_reflects_everything_is_warned_of():
@@ -81,7 +83,7 @@ VIEWS = {
 @pytest.mark.parametrize("case", VIEWS)
 def test_the_pyramid_of_view_meets_a_triangle_or_it_does_not(case: str):
     corners, seen = VIEWS[case]
-    assert sees_anything(CAMERA, np.array([corners], float)) is seen
+    assert sees_triangles(CAMERA, np.array([corners], float)) is seen
 
 
 coordinate = st.floats(-8, 8).map(lambda x: round(x, 2))
@@ -100,7 +102,7 @@ def test_a_triangle_of_which_a_point_is_in_view_is_seen(corners: tuple):
     half = np.tan(np.radians(20))
     visible = bool(np.any((np.abs(y) < half * z) & (np.abs(x) < half * z * 64 / 48)))
     if visible:
-        assert sees_anything(CAMERA, triangle[None])
+        assert sees_triangles(CAMERA, triangle[None])
 
 
 @pytest.mark.parametrize(
@@ -135,13 +137,13 @@ def run(*arguments: str, code: int = 0) -> str:
 def test_validate_reports_every_file(tmp_path: Path):
     bad, dark = tmp_path / "bad.toml", tmp_path / "dark.toml"
     camera = "[camera]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n"
-    bad.write_text(camera + "[lights]")
+    bad.write_text(camera + "[lamps]")
     dark.write_text(
         camera + '[[shapes]]\ntype = "mesh"\n'
         "vertices = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [2, 2, 0]]\nfaces = [[0, 1, 2], [0, 2, 3]]\n"
     )
     output = run("validate", str(bad), str(dark), "cornell-box", code=1)
-    assert f"{bad}: lights is not a field" in output
+    assert f"{bad}: lamps is not a field" in output
     assert f"{dark}: No shape emits light" in output
     assert f'{dark}: shapes[0] ("mesh-0"): dropped 1 of 2 triangles' in output
     assert output.splitlines()[-1].split() == ["ok", "cornell-box"]

@@ -40,17 +40,17 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     "syntax at the end": (HEAD + "up = [0, 1,", ["line 5", "not valid TOML"]),
     "no camera": ('[[shapes]]\ntype = "sphere"\nradius = 1', ["lacks the field `camera`"]),
     "no shapes": (HEAD, ["has no shapes", "at least one", "[[shapes]]"]),
-    "unknown table": (SPHERE + "[lights]", ["lights is not a field of a scene file", "Allowed: name, description"]),
+    "unknown table": (SPHERE + "[lamps]", ["lamps is not a field of a scene file", "Allowed: name, description"]),
     "unknown field": (
         shape('type = "sphere"\nradios = 1'),
         ["shapes[1].radios is not a field", '"sphere"', "Allowed: type, name", "Did you mean `radius`?"],
     ),
     "unknown camera field": (camera("position = [0, 0, 5]\ntaget = [0, 0, 0]"), ["camera.taget", "`target`?"]),
     "missing field": (shape('type = "quad"'), ["shapes[1] lacks the field `corners`", "counter-clockwise"]),
-    "missing type": (shape("radius = 1"), ["shapes[1] lacks the field `type`", "box, mesh, quad, sphere"]),
+    "missing type": (shape("radius = 1"), ["shapes[1] lacks the field `type`", "box, mesh, plane, quad, sphere"]),
     "unknown type": (
         shape('type = "spere"'),
-        ['shapes[1].type is "spere"', "must be one of: box, mesh, quad, sphere", 'Did you mean "sphere"?'],
+        ['shapes[1].type is "spere"', "must be one of: box, mesh, plane, quad, sphere", 'Did you mean "sphere"?'],
     ),
     "unknown camera type": (camera('type = "fisheye"\n'), ['camera.type is "fisheye"', "one of: perspective"]),
     "text for a number": (
@@ -364,11 +364,11 @@ def test_a_binary_file_is_no_scene(tmp_path: Path):
 def test_the_schema_describes_every_field():
     schema = scene_schema()
     json.dumps(schema)
-    assert {"SceneFile", "Camera", "Film", "Material", "Quad", "Box", "Sphere", "Mesh"} <= set(schema["$defs"])
+    assert {"SceneFile", "Camera", "Film", "Diffuse", "Quad", "Box", "Sphere", "Mesh"} <= set(schema["$defs"])
     for name, table in schema["$defs"].items():
         for field, declared in table["properties"].items():
             assert field == "type" or declared.get("description"), f"{name}.{field} has no description"
-    colour = schema["$defs"]["Material"]["properties"]["reflectance"]["anyOf"]
+    colour = schema["$defs"]["Diffuse"]["properties"]["reflectance"]["anyOf"]
     assert [each.get("maximum", each.get("items", {}).get("maximum")) for each in colour] == [1, 1]
 
 
@@ -376,4 +376,4 @@ def test_a_good_scene_loads_without_a_warning(tmp_path: Path):
     (tmp_path / "room.toml").write_text(SPHERE)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert len(load_scene(str(tmp_path / "room.toml")).triangles) == 20
+        assert len(load_scene(str(tmp_path / "room.toml")).spheres) == 1

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
 from glpath.scene.model import Float64, Scene, Shape
+from glpath.scene.triangulate import path_traceable
 
 Sampler = Literal["independent", "multijitter"]
 Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
@@ -115,6 +116,7 @@ def to_mitsuba(
     hundred-thousandth of the scene's diagonal apart.
     """
     mi = load_mitsuba(variant)
+    scene = path_traceable(scene)
     described: dict[str, Any] = {
         "type": "scene",
         "integrator": _integrator(max_depth),

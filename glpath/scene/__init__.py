@@ -1,20 +1,25 @@
-"""Scenes: from TOML to triangles, materials, lights and a camera. Plain data, no GL."""
+"""Scenes: from TOML to primitives, materials, lights and a camera. Plain data, no GL."""
 
 from glpath.scene.check import check_camera, check_scene
 from glpath.scene.description import scene_schema
 from glpath.scene.library import load_scene, parameters_from_options, shipped_scenes
 from glpath.scene.load import scene_from_dict
-from glpath.scene.model import Camera, Material, Scene, Shape
+from glpath.scene.model import Camera, Light, Material, Scene, Shape, Sky, Texture
+from glpath.scene.triangulate import path_traceable
 
 __all__ = [
     "Camera",
+    "Light",
     "Material",
     "Scene",
     "Shape",
+    "Sky",
+    "Texture",
     "check_camera",
     "check_scene",
     "load_scene",
     "parameters_from_options",
+    "path_traceable",
     "scene_from_dict",
     "scene_schema",
     "shipped_scenes",

@@ -1,4 +1,4 @@
-"""From the typed data of a scene file to the `Scene`: shapes become triangles, names become indices.
+"""From the typed data of a scene file to the `Scene`: shapes become primitives, names become indices.
 
 What the types cannot say is checked here, each with the place: materials that do not exist, quads that are not
 planar, boxes turned inside out, triangles without area.
@@ -6,29 +6,28 @@ planar, boxes turned inside out, triangles without area.
 
 from __future__ import annotations
 
-import difflib
-import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from msgspec import UnsetType
-from numpy.typing import NDArray
 
-from glpath.errors import SceneError, SceneWarning
-from glpath.scene import description, tessellate, transform
+from glpath.scene import description, lights, materials, tessellate, transform
 from glpath.scene.check import check_camera
-from glpath.scene.description import AnyShape, Emission, SceneFile
+from glpath.scene.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.meshes import inline_mesh, read_mesh
-from glpath.scene.model import Camera, Float64, Material, Scene, Shape
+from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape
 from glpath.scene.place import Place, shown
-from glpath.scene.tessellate import Int64
+from glpath.scene.tessellate import FLAT, Geometry, with_area
+from glpath.scene.triangulate import turned
+from glpath.scene.values import light, unit, unknown
 
 # Of a quad's diameter; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3
-# Height over longest edge below which a triangle has no area: corners are 32 bit numbers on the GPU.
-_FLAT = 1e-7
 # What a GPU can still square in 32 bits without overflow, and far from what anybody means.
 LARGEST = 1e15
+# And without underflow.
+SMALLEST = 1e-15
 
 DEFAULT_MATERIAL = "default"
 
@@ -36,7 +35,7 @@ DEFAULT_MATERIAL = "default"
 def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
     """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
-    folder : where relative paths of mesh files start
+    folder : where relative paths of mesh and picture files start
     name   : the name of the scene when the file does not say one
     """
     camera = _camera(file)
@@ -45,30 +44,57 @@ def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
         raise place.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
-    materials = _materials(file, place.field("materials"))
-    number = {material.name: index for index, material in enumerate(materials)}
+    textures = materials.textures(file.textures, place.field("textures"), folder)
+    texture_number = {texture.name: index for index, texture in enumerate(textures)}
+    surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
+    number = {material.name: index for index, material in enumerate(surfaces)}
 
-    shapes, triangles, first = [], [], 0
+    shapes = []
+    parts: dict[Primitive, list[Float64]] = {"triangle": [], "sphere": [], "plane": []}
+    texture_places: list[Float64] = []
+    count: dict[Primitive, int] = dict.fromkeys(parts, 0)
     for index, given in enumerate(file.shapes):
         here = place.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
         shape_name = f"{kind}-{index}" if isinstance(given.name, UnsetType) else given.name
         if given.material not in number:
-            raise _no_such_material(given.material, list(number), here.field("material"))
-        radiance, two_sided = _emission(given.emission, here.field("emission"))
-        corners = _with_area(_triangles(given, here, folder), shape_name, here)
-        triangles.append(corners)
-        shapes.append(Shape(shape_name, kind, first, len(corners), number[given.material], radiance, two_sided))
-        first += len(corners)
+            raise unknown(
+                "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
+            )
+        radiance, two_sided = lights.emission(given.emission, here.field("emission"))
+        shape = Shape(shape_name, kind, 0, 1, number[given.material], radiance, two_sided)
+        primitives = parts[shape.primitive]
+        if isinstance(given, description.Sphere):
+            shape = replace(shape, subdivisions=given.subdivisions)
+            primitives.append(_sphere(given, here)[None])
+        elif isinstance(given, description.Plane):
+            primitives.append(_plane(given, here)[None])
+        else:
+            corners, uv = with_area(*_triangles(given, here, folder), shape_name, here)
+            primitives.append(corners)
+            texture_places.append(uv)
+        shapes.append(replace(shape, first=count[shape.primitive], count=len(primitives[-1])))
+        count[shape.primitive] += len(primitives[-1])
 
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
         camera=camera,
-        triangles=np.ascontiguousarray(np.concatenate(triangles)),
+        triangles=_joined(parts["triangle"], (3, 3)),
         shapes=tuple(shapes),
-        materials=tuple(materials),
+        materials=surfaces,
         source=place.source,
+        triangle_uv=_joined(texture_places, (3, 2)),
+        spheres=_joined(parts["sphere"], (3, 4)),
+        planes=_joined(parts["plane"], (3, 4)),
+        textures=textures,
+        lights=lights.lights(file.lights, place.field("lights")),
+        ambient=light(file.ambient, place.field("ambient")),
+        sky=lights.sky(file.sky, camera.up, place.field("sky")),
     )
+
+
+def _joined(parts: list[Float64], shape: tuple[int, int]) -> Float64:
+    return np.ascontiguousarray(np.concatenate([np.zeros((0, *shape)), *parts]))
 
 
 def _camera(file: SceneFile) -> Camera:
@@ -82,72 +108,104 @@ def _camera(file: SceneFile) -> Camera:
     )
 
 
-def _materials(file: SceneFile, place: Place) -> list[Material]:
-    """Those of the file, and the grey default where a shape uses it and the file does not define it."""
+def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
+    """The file's materials, and the grey default where a shape uses it and the file does not define it."""
     given = dict(file.materials)
     if any(shape.material == DEFAULT_MATERIAL for shape in file.shapes):
-        given.setdefault(DEFAULT_MATERIAL, description.Material())
-    materials = []
-    for name, material in given.items():
-        reflectance = _rgb(material.reflectance)
-        if np.any((reflectance < 0) | (reflectance > 1)):
-            raise (
-                place.field(name)
-                .field("reflectance")
-                .wrong(
-                    material.reflectance,
-                    "between 0 and 1",
-                    "A surface reflects at most what it receives; 0.8 is a white wall. Light is an emission.",
-                )
+        given.setdefault(DEFAULT_MATERIAL, description.Diffuse())
+    return given
+
+
+def _world(given: AnyShape, place: Place) -> Float64:
+    """(4, 4): world_from_shape."""
+    return transform.world_from_shape(given.transform, place.field("transform"))
+
+
+def _sphere(given: description.Sphere, place: Place) -> Float64:
+    """(3, 4) world_from_unit, its determinant negative where the front is inside."""
+    unit_to_shape = np.column_stack([given.radius * np.identity(3), given.center])
+    matrix = unit_to_shape
+    if given.transform:
+        world = _world(given, place)
+        matrix = world[:3, :3] @ unit_to_shape
+        matrix[:, 3] += world[:3, 3]
+    _check_extent(np.abs(matrix[:, 3]) + np.linalg.norm(matrix[:, :3], axis=1), place)
+    thinnest = np.linalg.svd(matrix[:, :3], compute_uv=False)[2]
+    if not thinnest >= SMALLEST:
+        raise place.error(
+            f"is only {thinnest:.3g} scene units thick, where 32 bit numbers end ({SMALLEST:g}).",
+            "Check its radius and transform, or choose a smaller unit of length.",
+        )
+    return turned(matrix) if transform.mirrors(matrix) != given.flip_normals else matrix
+
+
+def _plane(given: description.Plane, place: Place) -> Float64:
+    """(3, 4) world_from_plane; u, v and the normal are right-handed, so that textures read well from the front."""
+    normal = unit(given.normal, place.field("normal"), "normal = [0, 1, 0]")
+    if isinstance(given.u, UnsetType):
+        along = np.array([0.0, 1.0, 0.0] if abs(normal[0]) > 0.9 else [1.0, 0.0, 0.0])
+        along = along - (along @ normal) * normal
+        along /= np.linalg.norm(along)
+    else:
+        along = np.array(given.u, np.float64)
+        length = np.linalg.norm(along)
+        along = along - (along @ normal) * normal
+        if not np.linalg.norm(along) > 1e-6 * length:
+            raise place.field("u").wrong(
+                given.u,
+                f"a direction in the plane, not along its normal {shown(given.normal)}",
+                "It is the way in which the texture coordinate u grows.",
             )
-        materials.append(Material(name, reflectance, material.two_sided))
-    return materials
+    across = np.cross(normal, along)
+    world = _world(given, place)
+    linear = world[:3, :3]
+    point = linear @ given.point + world[:3, 3]
+    _check_extent(np.abs(point), place)
+    normal = np.linalg.inv(linear).T @ normal
+    normal /= np.linalg.norm(normal)
+    u, v = linear @ along, linear @ across
+    u -= (u @ normal) * normal  # rounding
+    v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
+    if given.flip_normals:
+        normal = -normal
+    v = v_length * np.cross(normal, u / np.linalg.norm(u))
+    return np.column_stack([u, v, normal, point])
 
 
-def _no_such_material(name: str, known: list[str], place: Place) -> SceneError:
-    near = difflib.get_close_matches(name, known, 1)
-    listed = ", ".join(known) or "no materials"
-    return place.error(
-        f"names the material {shown(name)}, but the file defines {listed}.",
-        f'Did you mean "{near[0]}"?' if near else f"Define it: [materials.{name}] with reflectance = [r, g, b].",
-    )
-
-
-def _emission(given: Emission | UnsetType, place: Place) -> tuple[Float64, bool]:
-    if isinstance(given, UnsetType):
-        return np.zeros(3), False
-    radiance = _rgb(given.radiance)
-    if np.any(radiance < 0):
-        raise place.field("radiance").wrong(given.radiance, "0 or more", "Light cannot be negative.")
-    return radiance, given.two_sided
-
-
-def _rgb(value: float | description.Vector) -> Float64:
-    return np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
-
-
-def _triangles(given: AnyShape, place: Place, folder: Path) -> Float64:
-    """(T, 3, 3) float64 in world space, with those without area."""
+def _triangles(
+    given: description.Quad | description.Box | description.Mesh, place: Place, folder: Path
+) -> Geometry:
+    """Corners (T, 3, 3) in world space and texture coordinates (T, 3, 2), with those triangles without area."""
+    uv = None
     match given:
         case description.Quad():
             _check_quad(np.array(given.corners), place.field("corners"))
             vertices, faces = tessellate.quad(given.corners)
+            uv = tessellate.quad_uv()
         case description.Box():
             vertices, faces = tessellate.box(*_box_corners(given, place))
-        case description.Sphere():
-            vertices, faces = tessellate.sphere(given.center, given.radius, given.subdivisions)
+            uv = tessellate.box_uv()
         case description.Mesh():
-            vertices, faces = _mesh(given, place, folder)
+            vertices, faces, vertex_uv = _mesh(given, place, folder)
+            uv = None if vertex_uv is None else vertex_uv[faces]
     corners = vertices[faces]
+    if uv is None:
+        uv = tessellate.projected_uv(corners)
+    reverse = given.flip_normals
     if given.transform:
-        matrix = transform.world_from_shape(given.transform, place.field("transform"))
+        matrix = _world(given, place)
         corners = transform.apply(matrix, corners)
-    if not np.all(np.abs(corners) <= LARGEST):
+        reverse ^= transform.mirrors(matrix)
+    _check_extent(corners, place)
+    return (corners[:, ::-1], uv[:, ::-1]) if reverse else (corners, uv)
+
+
+def _check_extent(coordinates: Float64, place: Place) -> None:
+    if not np.all(np.abs(coordinates) <= LARGEST):
         raise place.error(
             f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
             "Check its transform and coordinates, or choose a larger unit of length.",
         )
-    return corners[:, ::-1] if given.flip_normals else corners
 
 
 def _check_quad(corners: Float64, place: Place) -> None:
@@ -155,7 +213,7 @@ def _check_quad(corners: Float64, place: Place) -> None:
     edges = np.roll(corners, -1, axis=0) - corners
     diameter = max(np.linalg.norm(corners[2] - corners[0]), np.linalg.norm(corners[3] - corners[1]))
     normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
-    if not np.linalg.norm(normal) > _FLAT * diameter**2:
+    if not np.linalg.norm(normal) > FLAT * diameter**2:
         raise place.error(
             "has no area: its corners lie on a line, coincide, or are listed crosswise.",
             "List four corners around the outline.",
@@ -169,7 +227,7 @@ def _check_quad(corners: Float64, place: Place) -> None:
             "Mend a corner, or write two triangles as a mesh: vertices = [...], faces = [[0, 1, 2, 3]].",
         )
     turns = np.cross(np.roll(edges, 1, axis=0), edges) @ normal
-    bad = np.flatnonzero(turns <= _FLAT * diameter**2)
+    bad = np.flatnonzero(turns <= FLAT * diameter**2)
     if len(bad):
         raise place.error(
             f"is not convex: the outline does not turn the same way at corner {bad[0]} as at the others.",
@@ -206,44 +264,31 @@ def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64
     )
 
 
-def _mesh(given: description.Mesh, place: Place, folder: Path) -> tuple[Float64, Int64]:
+def _mesh(given: description.Mesh, place: Place, folder: Path) -> tuple[Float64, tessellate.Int64, Float64 | None]:
+    """Vertices (V, 3), faces (F, 3), and texture coordinates (V, 2) where there are any."""
     inline = not isinstance(given.vertices, UnsetType) and not isinstance(given.faces, UnsetType)
-    partly = not isinstance(given.vertices, UnsetType) or not isinstance(given.faces, UnsetType)
+    partly = any(not isinstance(each, UnsetType) for each in (given.vertices, given.faces, given.uv))
     if not isinstance(given.file, UnsetType) and not partly:
         return read_mesh(folder / given.file, place.field("file"))
     if isinstance(given.file, UnsetType) and inline:
         assert not isinstance(given.vertices, UnsetType)
         assert not isinstance(given.faces, UnsetType)
-        return inline_mesh(given.vertices, given.faces, place)
-    names = [name for name in ("vertices", "faces", "file") if not isinstance(getattr(given, name), UnsetType)]
+        return *inline_mesh(given.vertices, given.faces, place), _inline_uv(given, place)
+    fields = ("vertices", "faces", "uv", "file")
+    names = [name for name in fields if not isinstance(getattr(given, name), UnsetType)]
     raise place.error(
         f"has {' and '.join(names) or 'no geometry'}, but a mesh is `vertices` and `faces`, or `file`.",
         'For example: file = "bunny.obj".',
     )
 
 
-def _with_area(corners: Float64, name: str, place: Place) -> Float64:
-    """`corners` (T, 3, 3) without the triangles that have no area, which a SceneWarning counts."""
-    flat = _without_area(corners)
-    if not flat.any():
-        return corners
-    if flat.all():
-        raise place.error(
-            f'("{name}") has {len(flat)} triangles, none of which has an area.',
-            "The corners of each coincide or lie on one line: check the coordinates and the transform.",
+def _inline_uv(given: description.Mesh, place: Place) -> Float64 | None:
+    if isinstance(given.uv, UnsetType):
+        return None
+    assert not isinstance(given.vertices, UnsetType)
+    if len(given.uv) != len(given.vertices):
+        raise place.field("uv").error(
+            f"has {len(given.uv)} pairs, but the mesh has {len(given.vertices)} vertices.",
+            "List one pair [u, v] for each vertex, in the same order.",
         )
-    listed = np.flatnonzero(flat)
-    warnings.warn(
-        SceneWarning(
-            f'{place} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
-            f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
-        ),
-        stacklevel=2,
-    )
-    return corners[~flat]
-
-
-def _without_area(corners: Float64) -> NDArray[np.bool_]:
-    edges = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest**2)
+    return np.array(given.uv, np.float64)

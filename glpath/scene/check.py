@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Scene
+from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape
 from glpath.scene.place import Place, shown
 
 MAX_PIXELS = 2**28
@@ -57,42 +57,131 @@ def check_camera(camera: Camera, source: str) -> None:
 
 def check_scene(scene: Scene) -> list[str]:
     """Warnings, each a sentence or two, about a scene which renders but hardly as meant. Empty when all is well."""
-    found = []
-    if not any(shape.emits for shape in scene.shapes):
-        found.append(
-            "No shape emits light: the picture will be black. "
-            "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }."
-        )
-    if not sees_anything(scene.camera, scene.triangles):
+    found = _about_light(scene)
+    if not sees_anything(scene):
         lower, upper = scene.bounds
         found.append(
-            "The camera sees nothing: no triangle is in view. "
+            "The camera sees nothing: no shape is in view. "
             f"It stands at {_point(scene.camera.position)} and looks at {_point(scene.camera.target)}; "
             f"the scene reaches from {_point(lower)} to {_point(upper)}."
         )
     touching = _touched(scene)
     if touching is not None:
-        shape = scene.shapes[scene.triangle_shape[touching]]
         found.append(
-            f'The camera stands exactly on a surface, of the shape "{shape.name}": '
+            f'The camera stands exactly on a surface, of the shape "{touching.name}": '
             "half of the picture may be that surface. Move it a little."
         )
-    used = {shape.material for shape in scene.shapes}
-    for index in sorted(used):
+    else:
+        around = _enclosing(scene, scene.camera.position)
+        found += [
+            f'The camera stands inside the shape "{scene.shapes[index].name}" and sees nothing but its inside. '
+            "Move it out, or give the shape flip_normals = true if it is meant as a room."
+            for index in np.flatnonzero(around > 0)
+        ]
+    return found + _about_materials(scene)
+
+
+def _about_light(scene: Scene) -> list[str]:
+    lit = [light for light in scene.lights if np.any(light.intensity > 0)]
+    if not lit and not np.any(scene.ambient > 0) and not any(shape.emits for shape in scene.shapes):
+        return [
+            "No shape emits light, and there is no other light: the picture will be black. "
+            "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]]."
+        ]
+    found = []
+    outside = _enclosing(scene, scene.camera.position) == 0
+    for light in lit:
+        if light.kind == "directional":
+            continue
+        hidden = (_enclosing(scene, light.position) != 0) & outside
+        found += [
+            f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
+            "everything outside. Move the light out, or leave the shape out."
+            for index in np.flatnonzero(hidden)
+        ]
+    return found
+
+
+def _about_materials(scene: Scene) -> list[str]:
+    found = []
+    for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        if np.all(material.reflectance >= 1):
+        plain = material.texture is None
+        if plain and np.all(material.reflectance >= 1):
             found.append(
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."
             )
+        brightest = material.reflectance
+        if not plain:
+            brightest = brightest * scene.textures[material.texture or 0].image.max(axis=(0, 1))
+        if np.any(material.mirror > 0) and np.any(brightest + material.mirror > 1 + 1e-6):
+            found.append(
+                f'The material "{material.name}" reflects more light than it receives: '
+                f"reflectance and mirror add up to {np.max(brightest + material.mirror):.3g}. Lower one of them."
+            )
     return found
 
 
-def sees_anything(camera: Camera, triangles: Float64) -> bool:
-    """Whether any triangle reaches into the pyramid of view, whatever hides it. triangles: (T, 3, 3).
+def sees_anything(scene: Scene) -> bool:
+    """Whether any shape reaches into the pyramid of view, whatever hides it; exact up to rounding.
 
-    The pyramid has no near and no far end. Exact up to rounding: a triangle reaches into it when one of its edges
-    does, or when it is so large that an edge of the pyramid goes through its inside.
+    The pyramid has no near and no far end.
+    """
+    camera = scene.camera
+    return (
+        _sees_planes(camera, scene.planes)
+        or _sees_spheres(camera, scene.spheres)
+        or sees_triangles(camera, scene.triangles)
+    )
+
+
+def _edges_of_view(camera: Camera) -> Float64:
+    """(4, 3) directions of the pyramid's edges, around it."""
+    right, up, forward = camera.frame()
+    tan_up = np.tan(np.radians(camera.fov) / 2)
+    tan_right = tan_up * camera.resolution[0] / camera.resolution[1]
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return np.array([forward + a * tan_right * right + b * tan_up * up for a, b in corners])
+
+
+def _sees_planes(camera: Camera, planes: Float64) -> bool:
+    """planes: (P, 3, 4). Of all rays of the pyramid, one of its edges goes the most towards a plane."""
+    normal = planes[:, :, 2]
+    height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
+    return bool(np.any(normal @ _edges_of_view(camera).T * height[:, None] < 0))
+
+
+def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
+    """spheres: (S, 3, 4). In the space where one is the unit sphere: is the pyramid nearer than 1 to the origin?"""
+    if not len(spheres):
+        return False
+    inverse = np.linalg.inv(spheres[:, :, :3])
+    apex = np.einsum("nij,nj->ni", inverse, camera.position - spheres[:, :, 3])
+    edges = np.einsum("nij,kj->nki", inverse, _edges_of_view(camera))
+    edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+    following = np.roll(edges, -1, axis=1)
+    # Out of each side; where the transform mirrors, the edges go around the other way.
+    normals = np.cross(following, edges)
+    normals *= -np.sign(np.sum(normals[:, 0] * edges[:, 2], axis=1))[:, None, None]
+    outside = np.einsum("nki,ni->nk", normals, -apex)
+    inside = (outside <= 0).all(axis=1)
+    # Nearest to the origin is a point of an edge, or of the inside of a side.
+    along = np.maximum(np.einsum("nki,ni->nk", edges, -apex), 0)
+    on_edge = np.linalg.norm(apex[:, None] + along[:, :, None] * edges, axis=2).min(axis=1)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    height = np.einsum("nki,ni->nk", normals, apex)
+    foot = height[:, :, None] * normals - apex[:, None]  # from the apex
+    turn = np.cross(edges, following)
+    past_one = np.sum(np.cross(edges, foot) * turn, axis=2) >= 0
+    before_other = np.sum(np.cross(foot, following) * turn, axis=2) >= 0
+    on_side = np.where(past_one & before_other, np.abs(height), np.inf).min(axis=1)
+    return bool(np.any(inside | (np.minimum(on_edge, on_side) < 1)))
+
+
+def sees_triangles(camera: Camera, triangles: Float64) -> bool:
+    """triangles: (T, 3, 3). One reaches into the pyramid when an edge of it does, or an edge of the pyramid goes
+    through its inside.
     """
     right, up, forward = camera.frame()
     tan_up = np.tan(np.radians(camera.fov) / 2)
@@ -114,8 +203,7 @@ def sees_anything(camera: Camera, triangles: Float64) -> bool:
     leaves = np.where(change < 0, crossing, np.inf).min(axis=2)
     if np.any(np.maximum(enters, 0) <= np.minimum(leaves, 1)):
         return True
-    rays = [forward + a * tan_right * right + b * tan_up * up for a in (-1, 1) for b in (-1, 1)]
-    return any(bool(_pierced(ray, points[near]).any()) for ray in rays)
+    return any(bool(_pierced(ray, points[near]).any()) for ray in _edges_of_view(camera))
 
 
 def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:
@@ -131,22 +219,96 @@ def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:
     return np.asarray((determinant != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0))
 
 
-def _touched(scene: Scene) -> int | None:
-    """The first triangle that the camera stands on."""
+def _touched(scene: Scene) -> Shape | None:
+    """The first shape that the camera stands on: of planes, then of spheres, then of triangles."""
+
+    def owner(primitive: Primitive, number: int) -> Shape:
+        return scene.shapes[int(scene.primitive_shape(primitive)[number])]
+
     lower, upper = scene.bounds
     reach = _TOUCHING * float(np.linalg.norm(upper - lower))
-    corners = scene.triangles - scene.camera.position
+    eye = scene.camera.position
+    height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
+    # Of planes alone the bounds say nothing; the view has a length.
+    view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
+    if (hits := np.flatnonzero(height <= (reach or view))).size:
+        return owner("plane", hits[0])
+    about = np.flatnonzero(_near_spheres(scene.spheres, eye, reach))
+    away, gradient = _from_surface(scene.spheres[about], eye)
+    if (hits := about[np.abs(away) <= reach * gradient]).size:
+        return owner("sphere", hits[0])
+    if (hits := _touched_triangles(scene.triangles - eye, reach)).size:
+        return owner("triangle", hits[0])
+    return None
+
+
+def _near_spheres(spheres: Float64, point: Float64, reach: float = 0.0) -> NDArray[np.bool_]:
+    """(S,) bool: the point is in the box around the sphere."""
+    extent = np.linalg.norm(spheres[:, :, :3], axis=2)
+    return np.asarray((np.abs(point - spheres[:, :, 3]) <= extent + reach).all(axis=1))
+
+
+def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
+    """(S,) how far the point is from each unit sphere's surface, negative inside, in the space where it is one, and
+    (S,) how fast that grows in world space.
+    """
+    inverse = np.linalg.inv(spheres[:, :, :3])
+    unit = np.einsum("nij,nj->ni", inverse, point - spheres[:, :, 3])
+    distance = np.linalg.norm(unit, axis=1)
+    direction = unit / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    return distance - 1, np.linalg.norm(np.einsum("nij,ni->nj", inverse, direction), axis=1)
+
+
+def _enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
+    """(number of shapes,) int: 1 for a shape that is closed around the point, fronts outward, -1 inward, else 0.
+
+    Of triangles it is the winding number: their solid angle over 4 pi [Van Oosterom and Strackee 1983].
+    """
+    around = np.zeros(len(scene.shapes), np.int64)
+    about = np.flatnonzero(_near_spheres(scene.spheres, point))
+    within = about[_from_surface(scene.spheres[about], point)[0] < 0]
+    sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
+    around[scene.primitive_shape("sphere")[within]] = sign
+    for index in _shapes_about(scene, point):
+        shape = scene.shapes[index]
+        corners = scene.triangles[shape.first : shape.first + shape.count]
+        turns = _solid_angle(corners - point) / (4 * np.pi)
+        around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
+    return around
+
+
+def _shapes_about(scene: Scene, point: Float64) -> list[int]:
+    """The shapes of triangles with the point in the box around them."""
+    indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
+    if not indices:
+        return []
+    first = [scene.shapes[i].first for i in indices]
+    lower = np.minimum.reduceat(scene.triangles.min(axis=1), first)
+    upper = np.maximum.reduceat(scene.triangles.max(axis=1), first)
+    return [indices[i] for i in np.flatnonzero(((lower <= point) & (upper >= point)).all(axis=1))]
+
+
+def _solid_angle(corners: Float64) -> float:
+    """Of triangles (T, 3, 3) seen from the origin, their backs positive."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+    volume = np.sum(a * np.cross(b, c), axis=1)
+    ab, bc, ca = (np.sum(x * y, axis=1) for x, y in ((a, b), (b, c), (c, a)))
+    return float(2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum())
+
+
+def _touched_triangles(corners: Float64, reach: float) -> NDArray[np.intp]:
+    """Which triangles (T, 3, 3) the origin lies on."""
     about = np.flatnonzero(((corners.min(axis=1) <= reach) & (corners.max(axis=1) >= -reach)).all(axis=1))
     corners = corners[about]
     edges = np.roll(corners, -1, axis=1) - corners
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     height = np.abs(np.sum(corners[:, 0] * normals, axis=1))
-    # how far the camera, which is the origin here, lies within each edge
+    # how far the origin lies within each edge
     within = np.sum(np.cross(edges, -corners) * normals[:, None], axis=2)
     within /= np.maximum(np.linalg.norm(edges, axis=2), np.finfo(float).tiny)
-    hits = about[(height <= reach) & (within >= -reach).all(axis=1)]
-    return int(hits[0]) if len(hits) else None
+    return np.asarray(about[(height <= reach) & (within >= -reach).all(axis=1)])
 
 
 def _point(point: Float64) -> str:

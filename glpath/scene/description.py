@@ -1,8 +1,9 @@
 """The scene format: what a TOML file may say, as typed data [msgspec].
 
-A file holds a camera, a film, named materials and a list of shapes; shapes with an `emission` are the lights.
-Lengths are scene units, angles degrees, colours linear Rec. 709. The descriptions below are also the remedy
-lines of error messages and the texts of the JSON schema (`glpath schema`), so they are written for users.
+A file holds a camera, a film, named textures and materials, a list of shapes and a list of lights. Shapes with an
+`emission` light the path tracer; `lights` have no extent, and are the ray tracer's. Lengths are scene units, angles
+degrees, colours linear Rec. 709. The descriptions below are also the remedy lines of error messages and the texts
+of the JSON schema (`glpath schema`), so they are written for users.
 
     [camera]
     type = "perspective"
@@ -21,6 +22,11 @@ lines of error messages and the texts of the JSON schema (`glpath schema`), so t
     material = "red"
     transform = [{ scale = [1, 2, 1] }, { rotate = { axis = [0, 0, 1], angle = 30 } }]
 
+    [[lights]]
+    type = "point"
+    position = [0, 3, 2]
+    intensity = 20
+
 Ranges of a number alone are declared as constraints. Ranges within `float | tuple` (a number or a list of three)
 are put into the schema by hand and checked in `build.py`: msgspec 0.22 reads past its own table when a constrained
 number meets a tuple of fixed length in one union, and may crash.
@@ -28,7 +34,8 @@ number meets a tuple of fixed length in one union, and may crash.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -38,7 +45,8 @@ Row = tuple[float, float, float, float]
 
 MAX_RESOLUTION = 32768
 MAX_SUBDIVISIONS = 8
-
+MAX_TEXTURE_SIDE = 16384
+MAX_TEXTURE_PIXELS = 2**26
 
 Reflectance = Annotated[
     float | Vector,
@@ -74,11 +82,78 @@ class Film(Struct, forbid_unknown_fields=True, kw_only=True):
     resolution: Annotated[tuple[_Pixels, _Pixels], Meta(description="[width, height] in pixels.")] = (512, 512)
 
 
-class Material(Struct, tag_field="type", tag="diffuse", forbid_unknown_fields=True, kw_only=True):
-    """Lambertian reflection."""
+class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all materials have in common."""
 
-    reflectance: Reflectance = 0.5
+    reflectance: (
+        Annotated[
+            float | Vector,
+            Meta(
+                description="Share of light reflected diffusely, 0 to 1: one number for grey or [r, g, b], linear "
+                "Rec. 709. Without it 0.5, or 1 where there is a texture, which it multiplies."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    texture: (
+        Annotated[str, Meta(description="Name of a texture of this file, [textures.NAME], for the reflectance.")]
+        | UnsetType
+    ) = UNSET
     two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+
+
+class Diffuse(Surface, tag="diffuse", kw_only=True):
+    """Lambertian reflection. A material without a type is of this one."""
+
+
+class Phong(Surface, tag="phong", kw_only=True):
+    """Lambertian reflection, Phong's highlight and a mirror: for the integrators classic and t-buffer."""
+
+    specular: Annotated[
+        float | Vector,
+        Meta(description="Strength of Phong's highlight, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    ] = 0.5
+    exponent: Annotated[
+        float, Meta(gt=0, le=1e6, description="Phong's exponent: the larger, the smaller the highlight.")
+    ] = 32.0
+    mirror: Annotated[
+        float | Vector,
+        Meta(description="Share of light mirrored, 0 to 1: one number or [r, g, b], linear Rec. 709."),
+    ] = 0.0
+
+
+AnyMaterial = Diffuse | Phong
+
+Repeats = Annotated[
+    float | tuple[float, float],
+    Meta(description="Repeats per unit of the texture coordinates: one number above 0, or [u, v]."),
+]
+
+
+class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=True, kw_only=True):
+    """Squares of two colours: one repeat is two by two of them."""
+
+    colors: Annotated[
+        tuple[float | Vector, float | Vector],
+        Meta(description="Two colours, each from 0 to 1: a number for grey or [r, g, b], linear Rec. 709."),
+    ] = (0.8, 0.2)
+    scale: Repeats = 1.0
+
+
+class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, kw_only=True):
+    """A picture, repeated endlessly: PNG and JPEG as sRGB, EXR as linear Rec. 709."""
+
+    file: Annotated[
+        str, Meta(description="PNG, JPEG or EXR file; a relative path starts at the folder of the scene file.")
+    ]
+    scale: Repeats = 1.0
+    filter: Annotated[
+        Literal["linear", "nearest"],
+        Meta(description="linear blends neighbouring pixels where they are seen large, nearest shows squares."),
+    ] = "linear"
+
+
+AnyTexture = Checker | Image
 
 
 class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
@@ -160,13 +235,41 @@ class Box(Shape, tag="box", kw_only=True):
 
 
 class Sphere(Shape, tag="sphere", kw_only=True):
-    """A sphere, tessellated: an icosahedron whose triangles are split in four, again and again. Fronts outward."""
+    """A sphere, or an ellipsoid by its transform; front outward, poles on its z axis."""
 
     center: Annotated[Vector, Meta(description="Centre of the sphere.")] = (0.0, 0.0, 0.0)
     radius: Annotated[float, Meta(gt=0, description="Radius in scene units, above 0.")]
     subdivisions: Annotated[
-        int, Meta(ge=0, le=MAX_SUBDIVISIONS, description="How often each triangle is split; 20 * 4^n triangles.")
+        int,
+        Meta(
+            ge=0,
+            le=MAX_SUBDIVISIONS,
+            description="For path tracing, which needs triangles: how often each of an icosahedron's is split in "
+            "four; 20 * 4^n triangles.",
+        ),
     ] = 4
+
+
+class Plane(Shape, tag="plane", kw_only=True):
+    """An infinite plane, for the integrators classic and t-buffer."""
+
+    point: Annotated[Vector, Meta(description="A point of the plane, where the texture coordinates are 0.")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    normal: Annotated[Vector, Meta(description="Direction out of the front, of any length but zero.")]
+    u: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Direction in which the texture coordinate u grows, as far as it lies in the plane; u "
+                "and v grow by 1 over its length. Without it the x axis, or y where x is about the normal. The "
+                "texture keeps its right angles under every transform."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 class Mesh(Shape, tag="mesh", kw_only=True):
@@ -189,9 +292,98 @@ class Mesh(Shape, tag="mesh", kw_only=True):
         ]
         | UnsetType
     ) = UNSET
+    uv: (
+        Annotated[
+            list[tuple[float, float]],
+            Meta(
+                description="Texture coordinates [u, v], one pair for each of `vertices`. Without them, and where "
+                "a file has none, each triangle is seen along the axis nearest to its normal, and the longest side "
+                "of the mesh's box is 1."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
-AnyShape = Quad | Box | Sphere | Mesh
+AnyShape = Quad | Box | Sphere | Plane | Mesh
+
+Intensity = Annotated[
+    float | Vector,
+    Meta(
+        description="Radiant intensity in W sr^-1 (of a spot on its axis), 0 or more: one number or [r, g, b], "
+        "linear Rec. 709; with falloff none the irradiance in W m^-2 at any distance."
+    ),
+]
+Falloff = Annotated[
+    Literal["quadratic", "none"],
+    Meta(description="quadratic: by the square of the distance, as in nature; none: the same at any distance."),
+]
+
+
+class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all lights without extent have in common. They are for the integrators classic and t-buffer."""
+
+    name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
+
+
+class PointLight(Light, tag="point", kw_only=True):
+    """A point that shines in all directions alike."""
+
+    position: Annotated[Vector, Meta(description="Where the light is.")]
+    intensity: Intensity
+    falloff: Falloff = "quadratic"
+
+
+class SpotLight(Light, tag="spot", kw_only=True):
+    """A point that shines into a cone."""
+
+    position: Annotated[Vector, Meta(description="Where the light is.")]
+    target: Annotated[Vector, Meta(description="A point on the axis of the cone.")]
+    intensity: Intensity
+    cone: Annotated[
+        tuple[float, float],
+        Meta(
+            description="Two half angles in degrees, 0 to 180: full light within the first, none beyond the second."
+        ),
+    ] = (30.0, 40.0)
+    falloff: Falloff = "quadratic"
+
+
+class DirectionalLight(Light, tag="directional", kw_only=True):
+    """Parallel light from infinitely far, like the sun's."""
+
+    direction: Annotated[Vector, Meta(description="The way the light goes, of any length but zero.")]
+    irradiance: Annotated[
+        float | Vector,
+        Meta(
+            description="Irradiance in W m^-2 on a surface that faces the light, 0 or more: one number or "
+            "[r, g, b], linear Rec. 709."
+        ),
+    ]
+
+
+AnyLight = PointLight | SpotLight | DirectionalLight
+
+
+class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
+    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith."""
+
+    zenith: Annotated[
+        float | Vector, Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b].")
+    ]
+    horizon: (
+        Annotated[
+            float | Vector,
+            Meta(description="Radiance at the horizon and below, 0 or more; as at the zenith without it."),
+        ]
+        | UnsetType
+    ) = UNSET
+    up: (
+        Annotated[
+            Vector, Meta(description="Towards the zenith, of any length but zero; the camera's `up` without it.")
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
@@ -203,21 +395,52 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     description: Annotated[str, Meta(description="What the scene shows, in one line.")] = ""
     camera: Annotated[Camera, Meta(description="The camera: position, target, up, fov.")]
     film: Annotated[Film, Meta(description="The picture: resolution.")] = msgspec.field(default_factory=Film)
-    materials: Annotated[dict[str, Material], Meta(description="Materials by name.")] = {}
-    shapes: Annotated[list[AnyShape], Meta(description="The shapes; those with an emission are the lights.")] = []
+    textures: Annotated[dict[str, AnyTexture], Meta(description="Textures by name.")] = {}
+    materials: Annotated[dict[str, AnyMaterial], Meta(description="Materials by name.")] = {}
+    shapes: Annotated[
+        list[AnyShape], Meta(description="The shapes; those with an emission are lights with an extent.")
+    ] = []
+    lights: Annotated[list[AnyLight], Meta(description="Lights without extent: point, spot, directional.")] = []
+    ambient: Annotated[
+        float | Vector,
+        Meta(
+            description="Radiance in W sr^-1 m^-2 that reaches every surface from everywhere, 0 or more: one "
+            "number or [r, g, b]."
+        ),
+    ] = 0.0
+    sky: Annotated[Sky, Meta(description="What rays see that hit nothing; black without it.")] | UnsetType = UNSET
 
 
 def scene_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of the scene format, for editors that check and complete TOML."""
     schema = msgspec.json.schema(SceneFile)
     defined = schema["$defs"]
-    defined["Material"]["properties"]["reflectance"]["anyOf"] = _number_or_three({"minimum": 0, "maximum": 1})
-    defined["Emission"]["properties"]["radiance"]["anyOf"] = _number_or_three({"minimum": 0})
-    for only_one_type in ("Camera", "Material"):
-        defined[only_one_type]["required"].remove("type")
+    share, positive = {"minimum": 0, "maximum": 1}, {"minimum": 0}
+    for table, field, limits in (
+        ("Diffuse", "reflectance", share),
+        ("Phong", "reflectance", share),
+        ("Phong", "specular", positive),
+        ("Phong", "mirror", share),
+        ("Emission", "radiance", positive),
+        ("PointLight", "intensity", positive),
+        ("SpotLight", "intensity", positive),
+        ("DirectionalLight", "irradiance", positive),
+        ("Sky", "zenith", positive),
+        ("Sky", "horizon", positive),
+        ("SceneFile", "ambient", positive),
+    ):
+        defined[table]["properties"][field]["anyOf"] = _number_or_list(3, limits)
+    colors = defined["Checker"]["properties"]["colors"]
+    colors["prefixItems"] = [{"anyOf": _number_or_list(3, share)}] * 2
+    for table in ("Checker", "Image"):
+        defined[table]["properties"]["scale"]["anyOf"] = _number_or_list(2, {"exclusiveMinimum": 0})
+    angle = {"type": "number", "minimum": 0, "maximum": 180}
+    defined["SpotLight"]["properties"]["cone"]["prefixItems"] = [angle] * 2
+    for has_a_default_type in ("Camera", "Diffuse"):
+        defined[has_a_default_type]["required"].remove("type")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "glpath scene"}
 
 
-def _number_or_three(limits: dict[str, float]) -> list[dict[str, Any]]:
+def _number_or_list(length: int, limits: Mapping[str, float]) -> list[dict[str, Any]]:
     number = {"type": "number", **limits}
-    return [number, {"type": "array", "minItems": 3, "maxItems": 3, "items": number}]
+    return [number, {"type": "array", "minItems": length, "maxItems": length, "items": number}]

@@ -7,6 +7,8 @@ msgspec says what is wrong and where; here its errors get the words of the scene
 from __future__ import annotations
 
 import difflib
+import functools
+import operator
 import re
 import tomllib
 from collections.abc import Mapping
@@ -70,6 +72,7 @@ def scene_from_dict(
         for key in keys:
             number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+    _name_the_default_material(plain)
     try:
         file = msgspec.convert(plain, SceneFile)
     except msgspec.ValidationError as error:
@@ -98,6 +101,14 @@ def _unusable(value: Any) -> list[str | int] | None:
         if rest is not None:
             return [key, *rest]
     return None
+
+
+def _name_the_default_material(data: Any) -> None:
+    """A material without a type is diffuse; msgspec has no default among several types."""
+    materials = data.get("materials")
+    for material in materials.values() if isinstance(materials, dict) else ():
+        if isinstance(material, dict):
+            material.setdefault("type", "diffuse")
 
 
 def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> SceneError:
@@ -157,15 +168,16 @@ def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str,
         if missing == "type":
             about = f"type is one of: {', '.join(_tags(declared))}."
         return place.error(f"lacks the field `{missing}`, which must be there.", about)
-    if re.fullmatch(r"Invalid value .*", text):
-        tags = _tags(owner)
+    if re.fullmatch(r"Invalid (enum )?value .*", text):
+        is_choice = isinstance(declared, inspect.LiteralType)
+        tags = [str(each) for each in declared.values] if is_choice else _tags(owner)
         near = difflib.get_close_matches(str(data), tags, 1)
         return place.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
     if found := re.fullmatch(r"Expected `([\w |]+)`(?: of length)?(?: ([<>]=?) (\S+)| (\d+))?(?:, got .*)?", text):
         kinds, relation, limit, length = found.groups()
         allowed_text = " or ".join(_WORDS.get(word, word) for word in kinds.split(" | "))
         if length:
-            allowed_text = f"a list of {length} {'numbers' if length in '34' else 'values'}"
+            allowed_text = f"a list of {length} {'numbers' if length in '234' else 'values'}"
             return place.error(f"is {shown(data)}, a list of {len(data)}, but must be {allowed_text}.", description)
         if relation:
             number = f"{float(limit):g}"
@@ -175,8 +187,9 @@ def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str,
 
 
 def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
-    """The error of the first value of a table (the materials) that does not convert to the declared type."""
-    kind = _meant(table, data).value_type.cls
+    """The error of the first value of a table (of materials, of textures) that does not convert to its type."""
+    members = _meant(table, data).value_type.types
+    kind = functools.reduce(operator.or_, (member.cls for member in members))
     for name, value in data.items():
         try:
             msgspec.convert(value, kind)

@@ -1,7 +1,7 @@
 """Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
 
 trimesh takes most of a second to import, so it is imported when the first mesh file is read.
-Only the geometry of a file is used: its materials, textures and normals are not.
+The geometry and the texture coordinates of a file are used: its materials, pictures and normals are not.
 """
 
 from __future__ import annotations
@@ -33,8 +33,11 @@ def inline_mesh(
     return np.array(vertices, np.float64), split_faces(faces)
 
 
-def read_mesh(path: Path, place: Place) -> tuple[Float64, Int64]:
-    """The triangles of a mesh file: (V, 3) float64 vertices and (F, 3) int64 faces.
+def read_mesh(path: Path, place: Place) -> tuple[Float64, Int64, Float64 | None]:
+    """The triangles of a mesh file.
+
+    Returns (V, 3) float64 vertices, (F, 3) int64 faces, and (V, 2) float64 texture coordinates, or None where the
+    file has none or not for all faces.
 
     `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
     broken, without triangles, or whose faces name vertices it does not have.
@@ -49,7 +52,7 @@ def read_mesh(path: Path, place: Place) -> tuple[Float64, Int64]:
             _nearby_meshes(path),
         )
     try:
-        vertices, faces = _parse(path, place)
+        vertices, faces, uv = _parse(path)
     except SceneError:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
@@ -71,10 +74,15 @@ def read_mesh(path: Path, place: Place) -> tuple[Float64, Int64]:
         raise Place(str(path), f"vertex {broken[0]}").wrong(
             vertices[broken[0]], "three finite numbers", "Mend the file."
         )
-    return vertices, faces
+    if uv is not None and not np.isfinite(uv).all():
+        vertex = np.flatnonzero(~np.isfinite(uv).all(axis=1))[0]
+        raise Place(str(path), f"texture coordinate {vertex}").wrong(
+            uv[vertex], "two finite numbers", "Mend the file."
+        )
+    return vertices, faces, uv
 
 
-def _parse(path: Path, place: Place) -> tuple[Float64, Int64]:
+def _parse(path: Path) -> tuple[Float64, Int64, Float64 | None]:
     import trimesh
 
     options = {}
@@ -82,10 +90,12 @@ def _parse(path: Path, place: Place) -> tuple[Float64, Int64]:
         _check_obj_indices(path)
         options = {"skip_materials": True}
     mesh = trimesh.load_mesh(str(path), process=False, **options)
-    return (
-        np.array(getattr(mesh, "vertices", ()), np.float64).reshape(-1, 3),
-        np.array(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3),
-    )
+    vertices = np.array(getattr(mesh, "vertices", ()), np.float64).reshape(-1, 3)
+    faces = np.array(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3)
+    uv = getattr(getattr(mesh, "visual", None), "uv", None)
+    if uv is None or np.shape(uv) != (len(vertices), 2):
+        return vertices, faces, None
+    return vertices, faces, np.array(uv, np.float64)
 
 
 def _check_obj_indices(path: Path) -> None:

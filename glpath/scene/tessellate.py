@@ -1,17 +1,26 @@
-"""Quads, boxes and spheres as triangles.
+"""Quads, boxes and spheres as triangles, and texture coordinates for them.
 
-Every function gives `(vertices, faces)`: (V, 3) float64 and (F, 3) int64, counter-clockwise seen from the front.
+Every shape gives `(vertices, faces)`: (V, 3) float64 and (F, 3) int64, counter-clockwise seen from the front.
 Vertices are shared, so that neighbouring triangles meet without a gap.
 """
 
 from __future__ import annotations
 
+import warnings
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.errors import SceneWarning
 from glpath.scene.model import Float64
+from glpath.scene.place import Place
 
 Int64 = NDArray[np.int64]
+Geometry = tuple[Float64, Float64]  # corners (T, 3, 3) and texture coordinates (T, 3, 2)
+
+# Height over longest edge below which a triangle has no area: corners are 32 bit numbers on the GPU.
+FLAT = 1e-7
 
 # The six faces of a cube by corner number; its bits 0, 1 and 2 stand for the upper end of x, y and z.
 _CUBE_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
@@ -40,6 +49,44 @@ def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int64]:
     return vertices, split_faces([list(face) for face in _CUBE_FACES])
 
 
+def quad_uv() -> Float64:
+    """(2, 3, 2) texture coordinates of `quad`: (0, 0), (1, 0), (1, 1) and (0, 1) at its corners."""
+    return np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64)[split_faces([[0, 1, 2, 3]])]
+
+
+def box_uv() -> Float64:
+    """(12, 3, 2) texture coordinates of `box`, 0 to 1 on every face.
+
+    Seen from the front, u goes to the right and v up: along y on the four sides. The top and the bottom are those
+    of a box that is tilted about the x axis until one sees them.
+    """
+    at_upper, faces = box((0, 0, 0), (1, 1, 1))
+    # Per face of _CUBE_FACES, the directions of u and v.
+    directions = (("-x", "y"), ("x", "y"), ("x", "z"), ("x", "-z"), ("z", "y"), ("-z", "y"))
+    uv = np.empty((6, 2, 3, 2))
+    corners = at_upper[faces].reshape(6, 2, 3, 3)
+    for face, axes in enumerate(directions):
+        for i, axis in enumerate(axes):
+            along = corners[face, :, :, "xyz".index(axis[-1])]
+            uv[face, :, :, i] = 1 - along if axis[0] == "-" else along
+    return uv.reshape(12, 3, 2)
+
+
+def projected_uv(corners: Float64) -> Float64:
+    """(T, 3, 2) texture coordinates for triangles (T, 3, 3) that have none.
+
+    Each triangle is seen along the axis nearest to its normal, with u and v along the other two as on a box. The
+    box around all triangles starts at 0, and its longest side is 1.
+    """
+    if not len(corners):
+        return np.zeros((0, 3, 2))
+    lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    place = (corners - lower) / max(float((upper - lower).max()), np.finfo(float).tiny)
+    along = np.argmax(np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])), axis=1)
+    axes = np.array([(2, 1), (0, 2), (0, 1)])[along]
+    return np.take_along_axis(place, axes[:, None, :], axis=2)
+
+
 def subdivide(vertices: Float64, faces: Int64) -> tuple[Float64, Int64]:
     """Each triangle split in four at the middles of its edges; two triangles share the vertex on their edge."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -56,6 +103,13 @@ def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64
 
     The triangles lie inside the sphere: at 4 subdivisions their area is 0.12 % and their volume 0.22 % short.
     """
+    vertices, faces = unit_sphere(subdivisions)
+    return np.asarray(center, np.float64) + radius * vertices, faces
+
+
+@lru_cache(maxsize=4)
+def unit_sphere(subdivisions: int) -> tuple[Float64, Int64]:
+    """The icosphere of radius 1 about the origin. The arrays are shared between callers: not to be written to."""
     golden = (1 + np.sqrt(5)) / 2
     rectangle = np.array([(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
@@ -64,7 +118,8 @@ def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64
     for _ in range(subdivisions):
         vertices, faces = subdivide(vertices, faces)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
-    return np.asarray(center, np.float64) + radius * vertices, faces
+    vertices.flags.writeable = faces.flags.writeable = False
+    return vertices, faces
 
 
 def _icosahedron_faces(vertices: Float64) -> Int64:
@@ -81,3 +136,29 @@ def _icosahedron_faces(vertices: Float64) -> Int64:
     inward = np.linalg.det(vertices[faces]) < 0
     faces[inward] = faces[inward][:, ::-1]
     return faces
+
+
+def with_area(corners: Float64, uv: Float64, name: str, place: Place) -> Geometry:
+    """`corners` (T, 3, 3) and `uv` (T, 3, 2) without the triangles that have no area, which a SceneWarning counts.
+
+    Raises SceneError when none has. `name` and `place` are the shape's.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    flat = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= FLAT * longest**2
+    if not flat.any():
+        return corners, uv
+    if flat.all():
+        raise place.error(
+            f'("{name}") has {len(flat)} triangles, none of which has an area.',
+            "The corners of each coincide or lie on one line: check the coordinates and the transform.",
+        )
+    listed = np.flatnonzero(flat)
+    warnings.warn(
+        SceneWarning(
+            f'{place} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
+            f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
+        ),
+        stacklevel=2,
+    )
+    return corners[~flat], uv[~flat]

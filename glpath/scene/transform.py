@@ -25,15 +25,17 @@ def world_from_shape(steps: Sequence[Step], place: Place) -> Float64:
 
 
 def apply(matrix: Float64, triangles: Float64) -> Float64:
-    """(T, 3, 3) float64 in world space. A mirroring matrix turns the winding, so that the front stays the front."""
-    moved = triangles @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved[:, ::-1] if _determinant(matrix) < 0 else moved
+    """(T, 3, 3) float64 in world space, corners in the order in which they were. See `mirrors`."""
+    return triangles @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _determinant(matrix: Float64) -> float:
-    """Of the linear part; not by LAPACK, which divides by pivots however small a rotation makes them."""
+def mirrors(matrix: Float64) -> bool:
+    """Whether a triangle's corners run the other way round after it, so that its front would be its back.
+
+    Not by LAPACK, which divides by pivots however small a rotation makes them.
+    """
     x, y, z = matrix[:3, :3]
-    return float(np.cross(x, y) @ z)
+    return bool(np.cross(x, y) @ z < 0)
 
 
 def _matrix_of_step(step: Step, place: Place) -> Float64:

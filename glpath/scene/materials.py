@@ -1,0 +1,125 @@
+"""The materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
+
+Image files are read as they are, without their rotation tags, transparency and colour profiles.
+"""
+
+from __future__ import annotations
+
+import difflib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from msgspec import UnsetType
+from numpy.typing import NDArray
+
+from glpath.errors import ImageError, SceneError, SceneWarning
+from glpath.image import picture_size, read_image
+from glpath.scene import description
+from glpath.scene.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
+from glpath.scene.model import Material, Texture
+from glpath.scene.place import Place
+from glpath.scene.values import rgb, share, unknown
+
+FORMATS = (".png", ".jpg", ".jpeg", ".exr")
+
+
+def materials(
+    given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], place: Place
+) -> tuple[Material, ...]:
+    """Those of the file; `place` is their table's. Raises SceneError."""
+    return tuple(_material(name, each, texture_number, place.field(name)) for name, each in given.items())
+
+
+def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
+    texture = None
+    if not isinstance(given.texture, UnsetType):
+        if given.texture not in texture_number:
+            where = place.field("texture")
+            raise unknown("texture", given.texture, list(texture_number), where, 'type = "checker" or "image"')
+        texture = texture_number[given.texture]
+    reflectance = given.reflectance
+    if isinstance(reflectance, UnsetType):
+        reflectance = 0.5 if texture is None else 1.0
+    diffuse = share(
+        reflectance,
+        place.field("reflectance"),
+        "A surface reflects at most what it receives; 0.8 is a white wall. Light is an emission.",
+    )
+    if not isinstance(given, Phong):
+        return Material(name, diffuse, given.two_sided, texture=texture)
+    specular = rgb(given.specular)
+    if np.any(specular < 0):
+        raise place.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
+    mirror = share(given.mirror, place.field("mirror"), "1 is a perfect mirror, 0 none.")
+    return Material(name, diffuse, given.two_sided, specular, given.exponent, mirror, texture)
+
+
+def textures(given: Mapping[str, AnyTexture], place: Place, folder: Path) -> tuple[Texture, ...]:
+    """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError."""
+    return tuple(_texture(name, each, place.field(name), folder) for name, each in given.items())
+
+
+def _texture(name: str, given: AnyTexture, place: Place, folder: Path) -> Texture:
+    u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
+    if not (u > 0 and v > 0):
+        raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
+    if isinstance(given, description.Image):
+        return Texture(name, _picture(folder / given.file, place.field("file")), (u, v), given.filter)
+    colors = place.field("colors")
+    remedy = "They multiply the reflectance of the material."
+    first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
+    return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
+
+
+def _picture(path: Path, place: Place) -> NDArray[np.float32]:
+    """(h, w, 3) float32 in [0, 1], linear Rec. 709, row 0 at the top. Raises SceneError; warns of what it clips."""
+    if path.suffix.lower() not in FORMATS:
+        raise place.wrong(str(path), f"a picture that ends in {', '.join(FORMATS)}", "Convert it, e.g. with GIMP.")
+    if not path.is_file():
+        raise place.error(
+            f"names the picture {path}, which {'is not a file' if path.exists() else 'does not exist'}.",
+            _nearby_pictures(path),
+        )
+    try:
+        width, height = picture_size(path)
+        if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
+            raise _too_large(f"{width:,} x {height:,} pixels", path, place)
+        stored = read_image(path)
+    except ImageError as error:
+        raise place.error(
+            f"names a picture that cannot be used. {error}",
+            "Open it in another program to see whether it is whole, and write it anew.",
+        ) from error
+    if not np.isfinite(stored).all():
+        raise place.error(
+            f"names the picture {path}, in which {np.count_nonzero(~np.isfinite(stored))} values are not finite.",
+            "A texture multiplies the reflectance and lies between 0 and 1: mend the picture.",
+        )
+    beyond = np.count_nonzero((stored < 0) | (stored > 1))
+    if beyond:
+        warnings.warn(
+            SceneWarning(
+                f"{place}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
+                f"{stored.min():.3g} and up to {stored.max():.3g}; they were clipped, as no surface reflects so."
+            ),
+            stacklevel=2,
+        )
+    return np.clip(stored, 0, 1).astype(np.float32)
+
+
+def _too_large(size: str, path: Path, place: Place) -> SceneError:
+    return place.error(
+        f"names the picture {path} of {size}, but a texture has at most {MAX_TEXTURE_SIDE:,} pixels a side and "
+        f"{MAX_TEXTURE_PIXELS:,} in all.",
+        "Make the picture smaller, or cut out what is needed.",
+    )
+
+
+def _nearby_pictures(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
+    others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in FORMATS]
+    nearest = difflib.get_close_matches(path.name, others, 8, 0)
+    return f"Pictures in {path.parent}: {', '.join(nearest) or 'none'}."

@@ -1,0 +1,120 @@
+"""A scene for the path tracer: spheres become triangles, and what it cannot show is said at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from glpath.errors import SceneError
+from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict, tessellate
+
+CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
+QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
+LAMP = {**QUAD, "name": "lamp", "emission": {"radiance": 3}}
+
+
+def scene(*shapes: dict, **tables: object) -> Scene:
+    return scene_from_dict({"camera": CAMERA, "shapes": list(shapes), **tables})
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "cornell-box-36", "furnace"])
+def test_a_scene_of_triangles_stays_as_it_is(name: str):
+    loaded = load_scene(name)
+    assert path_traceable(loaded) is loaded
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_spheres_take_their_place_among_the_triangles_to_the_last_bit(flip: bool):
+    center, radius = np.array([0.1, -2.3, 0.7]), 1.7
+    ball = {"type": "sphere", "center": center, "radius": radius, "subdivisions": 2, "flip_normals": flip}
+    exact = scene(QUAD, {**ball, "name": "ball"}, LAMP, {**ball, "subdivisions": 0})
+    assert len(exact.triangles) == 4
+    triangles = path_traceable(exact)
+    vertices, faces = tessellate.sphere(center, radius, 2)
+    expected = (center + radius * tessellate.unit_sphere(2)[0])[faces]
+    assert np.array_equal(vertices[faces], expected)
+    assert np.array_equal(triangles.triangles[2:322], expected[:, ::-1] if flip else expected)
+    assert np.array_equal(triangles.triangles[:2], exact.triangles[:2])
+    assert np.array_equal(triangles.triangles[322:324], exact.triangles[2:])
+    assert [(s.name, s.first, s.count, s.primitive) for s in triangles.shapes] == [
+        ("quad-0", 0, 2, "triangle"),
+        ("ball", 2, 320, "triangle"),
+        ("lamp", 322, 2, "triangle"),
+        ("sphere-3", 324, 20, "triangle"),
+    ]
+    assert triangles.shapes[2].emission.tolist() == [3, 3, 3]
+    assert triangles.triangle_uv.shape == (344, 3, 2)
+    assert len(triangles.spheres) == 0
+    assert path_traceable(triangles) is triangles
+
+
+def test_the_furnace_of_a_sphere_is_the_ball_turned_inside_out():
+    room = path_traceable(load_scene("furnace", {"shape": "sphere", "subdivisions": 3}))
+    vertices, faces = tessellate.sphere((0, 0, 0), 1.0, 3)
+    assert np.array_equal(room.triangles, vertices[faces][:, ::-1])
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+@pytest.mark.parametrize("flip", [False, True])
+def test_the_triangles_of_an_ellipsoid_lie_on_it_and_face_as_it_does(mirror: int, flip: bool):
+    steps = [{"scale": [mirror, 2, 3]}, {"rotate": {"axis": [1, 2, 3], "angle": 40}}, {"translate": [5, 6, 7]}]
+    exact = scene({"type": "sphere", "radius": 0.5, "transform": steps, "flip_normals": flip})
+    (matrix,) = exact.spheres
+    assert (np.linalg.det(matrix[:, :3]) < 0) == flip
+    corners = path_traceable(exact).triangles - [5, 6, 7]
+    unit = corners @ np.linalg.inv(matrix[:, :3]).T
+    assert np.allclose(np.linalg.norm(unit, axis=2), 1)
+    volume = np.sum(np.cross(corners[:, 0], corners[:, 1]) * corners[:, 2]) / 6
+    expected = 4 / 3 * np.pi * 0.5**3 * 6
+    assert volume == pytest.approx(-expected if flip else expected, rel=0.003)
+
+
+UNKNOWN = {
+    "a plane": (
+        [{"type": "plane", "normal": [0, 1, 0], "name": "ground"}],
+        {},
+        "has planes (ground)",
+    ),
+    "lights": (
+        [QUAD],
+        {"lights": [{"type": "point", "name": f"l{i}", "position": [0, 0, 1], "intensity": 1} for i in range(4)]},
+        "has lights without extent (l0, l1, l2, ...)",
+    ),
+    "a mirror": (
+        [{**QUAD, "material": "m"}],
+        {"materials": {"m": {"type": "phong", "specular": 0, "mirror": 0.5}}},
+        "has textures, highlights and mirrors (m)",
+    ),
+    "a texture": (
+        [{**QUAD, "material": "m"}],
+        {"materials": {"m": {"texture": "t"}}, "textures": {"t": {"type": "checker"}}},
+        "has textures, highlights and mirrors (m)",
+    ),
+    "ambient light": ([QUAD], {"ambient": 0.1}, "has ambient light"),
+    "a sky": ([QUAD], {"sky": {"zenith": 1}}, "has a sky"),
+}
+
+
+@pytest.mark.parametrize("case", UNKNOWN)
+def test_what_the_path_tracer_does_not_know_is_refused_with_a_remedy(case: str):
+    shapes, tables, expected = UNKNOWN[case]
+    with pytest.raises(SceneError) as error:
+        path_traceable(scene(*shapes, **tables))
+    assert str(error.value).startswith(f"scene: {expected}, which the path tracer does not know.")
+    assert "--integrator classic or t-buffer" in error.value.remedy
+
+
+def test_everything_unknown_is_said_in_one_message():
+    with pytest.raises(SceneError, match=r"has ambient light, a sky, which"):
+        path_traceable(scene(QUAD, ambient=1.0, sky={"zenith": 1.0}))
+
+
+def test_materials_that_no_shape_has_do_not_matter():
+    loaded = scene(QUAD, materials={"m": {"type": "phong"}})
+    assert path_traceable(loaded) is loaded
+
+
+def test_too_many_triangles_are_refused_before_they_are_made():
+    balls = [{"type": "sphere", "radius": 1.0, "subdivisions": 8}] * 13
+    with pytest.raises(SceneError, match=r"13 spheres would be 17,039,360 triangles.* at most 16,777,215"):
+        path_traceable(scene(*balls))
