@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from glpath.bench import path_buffer, t_buffer
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
+from glpath.gl.context import get_context
 from glpath.measure import Report
 
 
@@ -94,3 +96,31 @@ def test_the_verdict_is_said_and_the_json_is_strict(calls, tmp_path: Path) -> No
 def test_a_file_that_cannot_be_written_is_told_before_the_work(calls, tmp_path: Path) -> None:
     result = run("t-buffer", "--json", tmp_path)
     assert (result.exit_code, calls) == (1, [])
+
+
+# What the bench of the T-buffer looks at
+
+
+@pytest.mark.parametrize("kind", t_buffer.KINDS)
+@pytest.mark.parametrize("count", [200, 20_000])
+def test_a_crowd_shows_the_same_area_whatever_its_number(kind, count) -> None:
+    scene = t_buffer.crowd(kind, count)
+    assert len(scene.spheres) + len(scene.triangles) == count
+    # A convex body shows a quarter of its surface on average [Cauchy]; a triangle's has two sides.
+    shown = np.pi * scene.spheres[:, 0, 0] ** 2 if kind == "sphere" else scene.areas / 2
+    assert shown.sum() == pytest.approx(8.0)  # twice the face of the cube
+    low, high = (
+        scene.bounds if kind == "triangle" else (scene.spheres[:, :, 3].min(0), scene.spheres[:, :, 3].max(0))
+    )
+    assert np.all(high - low > 1.9)
+
+
+@pytest.mark.parametrize("kind", t_buffer.KINDS)
+def test_the_t_buffer_sees_what_embree_sees(kind) -> None:
+    pytest.importorskip("embreex")
+    row = t_buffer._visibility(get_context(), t_buffer.crowd(kind, 300, (160, 96)), True, 1, lambda text: None)
+    assert (row["kind"], row["objects"]) == (kind, 300)
+    assert row["agreement"] > 0.999
+    assert row["vs_embree"] == pytest.approx(row["embreex_ms"] / row["glpath_ms"])
+    assert row["vs_embree_packets"] == pytest.approx(row["embree_packets_ms"] / row["glpath_ms"])
+    assert min(v for k, v in row.items() if k.endswith("_ms")) > 0

@@ -1,4 +1,4 @@
-"""The figures of TB, each made small: its files, its numbers, and that `holds` follows from them by the stated rule."""
+"""The figures of TB, each made small: its files, its numbers, and that `holds` follows by the stated rule."""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
 Visibility: 1e3, 1e5 and 1e6 spheres and triangles in a cube, at random, 1280 x 720. Their size goes with the square
 root of their number, so that about every other one is hidden behind others, whatever their number. Each program
 starts with its scene built, and ends with the nearest primitive and its t for every pixel, in its own memory. They
-take turns, medians count. Embree is asked in two ways (see `embree_peer`): as embreex does, ray by ray on one thread
-(triangles by embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays on all
-cores. `measured`, each the worse of spheres and triangles:
+take turns, medians count. Embree is asked in two ways (see `embree_peer`): as embreex does, ray by ray on one
+thread (triangles by embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays on
+all cores. `measured`, each the worse of spheres and triangles:
 
     vs_embree_N         : time of embreex over ours
     vs_embree_packets_N : time of Embree in packets on all cores over ours
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bench import embree_peer
-from glpath.buffers.t_buffer import ClassicEye as TBuffer
+from glpath.buffers.t_buffer import TBuffer
 from glpath.errors import GlpathError
 from glpath.gl.context import Context, get_context
 from glpath.gl.eye import eye_uniforms
@@ -54,9 +54,9 @@ def crowd(kind: str, count: int, resolution: tuple[int, int] = RESOLUTION, seed:
     if kind == "sphere":
         spheres = np.concatenate([np.tile(radius * np.eye(3), (count, 1, 1)), centres[:, :, None]], axis=2)
     else:
-        # Equilateral, turned at random; half of the area is lost to the slant, so twice a sphere's disc.
+        # Equilateral, turned at random: half of the area is lost to the slant, so it is twice a sphere's disc.
         corners = np.array([[0.0, 1.0], [-np.sqrt(0.75), -0.5], [np.sqrt(0.75), -0.5]])
-        size = radius * np.sqrt(2 * np.pi / (3 * np.sqrt(0.75)))
+        size = radius * np.sqrt(2 * np.pi / (1.5 * np.sqrt(0.75)))
         u, v = _frames(random, count)
         triangles = centres[:, None] + size * (corners[:, :1] * u[:, None] + corners[:, 1:] * v[:, None])
     return Scene(
