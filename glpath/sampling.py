@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -87,6 +88,37 @@ class PathSetSampler:
             points = (sobol.random(self._CHUNK) * 2.0**32).astype(np.uint64).astype(np.uint32)
         keys = np.random.default_rng(self.seed).integers(0, 2**32, self.dimensions, dtype=np.uint32)
         return owen_scrambled(points, keys)
+
+
+def pixel_place(seed: int, index: int) -> tuple[float, float]:
+    """Where in the pixel the rays of a path set go that share nothing else: x to the right, y down, in [0, 1).
+
+    The first is the centre. All are a Sobol sequence in the base of which any 2**k beginning at a multiple of 2**k
+    fill a grid: Owen-scrambled, then shifted digit by digit so that the first comes to lie on the centre.
+    """
+    block, place = divmod(index, _PLACES)
+    if block == 0:
+        x, y = _pixel_places(seed)[place]
+    else:
+        # Far on in a long render: the same grid again, turned by a hash.
+        turn = [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]
+        x, y = (_pixel_places(seed)[place] + turn) % 1.0
+    return float(x), float(y)
+
+
+_PLACES = 4096
+
+
+@lru_cache(maxsize=4)
+def _pixel_places(seed: int) -> NDArray[np.float64]:
+    """(4096, 2) places."""
+    from scipy.stats import qmc  # slow to import
+
+    sobol = qmc.Sobol(2, scramble=False, bits=32)
+    points = (sobol.random(_PLACES) * 2.0**32).astype(np.uint64).astype(np.uint32)
+    keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
+    scrambled = (owen_scrambled(points, keys) * 2.0**32).astype(np.uint64).astype(np.uint32)
+    return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)
 
 
 def owen_scrambled(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDArray[np.float64]:

@@ -4,8 +4,9 @@
 //   low.rgb, high.rgb  the sums
 //   low.a              rays cast
 //   high.a             of these lost, and from bit 20 on samples dropped
-uniform usampler2D sum_low;
-uniform usampler2D sum_high;
+#include "texels.glsl"
+UINT_TEXELS(rgba32ui, sum_low);
+UINT_TEXELS(rgba32ui, sum_high);
 uniform float quanta;  // per unit of radiance
 
 layout(location = 0) out uvec4 low;
@@ -23,8 +24,8 @@ void accumulate(ivec2 pixel, vec4 radiance)
     vec3 upper = floor(scaled * (1.0 / 4294967296.0));
     uvec3 add_low = uvec3(scaled - upper * 4294967296.0);
 
-    uvec4 old_low = texelFetch(sum_low, pixel, 0);
-    uvec4 old_high = texelFetch(sum_high, pixel, 0);
+    uvec4 old_low = texel(sum_low, pixel);
+    uvec4 old_high = texel(sum_high, pixel);
     low.rgb = old_low.rgb + add_low;
     high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
     uint events = uint(radiance.a);

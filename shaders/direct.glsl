@@ -5,9 +5,10 @@
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
 // plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
 // At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
+#include "texels.glsl"
 #include "hemicube.glsl"
 
-uniform sampler2D light_buffer;
+TEXELS(r32f, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light
 uniform float light_density;   // of the light point
@@ -62,12 +63,18 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     // A side has but its upper half.
     float low = face == 0 ? -1.0 : 0.0, height = 1.0 - low;
     vec2 place = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
-    vec2 texel = clamp(floor(place), vec2(0.0), extent - 1.0);
-    float own = texelFetch(light_buffer, ivec2(corner + texel + 0.5), 0).r;
+    vec2 centre = clamp(floor(place), vec2(0.0), extent - 1.0) + 0.5;
 
-    // Of the four texels around the place, one that sees something else.
-    vec4 four = textureGather(light_buffer, (corner + clamp(place, vec2(1.0), extent - 1.0)) / atlas);
-    int other = int(four.x != own ? four.x : four.y != own ? four.y : four.z != own ? four.z : four.w) - 1;
+    // The four texels around the place; one of them is its own. Of the others, one that sees something else.
+    vec2 least = floor(clamp(place, vec2(1.0), extent - 1.0) - 0.5);
+    ivec2 at = ivec2(corner + least + 0.5);
+    vec4 four = vec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
+                     texel(light_buffer, at + ivec2(0, 1)).r, texel(light_buffer, at + ivec2(1, 1)).r);
+    bvec2 upper = greaterThan(centre, least + 1.0);
+    vec2 row = upper.y ? four.zw : four.xy, next = upper.y ? four.xy : four.zw;
+    float own = upper.x ? row.y : row.x;
+    float beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
+    int other = int(beside != own ? beside : above != own ? above : across) - 1;
     if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
 
     int seen = int(own) - 1;
@@ -76,13 +83,13 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
     vec4 plane = triangle_texel(seen, TRIANGLE_PLANE);
     float offset = plane.w - dot(plane.xyz, light_position);
-    float at = offset / dot(plane.xyz, w);
-    if (!(at > 0.0 && at < 1.0 - ROUNDING)) return false;
+    float cut = offset / dot(plane.xyz, w);
+    if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;
 
     // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
     // the buffer knows for certain, the occluder must be in front as well.
-    vec2 centre = (texel + 0.5) / extent;
-    vec3 l = hemicube_from_face(face, vec3(2.0 * centre.x - 1.0, low + height * centre.y, 1.0));
+    vec2 share = centre / extent;
+    vec3 l = hemicube_from_face(face, vec3(2.0 * share.x - 1.0, low + height * share.y, 1.0));
     vec3 c = l.x * light_tangent + l.y * light_bitangent + l.z * light_normal;
     float occluder = offset / dot(plane.xyz, c);
     float surface = (receiver_plane.w - dot(receiver_plane.xyz, light_position)) / dot(receiver_plane.xyz, c);

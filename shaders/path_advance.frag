@@ -1,5 +1,6 @@
 // path_advance.frag: UpdateImage [PB table 6]: from what the scan found to the next vertex of every path.
 // Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, casts + 1024 * losses of the path.
+#include "texels.glsl"
 #include "constants.glsl"
 #include <TRIANGLE>
 #include "random.glsl"
@@ -10,16 +11,16 @@
 #include "path_result.glsl"
 #include "path_state.glsl"
 
-uniform sampler2D path_position;
-uniform sampler2D path_beta;
-uniform sampler2D path_radiance;
+TEXELS(rgba32f, path_position);
+TEXELS(rgba32f, path_beta);
+TEXELS(rgba32f, path_radiance);
 uniform vec3 path_d[VIEWS];
 uniform ivec4 image_window;
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 gathered = texelFetch(path_radiance, pixel, 0);
+    vec4 gathered = texel(path_radiance, pixel);
     float weight;
     int triangle = path_result(pixel, weight);
     if (triangle != PATH_DEAD) gathered.a += triangle == PATH_LOST ? 1025.0 : 1.0;
@@ -27,8 +28,8 @@ void main()
         leave(pixel, ended(gathered.rgb), gathered.a);
         return;
     }
-    vec4 from = texelFetch(path_position, pixel, 0);
-    vec3 throughput = texelFetch(path_beta, pixel, 0).rgb * weight;
+    vec4 from = texel(path_position, pixel);
+    vec3 throughput = texel(path_beta, pixel).rgb * weight;
     vec3 d = path_d[course_view(from.w)] * sign(from.w);
     vec4 plane = triangle_texel(triangle, TRIANGLE_PLANE);
     float t = max(0.0, (plane.w - dot(plane.xyz, from.xyz)) / dot(plane.xyz, d));

@@ -1,6 +1,7 @@
 // path_bounds.frag: the box around the live paths of each view, seen along its direction; two passes of it.
 // First pass (FROM_PATHS): from path states to a small grid a view; second: from the grids to a texel a view.
 // Output: least u, v, -u, -v, so that a minimum serves for both ends.
+#include "texels.glsl"
 #include "constants.glsl"
 #include "path_view.glsl"
 #include "path_course.glsl"
@@ -9,7 +10,7 @@ uniform ivec2 source_size;
 uniform ivec2 block;
 
 #ifdef FROM_PATHS
-uniform sampler2D path_position;
+TEXELS(rgba32f, path_position);
 layout(location = 0) out vec4 least[VIEWS];
 
 void main()
@@ -20,7 +21,7 @@ void main()
     for (int view = 0; view < VIEWS; view++) m[view] = vec4(INFINITE_DEPTH);
     for (int y = from.y; y < to.y; y++) {
         for (int x = from.x; x < to.x; x++) {
-            vec4 p = texelFetch(path_position, ivec2(x, y), 0);
+            vec4 p = texel(path_position, ivec2(x, y));
             int own = course_view(p.w);
             vec2 uv = path_space(own, p.xyz).xy;
             for (int view = 0; view < VIEWS; view++)
@@ -30,8 +31,8 @@ void main()
     for (int view = 0; view < VIEWS; view++) least[view] = m[view];
 }
 #else
-uniform sampler2D path_grid_0;
-uniform sampler2D path_grid_1;
+TEXELS(rgba32f, path_grid_0);
+TEXELS(rgba32f, path_grid_1);
 layout(location = 0) out vec4 least;
 
 void main()
@@ -40,6 +41,6 @@ void main()
     least = vec4(INFINITE_DEPTH);
     for (int y = 0; y < source_size.y; y++)
         for (int x = 0; x < source_size.x; x++)
-            least = min(least, first ? texelFetch(path_grid_0, ivec2(x, y), 0) : texelFetch(path_grid_1, ivec2(x, y), 0));
+            least = min(least, first ? texel(path_grid_0, ivec2(x, y)) : texel(path_grid_1, ivec2(x, y)));
 }
 #endif

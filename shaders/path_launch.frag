@@ -3,11 +3,12 @@
 // A cell has four slots. Each path carries its key along them with atomicMin; what it displaces it carries on. Whatever
 // the order of execution, the four least keys stay, sorted; those carried past the end are counted: they lost the
 // roulette, and the survivors stand for them.
+#include "texels.glsl"
 #include "path_view.glsl"
 #include "path_course.glsl"
 #include "path_flight.glsl"
 
-uniform sampler2D path_position;
+TEXELS(rgba32f, path_position);
 // 4. Not a constant, or the loop is unrolled, and llvmpipe runs all of it for a path that needs one turn.
 uniform int slots_per_cell;
 
@@ -20,7 +21,7 @@ layout(location = 1) out uvec2 start;
 void main()
 {
     ivec2 path = ivec2(gl_FragCoord.xy);
-    vec4 position = texelFetch(path_position, path, 0);
+    vec4 position = texel(path_position, path);
     flight = uvec2(NO_FLIGHT, 0u);
     start = uvec2(0u);
     if (position.w == 0.0) return;

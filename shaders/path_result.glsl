@@ -1,9 +1,10 @@
 // path_result.glsl: what a scan found for a path.
 // Needs: path_flight.glsl
-uniform usampler2D path_flights;
-uniform usampler2D cell_slots;
-uniform sampler2D cell_found;
-uniform usampler2D cell_overflow;
+#include "texels.glsl"
+UINT_TEXELS(rg32ui, path_flights);
+UINT_TEXELS(rgba32ui, cell_slots);
+TEXELS(rgba32f, cell_found);
+UINT_TEXELS(r32ui, cell_overflow);
 
 const int PATH_DEAD = -3;    // was not launched
 const int PATH_LOST = -2;    // lost the roulette of its cell
@@ -13,16 +14,16 @@ const int PATH_MISSED = -1;  // nothing lies beyond its start
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
-    uvec2 flight = texelFetch(path_flights, path, 0).rg;
+    uvec2 flight = texel(path_flights, path).rg;
     if (flight.x == NO_FLIGHT) return PATH_DEAD;
     ivec2 cell = ivec2(flight.x & 0xffffu, flight.x >> 16u);
-    bvec4 own = equal(texelFetch(cell_slots, cell, 0), uvec4(flight.y));
+    bvec4 own = equal(texel(cell_slots, cell), uvec4(flight.y));
     if (!any(own)) return PATH_LOST;
 
-    uint crowd = texelFetch(cell_overflow, cell, 0).r;
+    uint crowd = texel(cell_overflow, cell).r;
     if ((crowd >> KEY_BITS) == 4095u - scan_epoch) weight = 1.0 + 0.25 * float(crowd & KEY_MASK);
 
-    vec4 found = texelFetch(cell_found, cell, 0);
+    vec4 found = texel(cell_found, cell);
     float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
 #ifdef PACKED
     if (word >= NOTHING_FOUND) return PATH_MISSED;

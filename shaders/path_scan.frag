@@ -5,12 +5,13 @@
 // Both hemispheres: a path against the direction looks down the depth axis.
 //   PACKED     depth above and the triangle's number below, as one float: their order is the order of their bits
 //   otherwise  two scans: NEAREST writes the depth alone; the next finds whose depth it was (blend MAX)
+#include "texels.glsl"
 #include "constants.glsl"
 
-uniform sampler2D cell_z0;
-uniform usampler2D cell_place;
+TEXELS(rgba32f, cell_z0);
+UINT_TEXELS(rgba32ui, cell_place);
 #if !defined(PACKED) && !defined(NEAREST)
-uniform sampler2D cell_nearest;
+TEXELS(rgba32f, cell_nearest);
 #endif
 
 flat in vec4 corner_ab;
@@ -34,8 +35,8 @@ vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 void main()
 {
     ivec2 cell = ivec2(gl_FragCoord.xy);
-    vec4 z0 = texelFetch(cell_z0, cell, 0);
-    uvec4 place = texelFetch(cell_place, cell, 0);
+    vec4 z0 = texel(cell_z0, cell);
+    uvec4 place = texel(cell_place, cell);
     vec4 x = vec4(place & 0xffffu) * (1.0 / 65535.0);
     vec4 y = vec4((place >> 16u) & 0x7fffu) * (1.0 / 32767.0);
     vec4 way = 1.0 - 2.0 * vec4(place >> 31u);
@@ -57,7 +58,7 @@ void main()
 #elif defined(NEAREST)
     found = mix(vec4(INFINITE_DEPTH), t, hit);
 #else
-    bvec4 nearest = lessThanEqual(t, texelFetch(cell_nearest, cell, 0) * (1.0 + 1e-6) + 2e-7);
+    bvec4 nearest = lessThanEqual(t, texel(cell_nearest, cell) * (1.0 + 1e-6) + 2e-7);
     found = mix(vec4(0.0), vec4(float(triangle_id) + 1.0), bvec4(uvec4(hit) & uvec4(nearest)));
 #endif
 }

@@ -1,5 +1,6 @@
 // path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions].
 // Runs over: the pixels of the window. Output: see path_state.glsl
+#include "texels.glsl"
 #include "constants.glsl"
 #include <TRIANGLE>
 #include "eye.glsl"
@@ -9,13 +10,13 @@
 #include "path_vertex.glsl"
 #include "path_state.glsl"
 
-uniform sampler2D eye_buffer;
+TEXELS(r32f, eye_buffer);
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    int triangle = int(texelFetch(eye_buffer, pixel, 0).r) - 1;
+    int triangle = int(texel(eye_buffer, pixel).r) - 1;
     if (triangle < 0) {
         leave(pixel, ended(vec3(0.0)), 0.0);
         return;

@@ -3,6 +3,7 @@
 //         the lower corner; a view has view_cells of them, and the views lie side by side in the buffer. Depth runs along
 //         d, 0 to 1 over the scene's bounding sphere.
 // Needs:  VIEWS
+#include "texels.glsl"
 uniform vec3 path_u[VIEWS];
 uniform vec3 path_v[VIEWS];
 uniform vec3 path_d[VIEWS];
@@ -10,7 +11,7 @@ uniform vec3 scene_centre;
 uniform float scene_diameter;
 uniform vec2 view_cells;
 uniform vec2 cell_jitter;       // in [0, 1): where the grid starts, another place each scan
-uniform sampler2D path_bounds;  // a texel a view: least u, v and least -u, -v of its live paths
+TEXELS(rgba32f, path_bounds);  // a texel a view: least u, v and least -u, -v of its live paths
 
 struct PathView
 {
@@ -21,7 +22,7 @@ struct PathView
 
 PathView path_view(int view)
 {
-    vec4 bounds = texelFetch(path_bounds, ivec2(view, 0), 0);
+    vec4 bounds = texel(path_bounds, ivec2(view, 0));
     vec2 extent = max(-bounds.zw - bounds.xy, vec2(1e-6 * scene_diameter));
     // The jitter may take a cell, or half of the only one.
     vec2 used = max(view_cells - 1.0, 0.5 * view_cells);

@@ -1,5 +1,5 @@
 // point_shadow.glsl: is a place on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
-// Needs:  SHADOW_CUBE as point_shadow_map.glsl has it
+// Needs:  <OBJECTS>; SHADOW_CUBE as point_shadow_map.glsl has it
 //         SHADOW_LIGHTS    how many lights the buffers were made for
 //         SHADOW_TAPS      cells across that a lookup asks; 1: the nearest alone, no filter
 //         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
@@ -9,9 +9,7 @@
 // points x of the plane, seen from the light. So 1 / (g . c) is the distance t along a direction c, and no trigonometry,
 // square root or division is needed to compare it with the receiver's own plane anywhere.
 #include "point_shadow_map.glsl"
-#ifdef SHADOW_IDENTITY
 #include <OBJECTS>
-#endif
 
 uniform sampler2D shadow_buffer;  // plane; number of the primitive, -1 for none
 uniform vec3 shadow_light_position[SHADOW_LIGHTS];
@@ -19,6 +17,9 @@ uniform int shadow_tiles_across;
 
 // What rounding may do to a place, as a share of its coordinates and the light's.
 const float SHADOW_ROUNDING = 5e-7;
+
+// Where 1 / cos to the light is more, a sphere's outline is near.
+const float SHADOW_STEEPEST = 4.0;
 
 // An entry's texel; cells are those of its face.
 ivec2 shadow_texel(int light, int face, vec2 cell)
@@ -65,13 +66,15 @@ bool shadow_entry_hides(vec4 seen, int object)
 // both planes meet between c and w, an angle a apart, so that t of the entry is at least |w| - |w| a (1 / cos + 1 / cos')
 // with the cosines of both to the light. Nearer than that is an occluder in any case; farther, its plane decides. What
 // stands in front of a place is behind its own tangent plane where it is convex, so the plane takes no true shadow away.
+// Near the outline of a sphere the tangent plane soon leaves it, and says nothing about the places in a filter's reach.
 bool shadow_entry_hides(vec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
 {
     vec3 g = seen.xyz;
     float entry = dot(g, c), own = dot(receiver, c), length_g = length(g), length_r = length(receiver);
     if (entry - own <= rounding * (length_g * abs(entry) + length_r * abs(own))) return false;
     float r = length(w);
-    float slopes = r * length_r + length_g / max(entry, 1e-30);
+    float slope = length_g / max(entry, 1e-30);
+    float slopes = r * length_r + (seen.w < float(first_triangle) ? min(slope, SHADOW_STEEPEST) : slope);
     float least = r * (1.0 - distance(w / r, c) * slopes);
     return entry * least > 1.0 || dot(g, w) > 1.0 + 2.0 * rounding * length_g;
 }

@@ -16,9 +16,9 @@ flat in float radius;
 flat in mat3 rows;
 flat in vec4 from;
 #elif defined(KIND_TRIANGLE)
-flat in vec3 edge0;
-flat in vec3 edge1;
-flat in vec3 edge2;
+flat in vec3 corner0;
+flat in vec3 corner1;
+flat in vec3 corner2;
 flat in vec4 plane;
 #else
 flat in vec4 plane;
@@ -38,7 +38,7 @@ void main()
     vec3 normal = rows * (from.xyz + t * to_unit(rows, d));
     vec3 seen = normal / (t * dot(normal, d));
 #elif defined(KIND_TRIANGLE)
-    float t = triangle_hit(TriangleFrom(edge0, edge1, edge2, plane), d, 0.0);
+    float t = triangle_hit(TriangleFrom(corner0, corner1, corner2, plane), d, 0.0);
     vec3 seen = plane.xyz / plane.w;
 #else
     float t = plane_hit(plane.w, plane.xyz, d, 0.0);

@@ -23,9 +23,9 @@ flat out float radius;
 flat out mat3 rows;
 flat out vec4 from;
 #elif defined(KIND_TRIANGLE)
-flat out vec3 edge0;
-flat out vec3 edge1;
-flat out vec3 edge2;
+flat out vec3 corner0;
+flat out vec3 corner1;
+flat out vec3 corner2;
 flat out vec4 plane;
 #else
 flat out vec4 plane;
@@ -52,9 +52,9 @@ void main()
     from = space.from;
 #elif defined(KIND_TRIANGLE)
     TriangleFrom triangle = triangle_of(number, light_position);
-    edge0 = triangle.edge0;
-    edge1 = triangle.edge1;
-    edge2 = triangle.edge2;
+    corner0 = triangle.corner0;
+    corner1 = triangle.corner1;
+    corner2 = triangle.corner2;
     plane = triangle.plane;
 #else
     vec3 normal = plane_texel(number - first_plane, PLANE_NORMAL).xyz;

@@ -19,6 +19,8 @@ struct ShadowPlace
 };
 
 #ifdef SHADOW_CUBE
+// Cells are equal steps of angle across a face rather than of length, so that all are of about one size: the solid angle
+// of the largest is 1.4 times that of the smallest, in place of 5.2 (Brown 2017, Equi-Angular Cubemaps).
 // Faces 0 to 5 look along +x, -x, +y, -y, +z, -z. Within one: x and y across it, z along its axis. Opposite faces are
 // mirror images of each other.
 vec3 shadow_to_face(int face, vec3 d)
@@ -39,13 +41,13 @@ ShadowPlace shadow_place(vec3 d)
     int axis = a.x >= max(a.y, a.z) ? 0 : a.y >= a.z ? 1 : 2;
     int face = 2 * axis + int(d[axis] < 0.0);
     vec3 f = shadow_to_face(face, d);
-    return ShadowPlace(face, (0.5 + 0.5 * f.xy / f.z) * shadow_cells);
+    return ShadowPlace(face, (0.5 + atan(f.xy / f.z) * (2.0 / PI)) * shadow_cells);
 }
 
-// Of any length. A place beyond the edge of its face belongs to the neighbour's cells.
+// Of any length. A place (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
 vec3 shadow_direction(int face, vec2 at)
 {
-    return shadow_from_face(face, vec3(2.0 * at / shadow_cells - 1.0, 1.0));
+    return shadow_from_face(face, vec3(tan((at / shadow_cells - 0.5) * (0.5 * PI)), 1.0));
 }
 #else
 ShadowPlace shadow_place(vec3 d)

@@ -216,7 +216,7 @@ def sphere_rectangles_of_planes(
 def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: int) -> CellRectangles:
     """The cells of a cube-buffer whose rays meet each plane of (P, 3, 4)."""
     parts = [_NOTHING]
-    y = (np.arange(side) + 0.5) / side * 2 - 1
+    y = np.tan(((np.arange(side) + 0.5) / side - 0.5) * np.pi / 2)
     for index, world in enumerate(_towards(world_from_plane, light)):
         for face in range(FACES):
             n = to_face(face, world)
@@ -230,8 +230,7 @@ def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: i
                 low, high = cut, np.full(side, 1.0)
             else:
                 low, high = np.full(side, -1.0), cut
-            ends = (np.clip(s, -2.0, 2.0) + 1 for s in (low, high))
-            first, last = _cells(*(0.5 * side * s for s in ends))
+            first, last = _cells(*((np.arctan(s) * 2 / np.pi + 0.5) * side for s in (low, high)))
             parts.append(_from_rows(face, index, np.maximum(first, 0), np.minimum(last, side - 1)))
     return _join(parts)
 
@@ -245,9 +244,8 @@ def to_face(face: int, d: Float64) -> Float64:
 
 
 def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
-    """From tangents (N, 2) to cells within the face."""
-    # A tangent grows by up to twice its angle.
-    first, last = _cells((low - 2 * MARGIN + 1) * 0.5 * side, (high + 2 * MARGIN + 1) * 0.5 * side)
+    """From angles (N, 2) across a face to cells within it."""
+    first, last = _cells(((low - MARGIN) * 2 / np.pi + 0.5) * side, ((high + MARGIN) * 2 / np.pi + 0.5) * side)
     return np.maximum(first, 0), np.minimum(last, side - 1)
 
 
@@ -271,7 +269,7 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
         )
         low, high = np.maximum(middle - half, -np.pi / 4), np.minimum(middle + half, np.pi / 4)
         missed = np.any(low > high + MARGIN, axis=1)
-        first, last = _face_cells(np.tan(low), np.tan(np.maximum(high, -np.pi / 4)), side)
+        first, last = _face_cells(low, high, side)
         last[missed] = -1
         parts.append(_without_empty(index, np.full_like(index, face), first, last))
     return _join(parts)
@@ -323,7 +321,8 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
             low = np.where(covered[:, None], np.minimum(low, corner[:2]), low)
             high = np.where(covered[:, None], np.maximum(high, corner[:2]), high)
         found = np.all(low <= high, axis=1)
-        first, last = _face_cells(np.where(found[:, None], low, 0.0), np.where(found[:, None], high, 0.0), side)
+        angles = (np.arctan(np.where(found[:, None], s, 0.0)) for s in (low, high))
+        first, last = _face_cells(*angles, side)
         last[~found] = -1
         parts.append(_without_empty(index[near], np.full(len(near), face, dtype=np.int64), first, last))
     return _join(parts)

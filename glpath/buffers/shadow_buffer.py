@@ -379,7 +379,8 @@ class SphereShadowBuffer(PointShadowBuffer):
 class CubeShadowBuffer(PointShadowBuffer):
     """A shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
 
-    A cell in the middle of a face takes 5.2 times the solid angle of one in its corner.
+    Cells are equal steps of angle across a face, so all are of about one size, as the sphere's are only around its
+    equator. Needs 3/4 of the cells for the same largest one.
     """
 
     shape = "cube"

@@ -11,7 +11,8 @@ Cost:     16 to 80 bytes a primitive. Pictures have 16 bytes a texel, in rows of
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import moderngl
@@ -68,29 +69,31 @@ _WIDTH = 4096
 _ROUND = 1e-12
 
 
-def objects_glsl() -> str:
-    """The layout as GLSL: constants, and the one way to fetch from each section."""
+def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Lines of GLSL for a texture with sections: constants, and the one way to fetch from each."""
     shift = _WIDTH.bit_length() - 1
-    lines = [
-        "uniform sampler2D objects;",
-        "uniform sampler2D picture_texels;",
-        f"const int PICTURE_WIDTH = {_WIDTH};",
-    ]
-    lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
-    lines += ["uniform int primitive_count;", "uniform int light_count;"]
-    lines += [f"const int LIGHT_{kind.upper()} = {i};" for i, kind in enumerate(LIGHT_KINDS)]
-    for section, texels in LAYOUT.items():
+    lines = [f"uniform sampler2D {sampler};"]
+    for section, texels in layout.items():
         lines.append(f"uniform int {section}_base;")
-        lines += [
-            f"const int {section.upper()}_{name} = {i};  // {what}" for i, (name, what) in enumerate(texels.items())
-        ]
+        for i, (name, what) in enumerate(texels.items()):
+            lines.append(f"const int {section.upper()}_{name} = {i};  // {what}")
         lines += [
             f"vec4 {section}_texel(int {section}_number, int what)",
             "{",
             f"    int i = {section}_base + {section}_number * {len(texels)} + what;",
-            f"    return texelFetch(objects, ivec2(i & {_WIDTH - 1}, i >> {shift}), 0);",
+            f"    return texelFetch({sampler}, ivec2(i & {_WIDTH - 1}, i >> {shift}), 0);",
             "}",
         ]
+    return lines
+
+
+def objects_glsl() -> str:
+    """The layout as GLSL."""
+    lines = texel_store("objects", LAYOUT)
+    lines += ["uniform sampler2D picture_texels;", f"const int PICTURE_WIDTH = {_WIDTH};"]
+    lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
+    lines += ["uniform int primitive_count;", "uniform int light_count;"]
+    lines += [f"const int LIGHT_{kind.upper()} = {i};" for i, kind in enumerate(LIGHT_KINDS)]
     return "\n".join(lines)
 
 
@@ -150,30 +153,34 @@ def is_round(spheres: Float64) -> NDArray[np.bool_]:
     return np.asarray(np.abs(gram - square[:, None, None] * np.eye(3)).max(axis=(1, 2)) <= _ROUND * square)
 
 
-@dataclass
 class GpuObjects:
     """Primitives, materials, textures and lights of a scene on the device.
 
     numbering : which primitive has which number
+    lights    : those with a position first, then the directional ones
     textures  : for a `Pass`, by the names in GLSL
     uniforms  : where the sections begin, and how many there are of what
     generated, defines : for `load_program`; kinds that the scene lacks are left out of the programs
     lower, upper : (count, 3) float64, boxes around the primitives; infinite for planes
     centre, radius : a sphere around all that is finite, scene units
+
+    Raises SceneError for what the device cannot hold.
     """
 
-    gl: moderngl.Context
-    scene: Scene
-    numbering: Numbering = field(init=False)
-
-    def __post_init__(self) -> None:
-        scene = self.scene
+    def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
+        self.gl = gl
+        self.scene = scene
         self.numbering = numbers = number_primitives(scene)
         self.count = numbers.count
+        self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
         self.generated = {"OBJECTS": objects_glsl()}
         self.defines: dict[str, object] = {
             f"HAS_{kind.upper()}S": 1 for kind, of in numbers.kinds.items() if len(of)
         }
+        if scene.textures:
+            self.defines["HAS_TEXTURES"] = 1
+        if any(light.kind == "directional" for light in lights):
+            self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
         self.lower, self.upper = primitive_boxes(scene, numbers)
         self.centre, self.radius = self._extent()
 
@@ -188,34 +195,42 @@ class GpuObjects:
             "shape": _shapes(scene),
             "material": _materials(scene),
             "picture": _pictures(scene, first_rows),
-            "light": _lights(scene.lights),
+            "light": _lights(lights),
         }
+        texture, bases = self.store(sections, LAYOUT)
+        self.textures = {"objects": texture, "picture_texels": _texture(gl, pictures)}
         self.uniforms: dict[str, object] = {
             "first_ellipsoid": numbers.first_ellipsoid,
             "first_triangle": numbers.first_triangle,
             "first_plane": numbers.first_plane,
             "primitive_count": numbers.count,
-            "light_count": len(scene.lights),
-        }
-        rows = []
-        total = 0
-        for name, table in sections.items():
-            assert table.shape[1:] == (len(LAYOUT[name]), 4), f"{name}: a table of {table.shape}"
-            self.uniforms[f"{name}_base"] = total
-            rows.append(table.reshape(-1, 4).astype(np.float32))
-            total += len(rows[-1])
-        self._check_size(total)
-        height = max(1, -(-total // _WIDTH))
-        store = np.zeros((height * _WIDTH, 4), np.float32)
-        store[:total] = np.concatenate(rows)
-        self.textures = {
-            "objects": _texture(self.gl, (_WIDTH, height), store),
-            "picture_texels": _texture(self.gl, (_WIDTH, len(pictures)), pictures),
+            "light_count": len(lights),
+            **bases,
         }
 
+    def store(
+        self, sections: Mapping[str, Float64], layout: Mapping[str, Mapping[str, str]]
+    ) -> tuple[moderngl.Texture, dict[str, object]]:
+        """A texture of all sections' tables (n, texels, 4), and the uniforms that say where each begins."""
+        bases: dict[str, object] = {}
+        total = 0
+        for name, table in sections.items():
+            assert table.shape[1:] == (len(layout[name]), 4), f"{name}: a table of {table.shape}"
+            bases[f"{name}_base"] = total
+            total += len(table) * len(layout[name])
+        self._check_size(total)
+        store = np.zeros((max(1, -(-total // _WIDTH)), _WIDTH, 4), np.float32)
+        flat, start = store.reshape(-1, 4), 0
+        for table in sections.values():
+            stop = start + table.shape[0] * table.shape[1]
+            flat[start:stop] = table.reshape(-1, 4)
+            start = stop
+        return _texture(self.gl, store), bases
+
     @property
-    def lights(self) -> tuple[Light, ...]:
-        return self.scene.lights
+    def positional_lights(self) -> int:
+        """How many lights have a position: numbers 0 to this."""
+        return sum(light.kind != "directional" for light in self.lights)
 
     @cached_property
     def geometry_digest(self) -> str:
@@ -284,8 +299,9 @@ def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]
     return lower, upper
 
 
-def _texture(gl: moderngl.Context, size: tuple[int, int], texels: NDArray[np.float32]) -> moderngl.Texture:
-    texture = gl.texture(size, 4, data=np.ascontiguousarray(texels).data, dtype="f4")
+def _texture(gl: moderngl.Context, texels: NDArray[np.float32]) -> moderngl.Texture:
+    height, width, _ = texels.shape
+    texture = gl.texture((width, height), 4, data=texels.tobytes(), dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 

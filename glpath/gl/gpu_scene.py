@@ -31,11 +31,12 @@ def triangle_glsl() -> str:
     names = list(TRIANGLE_LAYOUT)
     lines = [f"const int TRIANGLE_{name} = {i};  // {TRIANGLE_LAYOUT[name]}" for i, name in enumerate(names)]
     lines += [
-        "uniform sampler2D triangles;",
+        '#include "texels.glsl"',
+        "TEXELS(rgba32f, triangles);",
         "vec4 triangle_texel(int triangle, int what)",
         "{",
         f"    int i = triangle * {len(names)} + what;",
-        f"    return texelFetch(triangles, ivec2(i & {_WIDTH - 1}, i >> {_WIDTH.bit_length() - 1}), 0);",
+        f"    return texel(triangles, ivec2(i & {_WIDTH - 1}, i >> {_WIDTH.bit_length() - 1}));",
         "}",
     ]
     return "\n".join(lines)

@@ -54,7 +54,7 @@ class Pass:
         self._vertex_array = self.gl.vertex_array(self.program.gl, [])
         self._flags = (moderngl.BLEND if self.blend else 0) | (moderngl.DEPTH_TEST if self.depth else 0)
         # A program may use fewer textures than a family of passes offers, never more.
-        missing = set(self.program.samplers) - set(self.textures)
+        missing = (set(self.program.samplers) | set(self.program.images)) - set(self.textures)
         assert not missing, f"{self.name}: no texture for {sorted(missing)}"
 
     def run(self, uniforms: Mapping[str, object]) -> None:
@@ -81,6 +81,8 @@ class Pass:
             target.clear(*self.clear, viewport=area)
         for name, unit in self.program.samplers.items():
             self.textures[name].use(unit)
+        for name, unit in self.program.images.items():
+            self.textures[name].bind_to_image(unit, read=True, write=False)
         for binding, buffer in self.buffers.items():
             buffer.bind_to_storage_buffer(binding)
         self.program.set(uniforms)

@@ -19,6 +19,8 @@ from glpath.errors import ShaderError
 
 GLSL_VERSION = "#version 430 core"
 
+_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
+
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
@@ -101,17 +103,25 @@ class Program:
 
     gl       : the moderngl program or compute shader
     samplers : name -> texture unit
+    images   : name -> image unit, see texels.glsl
     """
 
     def __init__(self, gl: moderngl.Program | moderngl.ComputeShader, label: str) -> None:
         self.gl = gl
         self.label = label
         self.samplers: dict[str, int] = {}
+        self.images: dict[str, int] = {}
         self._uniforms: dict[str, moderngl.Uniform] = {}
         self._values: dict[str, object] = {}
         for name in sorted(gl):
             member = gl[name]
             if not isinstance(member, moderngl.Uniform):
+                continue
+            if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
+                self.images[name] = len(self.images)
+                # moderngl can set the unit of an image of floats only; it is the same call.
+                member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
+                member.value = self.images[name]
                 continue
             # GL_SAMPLER_2D, GL_SAMPLER_2D_ARRAY, GL_INT_SAMPLER_2D, GL_UNSIGNED_INT_SAMPLER_2D
             if member.gl_type in (0x8B5E, 0x8DC1, 0x8DCA, 0x8DD2):  # type: ignore[attr-defined]
@@ -155,7 +165,12 @@ def load_program(
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
-    sources = {k: Source(v, generated or {}, defines or {}) for k, v in stages.items() if v}
+    fragment_defines = {"TEXELS_ARE_IMAGES": 1} if gl.info["GL_RENDERER"].startswith("llvmpipe") else {}
+    sources = {
+        k: Source(v, generated or {}, dict(defines or {}) | (fragment_defines if k == "fragment_shader" else {}))
+        for k, v in stages.items()
+        if v
+    }
     label = "+".join(s.name for s in sources.values())
     compiled = _compiled.setdefault(gl, {})
     key = tuple(s.text for s in sources.values())

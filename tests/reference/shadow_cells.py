@@ -36,7 +36,7 @@ CUBE_FACES = [
 
 def cube_directions(side: int) -> Float64:
     """(6, rows, columns, 3), unit"""
-    s = (np.arange(side) + 0.5) / side * 2 - 1
+    s = np.tan(((np.arange(side) + 0.5) / side - 0.5) * np.pi / 2)
     d = np.array([[[axis + x * u + y * v for x in s] for y in s] for axis, u, v in CUBE_FACES])
     return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
@@ -45,6 +45,6 @@ def cube_cell(d: Float64, side: int) -> tuple[int, int, int]:
     """Face, row and column."""
     face = int(np.argmax([d @ axis for axis, _, _ in CUBE_FACES]))
     axis, u, v = CUBE_FACES[face]
-    x, y = d @ u / (d @ axis), d @ v / (d @ axis)
-    row, column = (int((0.5 + 0.5 * s) * side) for s in (y, x))
+    x, y = (np.arctan2(d @ across, d @ axis) for across in (u, v))
+    row, column = (int((0.5 + 2 * angle / np.pi) * side) for angle in (y, x))
     return face, min(row, side - 1), min(column, side - 1)

@@ -1,0 +1,282 @@
+"""Recursive ray tracing with lights without extent: the classical algorithm, and the T-buffer's [TB].
+
+One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it.
+The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
+a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
+hierarchy of boxes, as its section VI hopes. The routines of intersection and shading are the same for all.
+
+Poor at: light that comes by way of other surfaces (it is one number, `ambient`); soft shadows; refraction. Shapes
+with an emission are seen, but light nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
+from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.gl.eye import eye_uniforms
+from glpath.gl.gpu_hierarchy import GpuHierarchy, hierarchy_glsl
+from glpath.gl.gpu_objects import GpuObjects
+from glpath.gl.passes import Pass, Stopwatch
+from glpath.gl.program import load_program
+from glpath.gl.sums import PixelSums
+from glpath.sampling import pixel_place
+from glpath.scene.model import Camera, Scene
+
+Primary = Literal["classic", "t-buffer"]
+Shadows = Literal["rays", "sphere", "cube"]
+Secondary = Literal["classic", "hierarchy"]
+Uniforms = dict[str, object]
+
+
+@dataclass(frozen=True)
+class WhittedSettings:
+    """What decides the picture besides the scene, and how it is found.
+
+    max_depth   : surfaces on the way of light to the eye; 1 is direct light only, k has k - 1 reflections
+    seed        : decides the places in the pixel of all path sets but the first
+    primary     : "classic" or "t-buffer"
+    shadows     : "rays", or shadow-buffers: over latitude and longitude ("sphere", as in TB), or six faces ("cube")
+    shadow_resolution : rows of a sphere's (twice as many columns), or texels along a cube's side
+    shadow_test : "distance", or "identity" as in TB, wrong where an object shadows itself
+    shadow_filter : cells across that a lookup asks (percentage-closer filtering); 1: the nearest alone
+    secondary   : "classic" or "hierarchy", for rays that leave a surface: reflections, and shadow rays
+    """
+
+    max_depth: int = 5
+    seed: int = 0
+    primary: Primary = "t-buffer"
+    shadows: Shadows = "rays"
+    shadow_resolution: int = 1024
+    shadow_test: ShadowTest = "distance"
+    shadow_filter: int = 1
+    secondary: Secondary = "hierarchy"
+
+    def as_dict(self) -> dict[str, object]:
+        """Those that decide something: with shadow rays there is no shadow-buffer."""
+        given = asdict(self)
+        if self.shadows == "rays":
+            for name in ("shadow_resolution", "shadow_test", "shadow_filter"):
+                del given[name]
+        return given
+
+
+class WhittedTracer:
+    """Traces path sets of one window of the image.
+
+    Parameters
+    ----------
+    window      : (x, y, width, height) in pixels of the whole image, y from the top
+    count_tests : count intersection tests, exactly; slower
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        objects: GpuObjects,
+        settings: WhittedSettings,
+        window: tuple[int, int, int, int],
+        *,
+        hardware: bool,
+        timings: bool = False,
+        count_tests: bool = False,
+    ) -> None:
+        self.gl = gl
+        self.settings = settings
+        self.stopwatch = Stopwatch(gl, hardware, timings)
+        self.count_tests = count_tests
+        self.camera = objects.scene.camera
+        self._size = window[2:]
+        self._sum = 0  # which of the two sets of sums holds the present ones
+        self._dropped = 0
+        self._tests = {"primary": 0, "shadow_buffer": 0, "shadow": 0, "secondary": 0}
+        self._set_up(objects)
+        self.look_at(window)
+
+    def look_at(self, window: tuple[int, int, int, int]) -> None:
+        """Go on with another window of the same size."""
+        assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
+        self.window = window
+
+    def move_camera(self, camera: Camera) -> None:
+        """Go on with another camera of the same resolution. Shadow-buffers stay as they are [TB III.D]."""
+        assert camera.resolution == self.camera.resolution, "another resolution needs another tracer"
+        self.camera = camera
+
+    def change_scene(self, scene: Scene) -> None:
+        """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
+        self._count_shadow_buffer()
+        same = self.objects.geometry_digest
+        objects = GpuObjects(self.gl, scene)
+        kept = self.shadow_buffer if objects.geometry_digest == same else None
+        if kept is not None and kept.lights != objects.positional_lights:
+            kept = None
+        hierarchy = self.hierarchy if objects.geometry_digest == same else None
+        self.take()
+        self._set_up(objects, hierarchy, kept)
+
+    # The frame.
+
+    def trace_path_set(self, index: int) -> None:
+        """One ray for every pixel, and what follows from it [TB IV]."""
+        eye = eye_uniforms(self.camera, self.window, pixel_place(self.settings.seed, index))
+        self.fill_shadow_buffers()
+        self.fill_eye_buffer(eye)
+        self.shade(eye)
+
+    def fill_shadow_buffers(self) -> None:
+        """What the lights see; nothing to do where it was filled before and neither light nor object has moved."""
+        if self.shadow_buffer is None:
+            return
+        with self.stopwatch.stage("shadow-buffer"):
+            for number in range(self.objects.positional_lights):
+                self.shadow_buffer.fill(self.objects.lights[number].position, number)
+
+    def fill_eye_buffer(self, eye: Uniforms) -> None:
+        """(object, t) for every pixel: primary rays, by the T-buffer or one by one."""
+        with self.stopwatch.stage("eye"):
+            self.eye_buffer.fill(eye)
+
+    def shade(self, eye: Uniforms) -> None:
+        """Light and shadow at what was found, and the way on by reflection."""
+        uniforms = self._constant | eye
+        if self.shadow_buffer is not None:
+            uniforms |= self.shadow_buffer.uniforms
+        with self.stopwatch.stage("shade"):
+            self._shade_passes[self._sum].run(uniforms)
+        self._sum = 1 - self._sum
+
+    def take(self) -> NDArray[np.float64]:
+        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
+
+        Multiples of one power of two, so that float64 adds them without rounding.
+        """
+        taken = self._sums.take(self._sum)
+        self._dropped += int((taken.high >> 20).sum())
+        self._count()
+        return taken.radiance
+
+    def statistics(self) -> dict[str, object]:
+        """What was counted in the path sets taken so far.
+
+        dropped_samples    : not finite, and counted as 0
+        intersection_tests : pairs of a ray and a primitive, by the ray's purpose, where counted: "primary" from the
+                             eye, "shadow_buffer" to fill it, "shadow" rays, "secondary" for reflections
+        stage_ms           : milliseconds by stage, where timed
+        """
+        counts: dict[str, object] = {"dropped_samples": self._dropped}
+        if self.count_tests:
+            counts["intersection_tests"] = dict(self._tests)
+        if self.stopwatch.enabled:
+            counts["stage_ms"] = dict(self.stopwatch.milliseconds)
+        return counts
+
+    # What the frame is made of.
+
+    def _set_up(
+        self,
+        objects: GpuObjects,
+        hierarchy: GpuHierarchy | None = None,
+        shadow_buffer: PointShadowBuffer | None = None,
+    ) -> None:
+        settings, gl = self.settings, self.gl
+        self.objects: GpuObjects = objects
+        self.camera = objects.scene.camera
+        make = TBuffer if settings.primary == "t-buffer" else ClassicEye
+        self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
+        self._sum = 0
+        self._sums: PixelSums = PixelSums(gl, self._size, _brightest(objects))
+        words = bytes(8 * self._size[0] * self._size[1])
+        self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
+
+        textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
+        # Includes are put in place before #ifdef is looked at.
+        generated, defines = {**objects.generated, "HIERARCHY": hierarchy_glsl()}, dict(objects.defines)
+        self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
+        self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
+        self.hierarchy: GpuHierarchy | None = hierarchy
+        if settings.secondary == "hierarchy":
+            self.hierarchy = self.hierarchy or GpuHierarchy(gl, objects)
+            textures |= self.hierarchy.textures
+            self._constant |= self.hierarchy.uniforms
+            defines["BY_HIERARCHY"] = 1
+        self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
+        lights = objects.positional_lights
+        if settings.shadows != "rays" and lights:
+            resolution = settings.shadow_resolution
+            if self.shadow_buffer is not None:
+                pass
+            elif settings.shadows == "sphere":
+                self.shadow_buffer = SphereShadowBuffer(gl, objects, resolution, 2 * resolution, lights)
+            else:
+                self.shadow_buffer = CubeShadowBuffer(gl, objects, resolution, lights)
+            textures |= self.shadow_buffer.textures
+            defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
+            defines["SHADOW_BUFFERS"] = 1
+        self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
+        if self.count_tests:
+            defines["COUNT_TESTS"] = 1
+        program = load_program(
+            gl, vertex="fullscreen.vert", fragment="whitted.frag", generated=generated, defines=defines
+        )
+        self._shade_passes: list[Pass] = [
+            Pass(
+                "shade",
+                gl,
+                program,
+                self._sums.targets[1 - i],
+                textures=textures | self._sums.textures[i],
+                buffers={0: self._ray_tests} if self._ray_tests else {},
+            )
+            for i in range(2)
+        ]
+
+    def _count(self) -> None:
+        if not self.count_tests:
+            return
+        assert self._ray_tests is not None, "made where tests are counted"
+        self._tests["primary"] += self.eye_buffer.take_tests()
+        self.gl.memory_barrier()
+        self.gl.finish()
+        shadow, secondary = np.frombuffer(self._ray_tests.read(), np.uint32).reshape(-1, 2).sum(0, dtype=np.uint64)
+        self._ray_tests.write(bytes(self._ray_tests.size))
+        self._tests["shadow"] += int(shadow)
+        self._tests["secondary"] += int(secondary)
+        self._count_shadow_buffer()
+
+    def _count_shadow_buffer(self) -> None:
+        if self.shadow_buffer is not None:
+            self._tests["shadow_buffer"] += self.shadow_buffer.intersection_tests - self._counted
+            self._counted = self.shadow_buffer.intersection_tests
+
+
+def _air(scene: Scene) -> Uniforms:
+    """What is there without any object: ambient light and the sky."""
+    dark = np.zeros(3)
+    sky = scene.sky
+    return {
+        "ambient": tuple(scene.ambient),
+        "sky_zenith": tuple(sky.zenith if sky else dark),
+        "sky_horizon": tuple(sky.horizon if sky else dark),
+        "sky_up": tuple(sky.up if sky else dark),
+    }
+
+
+def _brightest(objects: GpuObjects) -> float:
+    """Radiance that is seldom passed: of lights as they shine from a hundredth of the scene's size."""
+    scene = objects.scene
+    values = [0.0, *scene.ambient, *(s.emission.max() for s in scene.shapes)]
+    if scene.sky:
+        values += [*scene.sky.zenith, *scene.sky.horizon]
+    for light in scene.lights:
+        square = (
+            (0.01 * objects.radius) ** 2 if light.kind != "directional" and light.falloff == "quadratic" else 1.0
+        )
+        values.append(float(light.intensity.max()) / square)
+    return float(max(values))

@@ -1,0 +1,162 @@
+// whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
+// Needs:  <OBJECTS>; BY_HIERARCHY: rays that leave a surface go by it, else by the classical algorithm;
+//         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot.
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709.
+//
+//   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
+#include <OBJECTS>
+#include "object_surface.glsl"
+#include "object_texture.glsl"
+#include "object_eye.glsl"
+#include "object_classic.glsl"
+#ifdef BY_HIERARCHY
+#include "object_hierarchy.glsl"
+#endif
+#include "accumulate.glsl"
+#ifdef SHADOW_BUFFERS
+#include "point_shadow.glsl"
+#endif
+
+uniform sampler2D eye_buffer;  // primitive + 1, t
+uniform int max_depth;         // surfaces on the way of light to the eye
+uniform vec3 ambient;
+uniform vec3 sky_zenith;
+uniform vec3 sky_horizon;
+uniform vec3 sky_up;
+
+#ifdef COUNT_TESTS
+layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
+#endif
+
+// A place on a surface is only known to this share of the way that led there.
+const float RAY_ROUNDING = 2e-6;
+
+struct Matter
+{
+    vec3 reflectance;
+    vec3 specular;
+    float exponent;
+    vec3 mirror;
+    vec3 emission;
+};
+
+// What a surface does with light on the side that is seen.
+Matter matter_of(Surface s, bool front)
+{
+    vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE), phong = material_texel(s.material, MATERIAL_SPECULAR);
+    vec4 mirror = material_texel(s.material, MATERIAL_MIRROR), emission = shape_texel(s.object, SHAPE_EMISSION);
+    float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0, shows = front || emission.w != 0.0 ? 1.0 : 0.0;
+    vec3 rho = diffuse.rgb * reflects;
+#ifdef HAS_TEXTURES
+    if (mirror.w >= 0.0) rho *= texture_colour(int(mirror.w), s.uv);
+#endif
+    return Matter(rho, phong.rgb * reflects, phong.w, mirror.rgb * reflects, emission.rgb * shows);
+}
+
+vec3 sky(vec3 direction)
+{
+    return mix(sky_horizon, sky_zenith, clamp(dot(direction, sky_up), 0.0, 1.0));
+}
+
+bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int own)
+{
+#ifdef BY_HIERARCHY
+    return blocked_by_hierarchy(origin, direction, tmin, tmax, own);
+#else
+    return blocked_classic(origin, direction, tmin, tmax, own);
+#endif
+}
+
+// Radiance towards -direction of the light that comes straight from the lights. `normal` is on the side that is seen.
+vec3 light_from_lights(int primitive, Surface s, vec3 normal, Matter matter, vec3 reflected, float rounding)
+{
+    vec3 sum = vec3(0.0);
+    for (int light = 0; light < light_count; ++light)
+    {
+        vec4 place = light_texel(light, LIGHT_POSITION), intensity = light_texel(light, LIGHT_INTENSITY);
+        vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
+        int kind = int(place.w);
+        vec3 way = kind == LIGHT_DIRECTIONAL ? -axis : place.xyz - s.position;
+        float square = dot(way, way), distance = sqrt(square);
+        vec3 wi = way / max(distance, 1e-37);
+        vec3 E = intensity.rgb / (intensity.w != 0.0 ? max(square, 1e-37) : 1.0);
+        if (kind == LIGHT_SPOT)
+        {
+            vec2 cone = light_texel(light, LIGHT_CONE).xy;
+            float cosine = -dot(wi, axis);
+            E *= cone.x > cone.y ? smoothstep(cone.y, cone.x, cosine) : float(cosine >= cone.y);
+        }
+        float cosine = dot(normal, wi);
+        bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
+        float visible = reaches ? 1.0 : 0.0;
+#ifdef SHADOW_BUFFERS
+        if (reaches && kind != LIGHT_DIRECTIONAL)
+        {
+            visible = point_light_visibility(light, s.position, normal, s.object);
+            reaches = false;
+        }
+#endif
+#if !defined(SHADOW_BUFFERS) || defined(HAS_DIRECTIONAL_LIGHTS)
+        if (reaches)
+        {
+            float tmax = kind == LIGHT_DIRECTIONAL ? NO_HIT : distance * (1.0 - RAY_ROUNDING);
+            if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
+        }
+#endif
+        float highlight = pow(max(dot(reflected, wi), 1e-20), matter.exponent);
+        sum += (matter.reflectance * cosine + matter.specular * highlight) * E * (visible / PI);
+    }
+    return sum;
+}
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec2 seen = texelFetch(eye_buffer, pixel, 0).rg;
+    vec3 origin = eye_position, direction = eye_direction(pixel);
+    int primitive = int(seen.x) - 1;
+    float t = seen.y, rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    vec3 L = vec3(0.0), weight = vec3(1.0);
+#ifdef COUNT_TESTS
+    uint shadow_tests = 0u;
+#endif
+    for (int depth = 1; depth <= max_depth; ++depth)
+    {
+        if (primitive < 0)
+        {
+            L += weight * sky(direction);
+            break;
+        }
+        Surface s = surface(primitive, origin, direction, t);
+        bool front = dot(s.normal, direction) < 0.0;
+        vec3 normal = front ? s.normal : -s.normal;
+        Matter matter = matter_of(s, front);
+        vec3 reflected = reflect(direction, normal);
+        rounding = max(rounding, RAY_ROUNDING * (t + max(abs(s.position.x), max(abs(s.position.y), abs(s.position.z)))));
+
+        L += weight * (ambient * matter.reflectance + matter.emission);
+#ifdef COUNT_TESTS
+        uint before = tests;
+#endif
+        L += weight * light_from_lights(primitive, s, normal, matter, reflected, rounding);
+#ifdef COUNT_TESTS
+        shadow_tests += tests - before;
+#endif
+        weight *= matter.mirror;
+        if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
+
+        origin = s.position;
+        direction = normalize(reflected);
+#ifdef BY_HIERARCHY
+        primitive = nearest_by_hierarchy(origin, direction, rounding, primitive, t);
+#else
+        primitive = nearest_classic(origin, direction, rounding, primitive, t);
+#endif
+    }
+    accumulate(pixel, vec4(L, 0.0));
+#ifdef COUNT_TESTS
+    int at = 2 * (pixel.y * eye_size.x + pixel.x);
+    tests_of_pixel[at] += shadow_tests;
+    tests_of_pixel[at + 1] += tests - shadow_tests;
+#endif
+}
