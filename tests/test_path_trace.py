@@ -20,7 +20,7 @@ from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
-from glpath.scene import Scene, load_scene, scene_from_dict
+from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
 Float64 = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ Float64 = NDArray[np.float64]
 def scene_of(
     shapes: list[dict[str, Any]], position: Any, target: Any, up: Any = (0, 1, 0), fov: float = 40.0, size: int = 16
 ) -> Scene:
-    return scene_from_dict(
+    scene = scene_from_dict(
         {
             "camera": {"type": "perspective", "position": position, "target": target, "up": up, "fov": fov},
             "film": {"resolution": [size, size]},
@@ -41,6 +41,7 @@ def scene_of(
             "shapes": shapes,
         }
     )
+    return path_traceable(scene)
 
 
 def rectangle(x: float, y: float, z: float, *, up: bool, **more: Any) -> dict[str, Any]:

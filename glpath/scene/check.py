@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape
+from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape
 from glpath.scene.place import Place, shown
 
 MAX_PIXELS = 2**28
@@ -72,17 +72,12 @@ def check_scene(scene: Scene) -> list[str]:
             "half of the picture may be that surface. Move it a little."
         )
     else:
-        around = _enclosing(scene, scene.camera.position)
-        found += [
-            f'The camera stands inside the shape "{scene.shapes[index].name}" and sees nothing but its inside. '
-            "Move it out, or give the shape flip_normals = true if it is meant as a room."
-            for index in np.flatnonzero(around > 0)
-        ]
+        found += _about_spheres_around_the_camera(scene)
     return found + _about_materials(scene)
 
 
 def _about_light(scene: Scene) -> list[str]:
-    lit = [light for light in scene.lights if np.any(light.intensity > 0)]
+    lit = _shining(scene)
     if not lit and not np.any(scene.ambient > 0) and not any(shape.emits for shape in scene.shapes):
         return [
             "No shape emits light, and there is no other light: the picture will be black. "
@@ -100,6 +95,23 @@ def _about_light(scene: Scene) -> list[str]:
             for index in np.flatnonzero(hidden)
         ]
     return found
+
+
+def _about_spheres_around_the_camera(scene: Scene) -> list[str]:
+    """A sphere with a light in it, or one turned inside out, is meant as a room; so may be any box."""
+    room = np.array([shape.primitive != "sphere" or shape.emission_two_sided for shape in scene.shapes])
+    for light in _shining(scene):
+        if light.kind != "directional":
+            room |= _enclosing(scene, light.position) != 0
+    return [
+        f'The camera stands inside the sphere "{scene.shapes[index].name}" and sees nothing but its inside. '
+        "Move it out, or give the sphere flip_normals = true if it is meant as a room."
+        for index in np.flatnonzero((_enclosing(scene, scene.camera.position) > 0) & ~room)
+    ]
+
+
+def _shining(scene: Scene) -> list[Light]:
+    return [light for light in scene.lights if np.any(light.intensity > 0)]
 
 
 def _about_materials(scene: Scene) -> list[str]:
