@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
+
+Primitive = Literal["triangle", "sphere", "plane"]
+LightKind = Literal["point", "spot", "directional"]
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Light:
     """
 
     name: str
-    kind: Literal["point", "spot", "directional"]
+    kind: LightKind
     intensity: Float64
     position: Float64 = field(default_factory=lambda: np.zeros(3))
     direction: Float64 = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
@@ -140,7 +143,7 @@ class Shape:
     subdivisions: int = 4
 
     @property
-    def primitive(self) -> Literal["triangle", "sphere", "plane"]:
+    def primitive(self) -> Primitive:
         """What it consists of."""
         return self.kind if self.kind in ("sphere", "plane") else "triangle"  # type: ignore[return-value]
 
@@ -157,8 +160,9 @@ class Scene:
     shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
     triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners
     spheres      : (S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre; any affine map,
-                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative.
-                   u runs with the longitude about its z axis, v from the south pole (0) to the north pole (1)
+                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative. u
+                   runs with the longitude about the unit sphere's z axis, v from its south pole (0) to its north
+                   (1)
     planes       : (P, 3, 4) float64, world_from_plane: columns are the directions in which u and v grow by one (any
                    length, perpendicular), the unit normal out of the front, and the point of u = v = 0
     lights       : without extent; the path tracer knows none of them
@@ -183,7 +187,12 @@ class Scene:
     @property
     def triangle_shape(self) -> Int32:
         """(T,) int32, the index into `shapes` of each triangle."""
-        return np.repeat(np.arange(len(self.shapes), dtype=np.int32), [s.count for s in self.shapes])
+        return self.primitive_shape("triangle")
+
+    def primitive_shape(self, primitive: Primitive) -> Int32:
+        """(T,), (S,) or (P,) int32, the index into `shapes` of each triangle, sphere or plane."""
+        counts = [s.count if s.primitive == primitive else 0 for s in self.shapes]
+        return np.repeat(np.arange(len(self.shapes), dtype=np.int32), counts)
 
     @property
     def normals(self) -> Float64:
@@ -198,8 +207,15 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(3,) lower and (3,) upper corner of the box around all triangles."""
-        points = self.triangles.reshape(-1, 3)
+        """(3,) lower and (3,) upper corner of the box around all triangles and spheres.
+
+        Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
+        """
+        # An ellipsoid reaches along an axis as far as that row of its map is long.
+        reach, centre = np.linalg.norm(self.spheres[:, :, :3], axis=2), self.spheres[:, :, 3]
+        points = np.concatenate([self.triangles.reshape(-1, 3), centre - reach, centre + reach])
+        if not len(points):
+            points = self.planes[:, :, 3]
         return points.min(axis=0), points.max(axis=0)
 
     def with_camera(self, **changes: object) -> Scene:
@@ -207,16 +223,38 @@ class Scene:
         return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
 
     def digest(self) -> str:
-        """SHA-256 (hex) of all that changes the picture: geometry, materials, lights and camera."""
+        """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.
+
+        Names do not, nor whether triangles were written as a box or as a mesh.
+        """
         h = hashlib.sha256()
+
+        def add(*values: ArrayLike) -> None:
+            for value in values:
+                array = np.asarray(value)
+                array = array.astype("<i8") if array.dtype.kind in "bi" else array.astype("<f8", copy=False)
+                h.update(f"{array.dtype}{array.shape}".encode())
+                h.update(np.ascontiguousarray(array).data)
+
         c = self.camera
-        h.update(np.concatenate([c.position, c.target, c.up, [c.fov], c.resolution]).astype("<f8").tobytes())
-        h.update(np.ascontiguousarray(self.triangles, "<f8").tobytes())
-        for s in self.shapes:
-            h.update(np.array([s.first, s.count, s.material, s.emission_two_sided], "<i8").tobytes())
-            h.update(np.asarray(s.emission, "<f8").tobytes())
+        add(c.position, c.target, c.up, c.fov, c.resolution)
+        add(self.triangles, self.triangle_uv, self.spheres, self.planes)
+        kinds = get_args(Primitive)
+        add([[kinds.index(s.primitive), s.first, s.count, s.material, s.subdivisions] for s in self.shapes])
+        add([s.emission for s in self.shapes], [s.emission_two_sided for s in self.shapes])
         for m in self.materials:
-            h.update(np.array([*m.reflectance, m.two_sided], "<f8").tobytes())
+            add(
+                m.reflectance, m.two_sided, m.specular, m.exponent, m.mirror, -1 if m.texture is None else m.texture
+            )
+        for t in self.textures:
+            add(t.image, t.scale, t.filter == "nearest")
+        for x in self.lights:
+            add(
+                get_args(LightKind).index(x.kind), x.intensity, x.position, x.direction, x.cone, x.falloff == "none"
+            )
+        add(self.ambient)
+        if self.sky is not None:
+            add(self.sky.zenith, self.sky.horizon, self.sky.up)
         return h.hexdigest()
 
 
