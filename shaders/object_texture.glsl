@@ -7,7 +7,7 @@ vec3 texture_texel(ivec4 image, ivec2 at)
     // A coordinate that rounds to the far edge is the near one.
     at = ivec2(at.x - (at.x >= image.y ? image.y : 0), at.y - (at.y >= image.z ? image.z : 0));
     int i = at.y * image.y + at.x;
-    return texelFetch(picture_texels, ivec2(i % PICTURE_WIDTH, image.x + i / PICTURE_WIDTH), 0).rgb;
+    return fetch_picture_texels(ivec2(i % PICTURE_WIDTH, image.x + i / PICTURE_WIDTH)).rgb;
 }
 
 vec3 texture_colour(int texture_index, vec2 uv)

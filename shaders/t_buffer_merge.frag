@@ -1,5 +1,7 @@
 // t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower number.
-uniform sampler2D drawn;
+#include "texels.glsl"
+
+TEXELS(rg32f, drawn);
 uniform ivec2 eye_size;
 
 layout(std430, binding = 2) buffer Nearest { uint least_t[]; };
@@ -11,7 +13,7 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int at = pixel.y * eye_size.x + pixel.x;
-    found = texelFetch(drawn, pixel, 0).rg;
+    found = texel(drawn, pixel).rg;
     uint number = lowest[at];
     if (number != 0xffffffffu)
     {

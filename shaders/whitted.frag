@@ -17,7 +17,7 @@
 #include "point_shadow.glsl"
 #endif
 
-uniform sampler2D eye_buffer;  // primitive + 1, t
+TEXELS(rg32f, eye_buffer);  // primitive + 1, t
 uniform int max_depth;         // surfaces on the way of light to the eye
 uniform vec3 ambient;
 uniform vec3 sky_zenith;
@@ -112,7 +112,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Matter matter, vec
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec2 seen = texelFetch(eye_buffer, pixel, 0).rg;
+    vec2 seen = texel(eye_buffer, pixel).rg;
     vec3 origin = eye_position, direction = eye_direction(pixel);
     int primitive = int(seen.x) - 1;
     float t = seen.y, rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
-from glpath.gl.gpu_objects import GpuObjects
+from glpath.gl.gpu_objects import STORES_ARE_TEXELS, GpuObjects
 from glpath.gl.passes import Dispatch, Pass
 from glpath.gl.program import Program, load_program
 
@@ -113,7 +113,7 @@ class ClassicEye(EyeBuffer):
         self._pass = Pass(
             "primary rays",
             gl,
-            self._program({}, vertex="fullscreen.vert", fragment="classic_eye.frag"),
+            self._program({STORES_ARE_TEXELS: 1}, vertex="fullscreen.vert", fragment="classic_eye.frag"),
             gl.framebuffer([self.texture]),
             textures=objects.textures,
             buffers=self._buffers,

@@ -64,15 +64,31 @@ LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 LIGHT_KINDS = ("point", "spot", "directional")
+#: A program defines it that fetches in its fragment shader alone: texels.glsl then finds the quicker way.
+STORES_ARE_TEXELS = "STORES_ARE_TEXELS"
 _WIDTH = 4096
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
 _ROUND = 1e-12
 
 
+def store_glsl(sampler: str) -> list[str]:
+    """Lines of GLSL for a texture that is read texel by texel; see `STORES_ARE_TEXELS`."""
+    return [
+        '#include "texels.glsl"',
+        f"#ifdef {STORES_ARE_TEXELS}",
+        f"TEXELS(rgba32f, {sampler});",
+        f"vec4 fetch_{sampler}(ivec2 place) {{ return texel({sampler}, place); }}",
+        "#else",
+        f"uniform sampler2D {sampler};",
+        f"vec4 fetch_{sampler}(ivec2 place) {{ return texelFetch({sampler}, place, 0); }}",
+        "#endif",
+    ]
+
+
 def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Lines of GLSL for a texture with sections: constants, and the one way to fetch from each."""
     shift = _WIDTH.bit_length() - 1
-    lines = [f"uniform sampler2D {sampler};"]
+    lines = store_glsl(sampler)
     for section, texels in layout.items():
         lines.append(f"uniform int {section}_base;")
         for i, (name, what) in enumerate(texels.items()):
@@ -81,7 +97,7 @@ def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[s
             f"vec4 {section}_texel(int {section}_number, int what)",
             "{",
             f"    int i = {section}_base + {section}_number * {len(texels)} + what;",
-            f"    return texelFetch({sampler}, ivec2(i & {_WIDTH - 1}, i >> {shift}), 0);",
+            f"    return fetch_{sampler}(ivec2(i & {_WIDTH - 1}, i >> {shift}));",
             "}",
         ]
     return lines
@@ -90,7 +106,7 @@ def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[s
 def objects_glsl() -> str:
     """The layout as GLSL."""
     lines = texel_store("objects", LAYOUT)
-    lines += ["uniform sampler2D picture_texels;", f"const int PICTURE_WIDTH = {_WIDTH};"]
+    lines += [*store_glsl("picture_texels"), f"const int PICTURE_WIDTH = {_WIDTH};"]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const int LIGHT_{kind.upper()} = {i};" for i, kind in enumerate(LIGHT_KINDS)]

@@ -110,13 +110,15 @@ class Dispatch:
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        missing = set(self.program.samplers) - set(self.textures)
+        missing = (set(self.program.samplers) | set(self.program.images)) - set(self.textures)
         assert not missing, f"{self.name}: no texture for {sorted(missing)}"
 
     def run(self, uniforms: Mapping[str, object], groups: tuple[int, int]) -> None:
         """Run so many work groups across and down."""
         for name, unit in self.program.samplers.items():
             self.textures[name].use(unit)
+        for name, unit in self.program.images.items():
+            self.textures[name].bind_to_image(unit, read=True, write=False)
         for binding, buffer in self.buffers.items():
             buffer.bind_to_storage_buffer(binding)
         self.program.set(uniforms)

@@ -22,7 +22,7 @@ from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, Sh
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.eye import eye_uniforms
 from glpath.gl.gpu_hierarchy import GpuHierarchy, hierarchy_glsl
-from glpath.gl.gpu_objects import GpuObjects
+from glpath.gl.gpu_objects import STORES_ARE_TEXELS, GpuObjects
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
@@ -220,6 +220,7 @@ class WhittedTracer:
             defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
             defines["SHADOW_BUFFERS"] = 1
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
+        defines[STORES_ARE_TEXELS] = 1
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
         program = load_program(
