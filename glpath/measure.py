@@ -113,17 +113,17 @@ def seconds_of(work: Callable[[], object], finish: Callable[[], object] = lambda
 
 
 def in_turns(
-    contestants: Mapping[str, Callable[[], float]], rounds: int, enough_s: float = float("inf")
+    contestants: Mapping[str, Callable[[], float]], rounds: int, *, least: int = 1, enough_s: float = math.inf
 ) -> dict[str, float]:
     """Median of what each contestant returns, seconds of one run, when they take turns, `rounds` times.
 
-    enough_s : no further round starts when the rounds so far took so long; there is always one
+    least, enough_s : from `least` rounds on, no further one starts when all so far took so long
     """
     times: dict[str, list[float]] = {name: [] for name in contestants}
     started = time.perf_counter()
-    for _ in range(rounds):
+    for done in range(rounds):
+        if done >= least and time.perf_counter() - started >= enough_s:
+            break
         for name, contestant in contestants.items():
             times[name].append(contestant())
-        if time.perf_counter() - started >= enough_s:
-            break
     return {name: statistics.median(each) for name, each in times.items()}

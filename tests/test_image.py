@@ -108,6 +108,33 @@ def test_a_broken_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> 
         image.read_image(path)
 
 
+def test_a_jpeg_is_read_as_srgb_whatever_its_colour_model(tmp_path: Path) -> None:
+    from PIL import Image
+
+    for mode, colour in (("RGB", (200, 100, 50)), ("L", 128), ("CMYK", (55, 155, 205, 0))):
+        Image.new(mode, (16, 8), colour).save(tmp_path / "a.jpg", quality=95)
+        expected = np.array([200, 100, 50] if mode != "L" else [128] * 3) / 255
+        found = image.read_image(tmp_path / "a.jpg")
+        assert found.shape == (8, 16, 3)
+        np.testing.assert_allclose(image.encode_srgb(found), np.broadcast_to(expected, found.shape), atol=0.02)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".exr"])
+def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".exr":
+        image.write_exr(path, np.ones((4, 6, 3)), window=(2, 1, 6, 4), full_resolution=(9, 8))
+    else:
+        iio.imwrite(path, np.zeros((4, 6, 3), np.uint8))
+    assert image.picture_size(path) == (6, 4) == image.read_image(path).shape[1::-1]
+    for broken in (b"", b"hello", path.read_bytes()[:12]):
+        path.write_bytes(broken)
+        with pytest.raises(ImageError, match=rf"a{suffix}: cannot be read as {suffix}: \S"):
+            image.picture_size(path)
+    with pytest.raises(ImageError, match=r"cannot be read as .*: No such file"):
+        image.picture_size(tmp_path / f"missing{suffix}")
+
+
 @pytest.mark.parametrize("kept", [600, 10_000, -1])
 def test_a_cut_off_exr_is_named(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "cut.exr"

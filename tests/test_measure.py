@@ -52,10 +52,11 @@ def test_contestants_take_turns_and_the_median_counts() -> None:
     assert calls == ["a", "b"] * 3
 
 
-def test_no_round_starts_when_there_was_enough_but_one_there_is() -> None:
+@pytest.mark.parametrize("least", [1, 3])
+def test_no_round_starts_when_there_was_enough_but_the_least_number_does(least: int) -> None:
     calls = []
-    in_turns({"a": lambda: calls.append(1) or 0.0}, 5, enough_s=0.0)
-    assert len(calls) == 1
+    in_turns({"a": lambda: calls.append(1) or 0.0}, 5, least=least, enough_s=0.0)
+    assert len(calls) == least
 
 
 def test_a_time_has_the_context_finished_before_and_after() -> None:

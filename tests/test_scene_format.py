@@ -187,6 +187,141 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         mesh("vertices = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]\nfaces = [[0, 1, 2]]"),
         ['shapes[1] ("mesh-1") has 1 triangles, none of which has an area'],
     ),
+    "too few texture coordinates": (
+        mesh("vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\nfaces = [[0, 1, 2]]\nuv = [[0, 0]]"),
+        ["shapes[1].uv has 1 pairs, but the mesh has 3 vertices"],
+    ),
+    "texture coordinates of a file": (mesh('file = "a.obj"\nuv = [[0, 0]]'), ["shapes[1] has uv and file"]),
+    "plane without normal": (shape('type = "plane"'), ["shapes[1] lacks the field `normal`", "out of the front"]),
+    "plane with a normal of no length": (
+        shape('type = "plane"\nnormal = [0, 0, 0]'),
+        ["shapes[1].normal is [0, 0, 0]", "any length but zero", "normal = [0, 1, 0]"],
+    ),
+    "plane with u along its normal": (
+        shape('type = "plane"\nnormal = [0, 2, 0]\nu = [0, 1, 0]'),
+        ["shapes[1].u is [0, 1, 0]", "not along its normal [0, 2, 0]"],
+    ),
+    "plane beyond 32 bits": (
+        shape(
+            'type = "plane"\nnormal = [0, 1, 0]\ntransform = [{ scale = 1e9 }, { translate = [1e15, 9e14, 0] },'
+            " { scale = 2 }]"
+        ),
+        ["shapes[1] reaches beyond 1e+15"],
+    ),
+    "sphere too small for 32 bits": (
+        shape('type = "sphere"\nradius = 1e-20'),
+        ["shapes[1] is only 1e-20 scene units thick", "1e-15", "smaller unit"],
+    ),
+    "sphere flattened by its transform": (
+        SPHERE + "transform = [{ scale = [1, 1e-9, 1] }, { scale = [1, 1e-9, 1] }]",
+        ["shapes[0] is only 1e-18 scene units thick"],
+    ),
+    "negative radius": (shape('type = "sphere"\nradius = -2'), ["shapes[1].radius is -2", "a number above 0"]),
+    "unknown type of material": (
+        SPHERE + '[materials.a]\ntype = "fong"',
+        ['materials.a.type is "fong"', "one of: diffuse, phong", 'Did you mean "phong"?'],
+    ),
+    "mirror of a diffuse material": (
+        SPHERE + '[materials.a]\ntype = "diffuse"\nmirror = 0.5',
+        ["materials.a.mirror is not a field", 'the type "diffuse"'],
+    ),
+    "mirror above one": (
+        SPHERE + '[materials.a]\ntype = "phong"\nmirror = [0, 0, 1.5]',
+        ["materials.a.mirror is [0, 0, 1.5]", "between 0 and 1"],
+    ),
+    "negative highlight": (
+        SPHERE + '[materials.a]\ntype = "phong"\nspecular = -1',
+        ["materials.a.specular is -1", "0 or more"],
+    ),
+    "exponent zero": (
+        SPHERE + '[materials.b]\n[materials.a]\ntype = "phong"\nexponent = 0',
+        ["materials.a.exponent is 0", "a number above 0", "Phong's exponent"],
+    ),
+    "unknown texture": (
+        SPHERE + '[materials.a]\ntexture = "tile"\n[textures]\ntiles = { type = "checker" }',
+        ['materials.a.texture names the texture "tile"', "defines tiles", 'Did you mean "tiles"?'],
+    ),
+    "no textures": (
+        SPHERE + '[materials.a]\ntexture = "tiles"',
+        ["but the file defines no textures", "[textures.tiles]"],
+    ),
+    "texture without a type": (
+        SPHERE + "[textures.a]\nscale = 2",
+        ["textures.a lacks the field `type`", "type is one of: checker, image"],
+    ),
+    "texture of another type": (
+        SPHERE + '[textures.a]\ntype = "marble"',
+        ['textures.a.type is "marble"', "one of: checker, image"],
+    ),
+    "checker of three colours": (
+        SPHERE + '[textures.a]\ntype = "checker"\ncolors = [0, 1, 0]',
+        ["textures.a.colors is [0, 1, 0], a list of 3", "Two colours"],
+    ),
+    "checker brighter than light": (
+        SPHERE + '[textures.a]\ntype = "checker"\ncolors = [0, [1, 2, 1]]',
+        ["textures.a.colors[1] is [1, 2, 1]", "between 0 and 1"],
+    ),
+    "texture of no scale": (
+        SPHERE + '[textures.a]\ntype = "checker"\nscale = [1, 0]',
+        ["textures.a.scale is [1, 0]", "above 0"],
+    ),
+    "unknown filter": (
+        SPHERE + '[textures.a]\ntype = "image"\nfile = "a.png"\nfilter = "linaer"',
+        ['textures.a.filter is "linaer"', "one of: linear, nearest", 'Did you mean "linear"?'],
+    ),
+    "missing picture": (
+        SPHERE + '[textures.a]\ntype = "image"\nfile = "wood.png"',
+        ["textures.a.file names the picture", "wood.png, which does not exist", "Pictures in ", "woods.png"],
+    ),
+    "picture of another format": (
+        SPHERE + '[textures.a]\ntype = "image"\nfile = "wood.gif"',
+        ["textures.a.file names ", "wood.gif, but", ".png, .jpg, .jpeg, .exr"],
+    ),
+    "light without a type": (
+        SPHERE + "[[lights]]\nposition = [0, 9, 0]\nintensity = 1",
+        ["lights[0] lacks the field `type`", "type is one of: directional, point, spot"],
+    ),
+    "light of another type": (SPHERE + '[[lights]]\ntype = "area"', ['lights[0].type is "area"', "point, spot"]),
+    "light without intensity": (
+        SPHERE + '[[lights]]\ntype = "point"\nposition = [0, 9, 0]',
+        ["lights[0] lacks the field `intensity`", "W sr^-1"],
+    ),
+    "negative intensity": (
+        SPHERE + '[[lights]]\ntype = "point"\nposition = [0, 9, 0]\nintensity = [1, 1, -1]',
+        ["lights[0].intensity is [1, 1, -1]", "0 or more", "cannot be negative"],
+    ),
+    "negative irradiance": (
+        SPHERE + '[[lights]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = -2',
+        ["lights[0].irradiance is -2", "0 or more"],
+    ),
+    "light that goes nowhere": (
+        SPHERE + '[[lights]]\ntype = "directional"\ndirection = [0, 0, 0]\nirradiance = 2',
+        ["lights[0].direction is [0, 0, 0]", "any length but zero", "direction = [0, -1, 0]"],
+    ),
+    "spot at its target": (
+        SPHERE + '[[lights]]\ntype = "spot"\nposition = [1, 2, 3]\ntarget = [1, 2, 3]\nintensity = 1',
+        ["lights[0].target is the same point as position"],
+    ),
+    "unknown falloff": (
+        SPHERE + '[[lights]]\ntype = "point"\nposition = [0, 9, 0]\nintensity = 1\nfalloff = "linear"',
+        ['lights[0].falloff is "linear"', "one of: none, quadratic"],
+    ),
+    "cone of one angle": (
+        SPHERE + '[[lights]]\ntype = "spot"\nposition = [0, 9, 0]\ntarget = [0, 0, 0]\nintensity = 1\ncone = [3]',
+        ["lights[0].cone is [3], a list of 1", "a list of 2 numbers", "half angles"],
+    ),
+    **{
+        f"cone {cone}": (
+            SPHERE + '[[lights]]\ntype = "spot"\nposition = [0, 9, 0]\ntarget = [0, 0, 0]\nintensity = 1\n'
+            f"cone = {cone}",
+            [f"lights[0].cone is {cone}", "from 0 to 180", "cone = [30, 40]"],
+        )
+        for cone in ("[40, 30]", "[-1, 30]", "[30, 181]", "[0, 0]")
+    },
+    "negative ambient light": ("ambient = -1\n" + SPHERE, ["ambient is -1", "0 or more"]),
+    "sky without a zenith": (SPHERE + "[sky]\nhorizon = 1", ["sky lacks the field `zenith`", "Radiance overhead"]),
+    "negative sky": (SPHERE + "[sky]\nzenith = 1\nhorizon = [0, 0, -1]", ["sky.horizon is [0, 0, -1]"]),
+    "sky without an up": (SPHERE + "[sky]\nzenith = 1\nup = [0, 0, 0]", ["sky.up is [0, 0, 0]", "any length"]),
     "missing mesh file": (
         mesh('file = "bunny.obj"'),
         ["shapes[1].file names the mesh file", "bunny.obj, which does not exist", "other.obj"],
@@ -201,6 +336,7 @@ def test_what_is_wrong_in_a_file_is_said_with_its_place_and_remedy(tmp_path: Pat
     path = tmp_path / "room.toml"
     path.write_text(text)
     (tmp_path / "other.obj").write_text("v 0 0 0\n")
+    (tmp_path / "woods.png").write_bytes(b"")
     with pytest.raises(SceneError) as error:
         load_scene(path)
     message = str(error.value)
@@ -368,6 +504,10 @@ def test_the_schema_describes_every_field():
     for name, table in schema["$defs"].items():
         for field, declared in table["properties"].items():
             assert field == "type" or declared.get("description"), f"{name}.{field} has no description"
+    every = ["Phong", "Plane", "Checker", "Image", "PointLight", "SpotLight", "DirectionalLight", "Sky"]
+    assert set(every) <= set(schema["$defs"])
+    assert "type" not in schema["$defs"]["Diffuse"]["required"]  # the only type with a default
+    assert "type" in schema["$defs"]["Phong"]["required"]
     colour = schema["$defs"]["Diffuse"]["properties"]["reflectance"]["anyOf"]
     assert [each.get("maximum", each.get("items", {}).get("maximum")) for each in colour] == [1, 1]
 

@@ -4,19 +4,21 @@ Visibility: 1e3, 1e5 and 1e6 spheres and triangles in a cube, at random, 1280 x 
 root of their number, so that about every other one is hidden behind others, whatever their number. Each program
 starts with its scene built, and ends with the nearest primitive and its t for every pixel, in its own memory. They
 take turns, medians count. Embree is asked in two ways (see `embree_peer`): as embreex does, ray by ray on one
-thread (triangles by embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays on
-all cores. `measured`, each the worse of spheres and triangles:
+thread (triangles by embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays
+on all cores. `measured`, each the worse of spheres and triangles:
 
     vs_embree_N         : time of embreex over ours
     vs_embree_packets_N : time of Embree in packets on all cores over ours
     agreement           : smallest share of pixels in which both see the same primitive
     frame_ms_first      : a frame of `stacked`, 1000 spheres, with its shadow-buffer (1000 x 2000) to be filled
-    frame_ms_kept       : a frame with the camera moved and the shadow-buffer kept
+    frame_ms_kept       : a frame with the camera moved and the shadow-buffer kept, of a turn of 60
 """
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,9 @@ from glpath.errors import GlpathError
 from glpath.gl.context import Context, get_context
 from glpath.gl.eye import eye_uniforms
 from glpath.gl.gpu_objects import GpuObjects
+from glpath.integrators.whitted import WhittedSettings, WhittedTracer
 from glpath.measure import Condition, Report, cores, in_turns, judge, machine, seconds_of
+from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Scene, Shape
 from glpath.versions import versions
 
@@ -112,7 +116,7 @@ def bench_t_buffer(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: 
         rows += found
     if peer:
         measured["agreement"] = min(float(row["agreement"]) for row in rows)  # type: ignore[arg-type]
-    measured |= _frame_times(scale, say)
+    measured |= _frame_times(context, scale, say)
     claim, holds = judge(CLAIM, RULE, measured) if peer else (CLAIM, None)
     if peer:
         notes.append(f"embreex runs on one thread; packets of 8 rays on {cores()}")
@@ -184,6 +188,38 @@ def _embree(scene: Scene) -> embree_peer.EmbreeScene:
     return embree_peer.EmbreeScene.of_spheres(scene.spheres[:, :, 3], scene.spheres[:, 0, 0])
 
 
-def _frame_times(scale: float, say: Say) -> dict[str, float]:
-    """Milliseconds of a frame with shadow-buffers to be filled, and with kept ones while the camera goes around."""
-    raise NotImplementedError
+def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
+    """Milliseconds of a frame with the shadow-buffer to be filled, and of one with a kept one, another view."""
+    height = max(12, round(RESOLUTION[1] * scale))
+    parameters = {"objects": max(20, round(1000 * scale)), "resolution": height, "aspect": 16 / 9}
+    scene = load_scene("stacked", parameters)
+    say(f"{FRAMES} frames around {parameters['objects']} spheres")
+    settings = WhittedSettings(max_depth=1, shadows="sphere", shadow_resolution=max(20, round(1000 * scale)))
+    window = (0, 0, *scene.camera.resolution)
+    tracer = WhittedTracer(
+        context.gl, GpuObjects(context.gl, scene), settings, window, hardware=context.info.hardware
+    )
+    tracer.trace_path_set(0)  # compiles what is left to compile
+    assert tracer.shadow_buffer is not None, "the scene has a point light"
+
+    def frame(camera: Camera) -> float:
+        tracer.move_camera(camera)
+        return 1e3 * seconds_of(lambda: tracer.trace_path_set(0), context.gl.finish)
+
+    first, kept = [], []
+    for i, camera in enumerate(turntable(scene.camera, FRAMES)):
+        if i % (FRAMES // 6) == 0:
+            tracer.shadow_buffer.forget()
+            first.append(frame(camera))
+        kept.append(frame(camera))
+    return {"frame_ms_first": statistics.median(first), "frame_ms_kept": statistics.median(kept)}
+
+
+def turntable(camera: Camera, frames: int) -> list[Camera]:
+    """The camera on its way once around the axis through its target along `up`."""
+    axis = camera.up / np.linalg.norm(camera.up)
+    arm = camera.position - camera.target
+    along = axis * (arm @ axis)
+    across, side = arm - along, np.cross(axis, arm)
+    angles = 2 * np.pi * np.arange(frames) / frames
+    return [replace(camera, position=camera.target + along + np.cos(a) * across + np.sin(a) * side) for a in angles]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape
+from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape, sphere_extent
 from glpath.scene.place import Place, shown
 
 MAX_PIXELS = 2**28
@@ -57,7 +57,13 @@ def check_camera(camera: Camera, source: str) -> None:
 
 def check_scene(scene: Scene) -> list[str]:
     """Warnings, each a sentence or two, about a scene which renders but hardly as meant. Empty when all is well."""
-    found = _about_light(scene)
+    shining = [light for light in scene.lights if np.any(light.intensity > 0)]
+    placed = [light for light in shining if light.kind != "directional"]
+    around_lights = [_enclosing(scene, light.position) for light in placed]
+    around_camera = _enclosing(scene, scene.camera.position)
+    found = [] if shining else _about_darkness(scene)
+    for light, around in zip(placed, around_lights, strict=True):
+        found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
     if not sees_anything(scene):
         lower, upper = scene.bounds
         found.append(
@@ -72,46 +78,44 @@ def check_scene(scene: Scene) -> list[str]:
             "half of the picture may be that surface. Move it a little."
         )
     else:
-        found += _about_spheres_around_the_camera(scene)
+        # A sphere with a light in it, or one turned inside out, is meant as a room; so may be any box.
+        room = np.array([shape.primitive != "sphere" or shape.emission_two_sided for shape in scene.shapes])
+        room |= np.any(around_lights, axis=0) if around_lights else False
+        found += [
+            f'The camera stands inside the sphere "{scene.shapes[index].name}" and sees nothing but its inside. '
+            "Move it out, or give the sphere flip_normals = true if it is meant as a room."
+            for index in np.flatnonzero((around_camera > 0) & ~room)
+        ]
     return found + _about_materials(scene)
 
 
-def _about_light(scene: Scene) -> list[str]:
-    lit = _shining(scene)
-    if not lit and not np.any(scene.ambient > 0) and not any(shape.emits for shape in scene.shapes):
-        return [
-            "No shape emits light, and there is no other light: the picture will be black. "
-            "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]]."
-        ]
-    found = []
-    outside = _enclosing(scene, scene.camera.position) == 0
-    for light in lit:
-        if light.kind == "directional":
-            continue
-        hidden = (_enclosing(scene, light.position) != 0) & outside
-        found += [
-            f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
-            "everything outside. Move the light out, or leave the shape out."
-            for index in np.flatnonzero(hidden)
-        ]
-    return found
-
-
-def _about_spheres_around_the_camera(scene: Scene) -> list[str]:
-    """A sphere with a light in it, or one turned inside out, is meant as a room; so may be any box."""
-    room = np.array([shape.primitive != "sphere" or shape.emission_two_sided for shape in scene.shapes])
-    for light in _shining(scene):
-        if light.kind != "directional":
-            room |= _enclosing(scene, light.position) != 0
+def _about_darkness(scene: Scene) -> list[str]:
+    if np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes):
+        return []
     return [
-        f'The camera stands inside the sphere "{scene.shapes[index].name}" and sees nothing but its inside. '
-        "Move it out, or give the sphere flip_normals = true if it is meant as a room."
-        for index in np.flatnonzero((_enclosing(scene, scene.camera.position) > 0) & ~room)
+        "No shape emits light, and there is no other light: the picture will be black. "
+        "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]]."
     ]
 
 
-def _shining(scene: Scene) -> list[Light]:
-    return [light for light in scene.lights if np.any(light.intensity > 0)]
+def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
+    """around: the shapes that enclose the light, but not the camera."""
+    found = [
+        f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
+        "everything outside. Move the light out, or leave the shape away."
+        for index in around
+    ]
+    # Above 0 on the front side of each plane.
+    eye, lamp = (
+        np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
+        for point in (scene.camera.position, light.position)
+    )
+    shape_of_plane = scene.primitive_shape("plane")
+    return found + [
+        f'The light "{light.name}" and the camera are on different sides of the plane '
+        f'"{scene.shapes[shape_of_plane[index]].name}", which keeps it from all that can be seen. Move one of them.'
+        for index in np.flatnonzero(eye * lamp < 0)
+    ]
 
 
 def _about_materials(scene: Scene) -> list[str]:
@@ -168,9 +172,14 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     """spheres: (S, 3, 4). In the space where one is the unit sphere: is the pyramid nearer than 1 to the origin?"""
     if not len(spheres):
         return False
+    rays = _edges_of_view(camera)
+    inward = np.cross(np.roll(rays, -1, axis=0), rays)
+    inward *= np.sign(inward @ rays.mean(axis=0))[:, None]
+    if np.all((spheres[:, :, 3] - camera.position) @ inward.T > 0, axis=1).any():
+        return True  # the centre of one; what follows is slow for a million
     inverse = np.linalg.inv(spheres[:, :, :3])
     apex = np.einsum("nij,nj->ni", inverse, camera.position - spheres[:, :, 3])
-    edges = np.einsum("nij,kj->nki", inverse, _edges_of_view(camera))
+    edges = np.einsum("nij,kj->nki", inverse, rays)
     edges /= np.linalg.norm(edges, axis=2, keepdims=True)
     following = np.roll(edges, -1, axis=1)
     # Out of each side; where the transform mirrors, the edges go around the other way.
@@ -256,8 +265,7 @@ def _touched(scene: Scene) -> Shape | None:
 
 def _near_spheres(spheres: Float64, point: Float64, reach: float = 0.0) -> NDArray[np.bool_]:
     """(S,) bool: the point is in the box around the sphere."""
-    extent = np.linalg.norm(spheres[:, :, :3], axis=2)
-    return np.asarray((np.abs(point - spheres[:, :, 3]) <= extent + reach).all(axis=1))
+    return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + reach).all(axis=1))
 
 
 def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:

@@ -22,6 +22,7 @@ from glpath.scene.load import read_scene_file, scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.office import office, office_premesh
 from glpath.scene.place import Place, shown
+from glpath.scene.stacked import stacked
 
 
 def load_scene(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -125,6 +126,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
     "furnace": furnace,
     "office": office,
     "office-premesh": office_premesh,
+    "stacked": stacked,
 }
 
 

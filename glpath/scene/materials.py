@@ -76,7 +76,10 @@ def _texture(name: str, given: AnyTexture, place: Place, folder: Path) -> Textur
 def _picture(path: Path, place: Place) -> NDArray[np.float32]:
     """(h, w, 3) float32 in [0, 1], linear Rec. 709, row 0 at the top. Raises SceneError; warns of what it clips."""
     if path.suffix.lower() not in FORMATS:
-        raise place.wrong(str(path), f"a picture that ends in {', '.join(FORMATS)}", "Convert it, e.g. with GIMP.")
+        raise place.error(
+            f"names {path}, but a texture is a file that ends in {', '.join(FORMATS)}.",
+            "Convert it, e.g. with GIMP.",
+        )
     if not path.is_file():
         raise place.error(
             f"names the picture {path}, which {'is not a file' if path.exists() else 'does not exist'}.",

@@ -211,8 +211,7 @@ class Scene:
 
         Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
         """
-        # An ellipsoid reaches along an axis as far as that row of its map is long.
-        reach, centre = np.linalg.norm(self.spheres[:, :, :3], axis=2), self.spheres[:, :, 3]
+        reach, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
         points = np.concatenate([self.triangles.reshape(-1, 3), centre - reach, centre + reach])
         if not len(points):
             points = self.planes[:, :, 3]
@@ -256,6 +255,15 @@ class Scene:
         if self.sky is not None:
             add(self.sky.zenith, self.sky.horizon, self.sky.up)
         return h.hexdigest()
+
+
+def sphere_extent(spheres: Float64) -> Float64:
+    """(S, 3) float64: how far spheres (S, 3, 4) reach from their centres along each axis.
+
+    An ellipsoid reaches along an axis as far as that row of its map is long.
+    """
+    linear = spheres[:, :, :3]
+    return np.asarray(np.sqrt(np.einsum("nij,nij->ni", linear, linear)))
 
 
 def _area_vectors(triangles: Float64) -> Float64:

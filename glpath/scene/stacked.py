@@ -1,0 +1,175 @@
+"""The scene that scales: so many equal objects, stacked until they fill the picture [TB V.A, figure 12].
+
+The more there are, the smaller they grow, so that about the same share of the picture is covered by any number.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from glpath.scene.model import Camera, Float64, Light, Material, Scene, Shape, Sky
+
+Int64 = NDArray[np.int64]
+
+_FOV = 40.0
+# Half the height of the view is 1 where the objects stand, in the plane z = 0.
+_DISTANCE = 1 / np.tan(np.radians(_FOV) / 2)
+_LIGHT = np.array([1.6, 3.0, 3.2])
+_COLOURS = {
+    "red": (0.75, 0.16, 0.12),
+    "orange": (0.80, 0.42, 0.10),
+    "yellow": (0.80, 0.68, 0.18),
+    "green": (0.25, 0.60, 0.22),
+    "teal": (0.12, 0.52, 0.55),
+    "blue": (0.16, 0.28, 0.70),
+    "violet": (0.48, 0.20, 0.60),
+}
+# Up to so many objects each is a shape of its own; a million names and ranges would take longer than all the rest.
+_MOST_SHAPES = 10_000
+# Triangles lean by so many degrees, every other one forwards, or all were in one plane without a shadow. They are
+# somewhat smaller than their place, so that no two share an edge.
+_LEAN = 20.0
+_INSET = 0.94
+_ROW = np.sqrt(3)
+
+
+def stacked(
+    *,
+    objects: Annotated[int, Meta(ge=1, le=1_000_000, description="a whole number from 1 to 1000000")] = 100,
+    kind: Annotated[Literal["sphere", "triangle"], Meta(description="sphere or triangle")] = "sphere",
+    ground: Annotated[bool, Meta(description="true or false, whether they stand on an infinite plane")] = False,
+    resolution: Annotated[
+        int, Meta(ge=1, le=8192, description="a whole number from 1 to 8192, the height in pixels")
+    ] = 512,
+    aspect: Annotated[
+        float, Meta(ge=0.25, le=4, description="a number from 0.25 to 4, the width over the height")
+    ] = 1.0,
+) -> Scene:
+    """So many spheres or triangles, stacked until they fill the picture.
+
+    Spheres lie in the hollows of the row below; triangles stand in rows, point up and point down by turns. Up to
+    10,000 objects each is a shape of its own, of which there are seven otherwise, one for each colour. One point
+    light, ambient light, a sky. The ground, when there is one, is the first shape.
+    """
+    half_width = max(1, round(resolution * aspect)) / resolution
+    if kind == "sphere":
+        centres, radius = _fit(_pile_of_spheres(objects, half_width), np.array([1.0, 1.0, 1.0]), half_width)
+        spheres = np.zeros((objects, 3, 4))
+        spheres[:, range(3), range(3)] = radius
+        spheres[:, :, 3] = centres
+        triangles = np.zeros((0, 3, 3))
+        bottom = centres[:, 1].min() - radius
+    else:
+        spheres = np.zeros((0, 3, 4))
+        triangles = _wall_of_triangles(objects, half_width)
+        bottom = triangles[:, :, 1].min()
+    materials = [
+        Material(name, np.array(colour), specular=np.full(3, 0.3), exponent=40.0)
+        for name, colour in _COLOURS.items()
+    ]
+    shapes = _shapes(objects, kind, len(materials))
+    planes = np.zeros((0, 3, 4))
+    if ground:
+        planes = np.array([[[1.0, 0, 0, 0], [0, 0, 1, bottom], [0, -1, 0, 0]]])
+        shapes.insert(0, Shape("ground", "plane", 0, 1, len(materials)))
+        materials.append(Material("ground", np.full(3, 0.6)))
+    return Scene(
+        name="stacked",
+        camera=Camera(
+            np.array([0.0, 0.0, _DISTANCE]),
+            np.zeros(3),
+            np.array([0.0, 1.0, 0.0]),
+            _FOV,
+            (max(1, round(resolution * aspect)), resolution),
+        ),
+        triangles=triangles,
+        shapes=tuple(shapes),
+        materials=tuple(materials),
+        source="stacked",
+        triangle_uv=np.broadcast_to([(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)], (len(triangles), 3, 2)).copy(),
+        spheres=spheres,
+        planes=planes,
+        # As bright as the reflectance where a surface in the middle faces it.
+        lights=(Light("lamp", "point", np.full(3, np.pi * _LIGHT @ _LIGHT), position=_LIGHT.copy()),),
+        ambient=np.full(3, 0.1),
+        sky=Sky(np.array([0.25, 0.35, 0.55]), np.array([0.55, 0.65, 0.80])),
+    )
+
+
+def _shapes(objects: int, kind: str, colours: int) -> list[Shape]:
+    shape_kind = "sphere" if kind == "sphere" else "mesh"
+    if objects <= _MOST_SHAPES:
+        return [Shape(f"{kind}-{i}", shape_kind, i, 1, i % colours, subdivisions=2) for i in range(objects)]
+    ends = np.linspace(0, objects, colours + 1).astype(int).tolist()
+    return [
+        Shape(f"{kind}s-{i}", shape_kind, first, last - first, i, subdivisions=2)
+        for i, (first, last) in enumerate(pairwise(ends))
+    ]
+
+
+def _pile_of_spheres(objects: int, half_width: float) -> Float64:
+    """(N, 3) centres of spheres of radius 1, from the bottom row up; as many columns as let them appear largest.
+
+    Rows of c and of c - 1 spheres by turns, each in the hollows of the one below: sqrt(3) higher.
+    """
+    columns = np.arange(2, max(objects, 2) + 1)
+    rows = _row_and_column(np.array(objects - 1), columns)[0] + 1
+    extent = np.maximum(2 * columns / half_width, 2 + _ROW * (rows - 1))
+    column_count = int(columns[np.argmin(extent)])
+    if max(2 * objects, 2 / half_width) <= extent.min():  # one upon the other, in a tall picture
+        return np.stack([np.zeros(objects), 2.0 * np.arange(objects), np.zeros(objects)], axis=1)
+    row, column = _row_and_column(np.arange(objects), column_count)
+    in_row = np.bincount(row)
+    places = column_count - row % 2
+    # What lies on top is in the middle, as far as the hollows allow.
+    shift = (places - in_row[row]) // 2
+    return np.stack([2.0 * (column + shift) + row % 2, _ROW * row, np.zeros(objects)], axis=1)
+
+
+def _row_and_column(number: Int64, columns: Int64 | int) -> tuple[Int64, Int64]:
+    """Where the object of a number lies, in rows of `columns` and `columns` - 1 by turns."""
+    pair, rest = np.divmod(number, 2 * np.asarray(columns) - 1)
+    odd = rest >= columns
+    return 2 * pair + odd, rest - odd * np.asarray(columns)
+
+
+def _wall_of_triangles(objects: int, half_width: float) -> Float64:
+    """(N, 3, 3) corners of equilateral triangles, in rows from the bottom up, fronts towards the camera.
+
+    Each row is a strip, point up and point down by turns; as many columns as let them appear largest.
+    """
+    columns = np.arange(1, objects + 1)
+    extent = np.maximum((columns + 1) / 2 / half_width, _ROW / 2 * -(-objects // columns))
+    column_count = int(columns[np.argmin(extent)])
+    row, column = np.divmod(np.arange(objects), column_count)
+    up = np.where(column % 2 == 0, 1.0, -1.0)
+    height = _ROW / 2
+    # Around the centroid of one that points up; its mirror image points down.
+    corners = _INSET * np.array([[-0.5, -height / 3], [0.5, -height / 3], [0, 2 * height / 3]])
+    place = np.stack([(column + 1) / 2, height * (row + 0.5 - up / 6), np.zeros(objects)], axis=1)
+    lean = np.radians(_LEAN)
+    y = up[:, None] * corners[:, 1]
+    # In rows of an even number of triangles, neighbours would lean alike over the whole wall.
+    way = np.where((column + row) % 2 == 0, 1.0, -1.0)[:, None]
+    x = up[:, None] * corners[:, 0]  # turned by half, not mirrored: the corners stay counter-clockwise
+    shape = np.stack([x, y * np.cos(lean), -way * y * np.sin(lean)], axis=2)
+    centres, size = _fit(place, np.abs(shape).max(axis=(0, 1)), half_width)
+    return np.ascontiguousarray(centres[:, None, :] + size * shape)
+
+
+def _fit(places: Float64, reach: Float64, half_width: float) -> tuple[Float64, float]:
+    """Places (N, 3) moved to the middle and scaled until all is in view, and the scale.
+
+    reach : (3,) how far an object extends from its place along each axis; the nearest part must be in view as well
+    """
+    lower, upper = places.min(axis=0), places.max(axis=0)
+    half = (upper - lower) / 2 + reach
+    # What is `depth` nearer than the middle is seen larger: half * size <= view * (1 - depth * size / distance).
+    extents = ((half[0], half_width), (half[1], 1.0))
+    size = min(1 / (extent / view + reach[2] / _DISTANCE) for extent, view in extents)
+    return size * (places - (lower + upper) / 2), float(size)
