@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from glpath.bench import path_buffer, t_buffer
+from glpath.bench import embree_peer, path_buffer, t_buffer
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
+from glpath.errors import GlpathError
 from glpath.gl.context import get_context
 from glpath.measure import Report
+from glpath.scene.model import Camera
 
 
 @pytest.fixture
@@ -124,3 +126,39 @@ def test_the_t_buffer_sees_what_embree_sees(kind) -> None:
     assert row["vs_embree"] == pytest.approx(row["embreex_ms"] / row["glpath_ms"])
     assert row["vs_embree_packets"] == pytest.approx(row["embree_packets_ms"] / row["glpath_ms"])
     assert min(v for k, v in row.items() if k.endswith("_ms")) > 0
+
+
+def test_a_small_bench_measures_what_it_promises() -> None:
+    pytest.importorskip("embreex")
+    report = t_buffer.bench_t_buffer(scale=0.02, rounds=1)
+    names = {f"vs_embree{way}_{n}" for way in ("", "_packets") for n in t_buffer.COUNTS}
+    assert set(report.measured) == names | {"agreement", "frame_ms_first", "frame_ms_kept"}
+    assert min(report.measured.values()) > 0
+    assert report.measured["agreement"] > 0.99
+    for n, count in zip(t_buffer.COUNTS, (20, 2_000, 20_000), strict=True):
+        pair = [row for row in report.rows if row["objects"] == count]
+        assert sorted(row["kind"] for row in pair) == ["sphere", "triangle"]
+        assert report.measured[f"vs_embree_{n}"] == min(row["vs_embree"] for row in pair)
+    fast = report.measured["vs_embree_1e3"] >= 1
+    assert report.holds is (fast and report.measured["frame_ms_kept"] < report.measured["frame_ms_first"])
+    assert any("do not mean" in note for note in report.notes)
+
+
+def test_without_embree_the_rest_is_measured_and_nothing_is_claimed(monkeypatch) -> None:
+    def absent():
+        raise GlpathError("embreex cannot be imported.", "pip install")
+
+    monkeypatch.setattr(embree_peer, "load_embreex", absent)
+    report = t_buffer.bench_t_buffer(scale=0.01, rounds=1)
+    assert (report.holds, set(report.measured)) == (None, {"frame_ms_first", "frame_ms_kept"})
+    assert all(row["glpath_ms"] > 0 for row in report.rows)
+    assert "embreex cannot be imported" in report.notes[0]
+
+
+def test_a_turntable_goes_around_the_target_once() -> None:
+    camera = Camera(np.array([1.0, 4.0, 2.0]), np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 2.0]), 30.0, (8, 8))
+    around = t_buffer.turntable(camera, 4)
+    np.testing.assert_allclose(around[0].position, camera.position)
+    np.testing.assert_allclose(around[1].position, [-2, 1, 2], atol=1e-12)
+    np.testing.assert_allclose(around[2].position, [1, -2, 2], atol=1e-12)
+    assert all(np.array_equal(c.target, camera.target) for c in around)

@@ -101,6 +101,8 @@ def _show(report: Report, output: Path | None) -> None:
         with whole_file(output) as part:
             part.write_text(text)
     console = Console(soft_wrap=True, highlight=False)
+    if not console.is_terminal:
+        console.width = 200  # a table that is cut to a guessed screen has lost its numbers
     _print(console, report.measured, report.rows)
     if report.holds is not None:
         console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}", markup=False)
