@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bench import mitsuba_peer
-from glpath.bench.report import Report, machine
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
 from glpath.gl.context import Context, get_context
 from glpath.gl.gpu_scene import GpuScene
 from glpath.image import read_image
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
+from glpath.measure import Report, machine
 from glpath.scene import load_scene
 from glpath.scene.model import Scene
 from glpath.versions import versions

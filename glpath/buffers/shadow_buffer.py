@@ -239,6 +239,10 @@ class PointShadowBuffer:
         """What the light's buffer was filled with; None before."""
         return self._keys[light]
 
+    def forget(self) -> None:
+        """Fill every light's buffer anew the next time, whatever it holds: to time the filling."""
+        self._keys = [None] * len(self._keys)
+
     def fill(self, position: ArrayLike, light: int = 0) -> bool:
         """Fill the buffer of a light at `position` (3,) [TB III.E], unless it holds just that.
 

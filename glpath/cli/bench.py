@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from glpath.errors import UsageError
+from glpath.measure import Report
 
-BENCHES = {"path-buffer": "path tracing: milliseconds by stage, and Mitsuba 3 at equal error"}
+# What each bench measures, and which options it takes besides --json.
+BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "path-buffer": (
+        "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
+        ("--seeds", "--reference"),
+    ),
+    "t-buffer": (
+        "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
+        ("--rounds", "--scale"),
+    ),
+}
 
 
 def bench(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES))] = None,
     list_all: Annotated[bool, typer.Option("--list", help="Name all benches.")] = False,
-    seeds: Annotated[int, typer.Option(metavar="N", help="Independent renders to take errors over.")] = 3,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="N", help="path-buffer: independent renders to take errors over; 3.")
+    ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A converged picture to take errors against.")
+        Path | None, typer.Option(metavar="FILE", help="path-buffer: a converged picture to take errors against.")
+    ] = None,
+    rounds: Annotated[
+        int | None, typer.Option(metavar="N", help="t-buffer: turns of each program, whose median counts; 7.")
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(metavar="S", help="t-buffer: below 1, fewer objects and pixels; 1.")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -29,10 +48,8 @@ def bench(
     Times on shared machines drift; the ratios to other programs, taken in the same run, are what to go by. Install
     the reference extra (pip install 'glpath[reference]') for these.
     """
-    from rich.console import Console
-
     if list_all:
-        for key, what in BENCHES.items():
+        for key, (what, _) in BENCHES.items():
             typer.echo(f"{key:<14} {what}")
         return
     if name not in BENCHES:
@@ -40,21 +57,52 @@ def bench(
             f"bench: {'no name' if name is None else repr(name)}; allowed are {', '.join(BENCHES)}",
             "`glpath bench --list` says what they measure.",
         )
-    if seeds < 1:
-        raise UsageError(f"--seeds {seeds}: must be at least 1")
+    given = {"--seeds": seeds, "--reference": reference, "--rounds": rounds, "--scale": scale}
+    allowed = BENCHES[name][1]
+    for option, value in given.items():
+        if value is not None and option not in allowed:
+            raise UsageError(f"{option} does not apply to bench {name}; allowed are {', '.join(allowed)}, --json")
+    for option, number in (("--seeds", seeds), ("--rounds", rounds)):
+        if number is not None and number < 1:
+            raise UsageError(f"{option} {number}: must be at least 1")
+    if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
+        raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
+    if output is not None and str(output) != "-":
+        from glpath.image import check_writable
+
+        check_writable(output)
+    _show(_measure(name, seeds or 3, reference, rounds or 7, scale or 1.0), output)
+
+
+def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: float) -> Report:
+    def say(text: str) -> None:
+        typer.echo(text, err=True)
+
+    if name == "t-buffer":
+        from glpath.bench.t_buffer import bench_t_buffer
+
+        return bench_t_buffer(scale, rounds, say)
     from glpath.bench.path_buffer import bench_path_buffer
 
-    report = bench_path_buffer(seeds, reference, say=lambda text: typer.echo(text, err=True))
-    text = json.dumps(report.as_dict(), indent=2)
+    return bench_path_buffer(seeds, reference, say)
+
+
+def _show(report: Report, output: Path | None) -> None:
+    """As tables, and as JSON where it is wanted."""
+    from rich.console import Console
+
+    text = report.as_json()
     if output is not None and str(output) == "-":
-        typer.echo(text)
+        typer.echo(text, nl=False)
         return
     if output is not None:
         from glpath.image import whole_file
 
         with whole_file(output) as part:
-            part.write_text(text + "\n")
+            part.write_text(text)
     console = Console(soft_wrap=True, highlight=False)
+    if not console.is_terminal:
+        console.width = 200  # a table that is cut to a guessed screen has lost its numbers
     _print(console, report.measured, report.rows)
     if report.holds is not None:
         console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}", markup=False)
@@ -73,10 +121,11 @@ def _print(console: object, measured: dict[str, float], rows: list[dict[str, obj
         table.add_row(key, f"{value:.4g}")
     console.print(table)
     if rows:
-        columns = list(rows[0])
+        columns = list(dict.fromkeys(name for row in rows for name in row))
         table = Table(*columns, box=None)
         for row in rows:
-            table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
+            values = [row.get(name, "") for name in columns]
+            table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in values))
         console.print(table)
 
 

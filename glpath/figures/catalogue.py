@@ -1,0 +1,13 @@
+"""Every figure by name: the function that makes it and a line on what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from glpath.figures import t_buffer
+from glpath.figures.outcome import Outcome, Say
+
+Make = Callable[[float, Say], Outcome]
+
+FIGURES: dict[str, tuple[Make, str]] = {}
+FIGURES |= t_buffer.FIGURES

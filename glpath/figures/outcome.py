@@ -1,0 +1,59 @@
+"""What a figure's function returns, and how it becomes files: NAME.png, NAME.json and NAME.csv."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.image import encode_png, whole_file
+from glpath.measure import Report
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A figure made again.
+
+    report  : its claim, numbers and rows
+    picture : (H, W, 3) uint8 sRGB, row 0 at the top
+    """
+
+    report: Report
+    picture: NDArray[np.uint8]
+
+
+def write(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write NAME.png and NAME.json into `folder`, and NAME.csv where the report has rows. Returns their paths.
+
+    Raises ImageError when the system refuses. A file is there whole or not at all.
+    """
+    report = outcome.report
+    text = {"Title": report.name, "Description": report.claim, "Software": "glpath"}
+    contents = {".png": encode_png(outcome.picture, text), ".json": report.as_json().encode()}
+    if report.rows:
+        contents[".csv"] = as_csv(report.rows).encode()
+    paths = []
+    for suffix, content in contents.items():
+        path = folder / f"{report.name}{suffix}"
+        with whole_file(path) as part:
+            part.write_bytes(content)
+        paths.append(path)
+    return paths
+
+
+def as_csv(rows: list[dict[str, Any]]) -> str:
+    """A line of names, then a line for each row; a row may lack some of the columns."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

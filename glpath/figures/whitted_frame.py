@@ -1,0 +1,87 @@
+"""One frame of the ray tracer, to look at, to time and to count: what the figures of TB compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.gl.context import get_context
+from glpath.gl.gpu_objects import GpuObjects
+from glpath.integrators.whitted import Shadows, WhittedSettings, WhittedTracer
+from glpath.measure import seconds_of
+from glpath.scene import Scene
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is compared: the algorithm, where shadows come from, rows of the shadow-buffer, and the depth.
+
+    Shadow-buffers are looked up by the paper's rule, object identity, which is right for spheres; reflections and
+    shadow rays go by the classical algorithm, as in the paper.
+    """
+
+    primary: Literal["classic", "t-buffer"]
+    shadows: Shadows = "rays"
+    rows: int = 400
+    max_depth: int = 1
+
+
+class WhittedFrame:
+    """A scene rendered by one setup, one ray through the centre of every pixel."""
+
+    def __init__(self, scene: Scene, setup: Setup) -> None:
+        self._context = get_context()
+        self._objects = GpuObjects(self._context.gl, scene)
+        self._window = (0, 0, *scene.camera.resolution)
+        self._settings = WhittedSettings(
+            max_depth=setup.max_depth,
+            primary=setup.primary,
+            shadows=setup.shadows,
+            shadow_resolution=setup.rows,
+            shadow_test="identity",
+            secondary="classic",
+        )
+
+    def _tracer(self, count_tests: bool) -> WhittedTracer:
+        return WhittedTracer(
+            self._context.gl,
+            self._objects,
+            self._settings,
+            self._window,
+            hardware=self._context.info.hardware,
+            count_tests=count_tests,
+        )
+
+    @cached_property
+    def _counted(self) -> tuple[NDArray[np.float64], dict[str, int]]:
+        tracer = self._tracer(count_tests=True)
+        tracer.trace_path_set(0)
+        radiance = tracer.take()
+        tests = tracer.statistics()["intersection_tests"]
+        assert isinstance(tests, dict)
+        return radiance, tests
+
+    def image(self) -> NDArray[np.float64]:
+        """Radiance (H, W, 3)."""
+        return self._counted[0]
+
+    def tests(self) -> dict[str, int]:
+        """Intersection tests of a frame: primary, shadow_buffer (to fill it), shadow, secondary."""
+        return self._counted[1]
+
+    @cached_property
+    def _timed(self) -> WhittedTracer:
+        tracer = self._tracer(count_tests=False)
+        tracer.trace_path_set(0)  # compiles what is left to compile
+        return tracer
+
+    def seconds(self) -> float:
+        """Wall time of a frame, with the filling of its shadow-buffers; nothing is counted meanwhile."""
+        tracer = self._timed
+        if tracer.shadow_buffer is not None:
+            tracer.shadow_buffer.forget()
+        return seconds_of(lambda: tracer.trace_path_set(0), self._context.gl.finish)

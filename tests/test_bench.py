@@ -1,0 +1,164 @@
+"""`glpath bench`: which options go with which bench, and what is printed and written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from glpath.bench import embree_peer, path_buffer, t_buffer
+from glpath.cli.bench import BENCHES
+from glpath.cli.main import app
+from glpath.errors import GlpathError
+from glpath.gl.context import get_context
+from glpath.measure import Report
+from glpath.scene.model import Camera
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
+    """Both benches, without their work; what they were asked for."""
+    asked: list[tuple[object, ...]] = []
+
+    def stand_in(name, holds):
+        def measure(*arguments):
+            *options, say = arguments
+            say("measuring")
+            asked.append((name, *options))
+            rows = [{"kind": "sphere", "ms": 0.5}, {"kind": "triangle", "ms": 0.25, "peer_ms": float("nan")}]
+            return Report(name, "fast (a >= 1)", {"a": 1.25}, holds, rows, {"renderer": "none"}, {"glpath": "0"})
+
+        return measure
+
+    monkeypatch.setattr(path_buffer, "bench_path_buffer", stand_in("path-buffer", True))
+    monkeypatch.setattr(t_buffer, "bench_t_buffer", stand_in("t-buffer", False))
+    return asked
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["bench", *map(str, arguments)])
+
+
+def test_list_names_every_bench() -> None:
+    result = run("--list")
+    assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES) == ["path-buffer", "t-buffer"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["path-buffer"], ("path-buffer", 3, None)),
+        (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"))),
+        (["t-buffer"], ("t-buffer", 1.0, 7)),
+        (["t-buffer", "--rounds", "3", "--scale", "0.5"], ("t-buffer", 0.5, 3)),
+    ],
+)
+def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, calls) == (0, [expected])
+    assert "measuring" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "no name; allowed are path-buffer, t-buffer"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, t-buffer"),
+        (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
+        (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
+        (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
+        (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
+        (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
+    ],
+)
+def test_wrong_usage_says_what_is_allowed(calls, arguments, words) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, calls) == (2, [])
+    assert words in result.stderr
+
+
+def test_the_verdict_is_said_and_the_json_is_strict(calls, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.json"
+    result = run("t-buffer", "--json", path)
+    assert "fast (a >= 1): DOES NOT HOLD" in result.stdout
+    assert "fast (a >= 1): holds" in run("path-buffer").stdout
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    written = json.loads(path.read_text(), parse_constant=refuse)
+    assert (written["holds"], written["measured"]) == (False, {"a": 1.25})
+    assert written["rows"][1]["peer_ms"] is None
+    assert json.loads(run("t-buffer", "--json", "-").stdout) == written
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(calls, tmp_path: Path) -> None:
+    result = run("t-buffer", "--json", tmp_path)
+    assert (result.exit_code, calls) == (1, [])
+
+
+# What the bench of the T-buffer looks at
+
+
+@pytest.mark.parametrize("kind", t_buffer.KINDS)
+@pytest.mark.parametrize("count", [200, 20_000])
+def test_a_crowd_shows_the_same_area_whatever_its_number(kind, count) -> None:
+    scene = t_buffer.crowd(kind, count)
+    assert len(scene.spheres) + len(scene.triangles) == count
+    # A convex body shows a quarter of its surface on average [Cauchy]; a triangle's has two sides.
+    shown = np.pi * scene.spheres[:, 0, 0] ** 2 if kind == "sphere" else scene.areas / 2
+    assert shown.sum() == pytest.approx(8.0)  # twice the face of the cube
+    low, high = (
+        scene.bounds if kind == "triangle" else (scene.spheres[:, :, 3].min(0), scene.spheres[:, :, 3].max(0))
+    )
+    assert np.all(high - low > 1.9)
+
+
+@pytest.mark.parametrize("kind", t_buffer.KINDS)
+def test_the_t_buffer_sees_what_embree_sees(kind) -> None:
+    pytest.importorskip("embreex")
+    row = t_buffer._visibility(get_context(), t_buffer.crowd(kind, 300, (160, 96)), True, 1, lambda text: None)
+    assert (row["kind"], row["objects"]) == (kind, 300)
+    assert row["agreement"] > 0.999
+    assert row["vs_embree"] == pytest.approx(row["embreex_ms"] / row["glpath_ms"])
+    assert row["vs_embree_packets"] == pytest.approx(row["embree_packets_ms"] / row["glpath_ms"])
+    assert min(v for k, v in row.items() if k.endswith("_ms")) > 0
+
+
+def test_a_small_bench_measures_what_it_promises() -> None:
+    pytest.importorskip("embreex")
+    report = t_buffer.bench_t_buffer(scale=0.02, rounds=1)
+    names = {f"vs_embree{way}_{n}" for way in ("", "_packets") for n in t_buffer.COUNTS}
+    assert set(report.measured) == names | {"agreement", "frame_ms_first", "frame_ms_kept"}
+    assert min(report.measured.values()) > 0
+    assert report.measured["agreement"] > 0.99
+    for n, count in zip(t_buffer.COUNTS, (20, 2_000, 20_000), strict=True):
+        pair = [row for row in report.rows if row["objects"] == count]
+        assert sorted(row["kind"] for row in pair) == ["sphere", "triangle"]
+        assert report.measured[f"vs_embree_{n}"] == min(row["vs_embree"] for row in pair)
+    fast = report.measured["vs_embree_1e3"] >= 1
+    assert report.holds is (fast and report.measured["frame_ms_kept"] < report.measured["frame_ms_first"])
+    assert any("do not mean" in note for note in report.notes)
+
+
+def test_without_embree_the_rest_is_measured_and_nothing_is_claimed(monkeypatch) -> None:
+    def absent():
+        raise GlpathError("embreex cannot be imported.", "pip install")
+
+    monkeypatch.setattr(embree_peer, "load_embreex", absent)
+    report = t_buffer.bench_t_buffer(scale=0.01, rounds=1)
+    assert (report.holds, set(report.measured)) == (None, {"frame_ms_first", "frame_ms_kept"})
+    assert all(row["glpath_ms"] > 0 for row in report.rows)
+    assert "embreex cannot be imported" in report.notes[0]
+
+
+def test_a_turntable_goes_around_the_target_once() -> None:
+    camera = Camera(np.array([1.0, 4.0, 2.0]), np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 2.0]), 30.0, (8, 8))
+    around = t_buffer.turntable(camera, 4)
+    np.testing.assert_allclose(around[0].position, camera.position)
+    np.testing.assert_allclose(around[1].position, [-2, 1, 2], atol=1e-12)
+    np.testing.assert_allclose(around[2].position, [1, -2, 2], atol=1e-12)
+    assert all(np.array_equal(c.target, camera.target) for c in around)

@@ -1,0 +1,75 @@
+"""The figures of TB, each made small: its files, its numbers, and that `holds` follows by the stated rule."""
+
+from __future__ import annotations
+
+import csv
+import json
+import operator
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from glpath.cli.main import app
+from glpath.figures import t_buffer
+from glpath.figures.t_buffer import FIGURES, fit
+
+RELATIONS = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+
+
+def holds_by_its_rule(report) -> bool:
+    """`holds` worked out anew from the JSON alone: the rule is what stands in the claim's last brackets."""
+    measured = report["measured"]
+    rule = report["claim"].removesuffix(")").rsplit("(", 1)[1]
+    verdicts = []
+    for condition in rule.split(", "):
+        left, relation, right = condition.split()
+        bound = measured[right] if right in measured else float(right)
+        verdicts.append(RELATIONS[relation](measured[left], bound))
+    return all(verdicts)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_small_figure_has_its_files_and_a_verdict_by_its_rule(name: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["figure", name, "--scale", "0.05", "-o", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / f"{name}.json").read_text())
+    assert report["name"] == name
+    assert list(report) == ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes"]
+    assert report["measured"]
+    assert all(isinstance(value, float) for value in report["measured"].values())
+    assert report["holds"] is holds_by_its_rule(report)
+    assert set(report["machine"]) == {"renderer", "cpu", "cores"}
+    assert {"glpath", "matplotlib", "driver"} <= set(report["versions"])
+    picture = iio.imread(tmp_path / f"{name}.png")
+    assert picture.shape[1] >= 480
+    assert np.any(picture < 100)
+    rows = list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
+    assert len(rows) == len(report["rows"]) >= 3
+    assert list(rows[0]) == list(report["rows"][0])
+
+
+def test_scale_shrinks_the_counts_and_keeps_them_apart() -> None:
+    assert t_buffer._counts(1.0) == list(t_buffer.COUNTS)
+    small = t_buffer._counts(0.001)
+    assert len(small) >= 4
+    assert max(small) < 20
+
+
+def test_a_fit_finds_a_polynomial_and_says_how_much_it_explains() -> None:
+    x = np.arange(10.0)
+    coefficients, r2 = fit(x, 3 * x**2 - x + 2, 2)
+    np.testing.assert_allclose(coefficients, [3, -1, 2], atol=1e-9)
+    assert r2 == pytest.approx(1.0)
+    # A straight line explains of y = x^2 on 0..9 the squared correlation of x and x^2.
+    assert fit(x, x**2, 1)[1] == pytest.approx(np.corrcoef(x, x**2)[0, 1] ** 2)
+
+
+def test_pictures_differ_where_an_eye_could_tell() -> None:
+    a = np.full((10, 10, 3), 0.25)
+    b = a.copy()
+    b[0, :5] *= 1.5
+    b[1] *= 1.0001
+    assert t_buffer._differing(a, b) == 0.05
