@@ -1,6 +1,7 @@
 // whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
 // Needs:  <OBJECTS>; BY_HIERARCHY: rays that leave a surface go by it, else by the classical algorithm;
-//         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot.
+//         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
+//         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
 //   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
@@ -142,6 +143,7 @@ void main()
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;
 #endif
+#ifdef REFLECTIONS
         weight *= matter.mirror;
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
@@ -151,6 +153,9 @@ void main()
         primitive = nearest_by_hierarchy(origin, direction, rounding, primitive, t);
 #else
         primitive = nearest_classic(origin, direction, rounding, primitive, t);
+#endif
+#else
+        break;
 #endif
     }
     accumulate(pixel, vec4(L, 0.0));

@@ -227,6 +227,8 @@ class WhittedTracer:
             defines["SHADOW_BUFFERS"] = 1
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
         defines[STORES_ARE_TEXELS] = 1
+        if settings.max_depth > 1 and any(np.any(material.mirror > 0) for material in objects.scene.materials):
+            defines["REFLECTIONS"] = 1
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
         program = load_program(
