@@ -68,10 +68,23 @@ def sphere_caps(world_from_unit: Float64, light: Float64) -> Caps:
     """The caps that spheres (S, 3, 4) fill as seen from `light` (3,); an ellipsoid's is of the sphere around it."""
     way = world_from_unit[:, :, 3] - light
     distance = np.linalg.norm(way, axis=1)
-    radius = np.linalg.norm(world_from_unit[:, :, :3], ord=2, axis=(1, 2)) if len(way) else distance
+    radius = _longest_radius(world_from_unit[:, :, :3])
     outside = distance > radius
     angle = np.where(outside, np.arcsin(np.minimum(radius / np.maximum(distance, _TINY), 1.0)), np.pi)
     return Caps(way / np.maximum(distance, _TINY)[:, None], angle)
+
+
+def _longest_radius(axes: Float64) -> Float64:
+    """(S,) the largest distance from the centre, of ellipsoids whose axes' ends are the columns of (S, 3, 3)."""
+    products = np.einsum("nij,nik->njk", axes, axes)
+    square = products[:, 0, 0]
+    # Of a round one the columns are perpendicular and as long as each other; a decomposition takes far longer.
+    difference = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
+    uneven = difference > 1e-12 * square
+    radius = np.sqrt(square) * (1.0 + 1e-12)
+    if uneven.any():
+        radius[uneven] = np.linalg.norm(axes[uneven], ord=2, axis=(1, 2))
+    return np.asarray(radius)
 
 
 def _cells(low: Float64, high: Float64) -> tuple[Int64, Int64]:
