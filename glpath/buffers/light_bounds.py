@@ -76,7 +76,7 @@ def sphere_caps(world_from_unit: Float64, light: Float64) -> Caps:
 
 def _longest_radius(axes: Float64) -> Float64:
     """(S,) the largest distance from the centre, of ellipsoids whose axes' ends are the columns of (S, 3, 3)."""
-    products = np.einsum("nij,nik->njk", axes, axes)
+    products = axes.transpose(0, 2, 1) @ axes
     square = products[:, 0, 0]
     # Of a round one the columns are perpendicular and as long as each other; a decomposition takes far longer.
     difference = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
