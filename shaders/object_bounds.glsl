@@ -1,9 +1,9 @@
 // object_bounds.glsl: the pixels whose rays can hit a primitive: a rectangle, a little too large but never too small.
 // Needs:  <OBJECTS>, object_eye.glsl
 //
-// A rectangle from exact tangent planes, plus a margin for rounding: where the centre of a pixel lies outside, its ray
-// misses. Of what reaches behind the eye the projection has no bounds; it may be anywhere, unless it is beyond a side of
-// the view.
+// A rectangle from exact tangent planes, plus a margin for rounding: where the centre of a pixel lies outside, its
+// ray misses. Of what reaches behind the eye the projection has no bounds; it may be anywhere, unless it is beyond a
+// side of the view.
 const int HIDDEN = 0;   // no pixel
 const int BOUNDED = 1;  // those from low to high, both included; inside the window
 const int AROUND = 2;   // reaches through the plane of the eye: any pixel
@@ -29,7 +29,8 @@ vec4 window_slopes()
 int pixels_between(vec2 least, vec2 most, out ivec2 low, out ivec2 high)
 {
     vec2 shift = eye_centre - 0.5 - vec2(eye_corner), size = vec2(eye_size);
-    vec2 first = ceil(least * eye_focal + shift - bound_margin()), last = floor(most * eye_focal + shift + bound_margin());
+    vec2 first = ceil(least * eye_focal + shift - bound_margin());
+    vec2 last = floor(most * eye_focal + shift + bound_margin());
     low = ivec2(clamp(first, vec2(0.0), size));
     high = ivec2(clamp(last, vec2(-1.0), size - 1.0));
     return all(lessThanEqual(low, high)) ? BOUNDED : HIDDEN;

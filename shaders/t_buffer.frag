@@ -1,4 +1,5 @@
-// t_buffer.frag: a ray that may hit the object is shot; (object, t) is kept where t is less than what is there [TB II.B].
+// t_buffer.frag: a ray that may hit the object is shot; (object, t) is kept where t is less than what is there
+// [TB II.B].
 // The rule t' < t is the depth test. Scaling t by DEPTH_SCALE, a power of two, keeps all its bits and their order.
 #include "t_buffer_ray.glsl"
 

@@ -56,7 +56,8 @@ void main()
     gl_Position = vec4(place, 0.0, 1.0);
     vec2 slope = ((0.5 * place + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
     vec3 normal = to_eye(aim.plane.xyz);
-    float towards = dot(normal, vec3(slope, 1.0)), margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
+    float towards = dot(normal, vec3(slope, 1.0));
+    float margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
     gl_ClipDistance[0] = aim.plane.w == 0.0 ? -1.0 : sign(aim.plane.w) * towards + margin + 1e-5;
 #else
     ivec2 low, high;
@@ -76,7 +77,8 @@ void main()
     float side = volume < 0.0 ? -1.0 : 1.0;
     gl_Position = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
     // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn.
-    vec3 edges = vec3(length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
+    vec3 edges = vec3(
+        length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float height = abs(volume) / max(max(edges.x, edges.y), max(edges.z, 1e-37));  // pixels
     if (!(height > 0.1)) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
 #else

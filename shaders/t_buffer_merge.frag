@@ -1,4 +1,5 @@
-// t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower number.
+// t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower
+// number.
 #include "texels.glsl"
 
 TEXELS(rg32f, drawn);

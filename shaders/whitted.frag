@@ -133,7 +133,8 @@ void main()
         vec3 normal = front ? s.normal : -s.normal;
         Matter matter = matter_of(s, front);
         vec3 reflected = reflect(direction, normal);
-        rounding = max(rounding, RAY_ROUNDING * (t + max(abs(s.position.x), max(abs(s.position.y), abs(s.position.z)))));
+        vec3 size = abs(s.position);
+        rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
 
         L += weight * (ambient * matter.reflectance + matter.emission);
 #ifdef COUNT_TESTS
