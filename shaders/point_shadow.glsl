@@ -8,10 +8,11 @@
 // An entry holds the primitive that its ray meets, and the tangent plane there as the vector g, where g . x = 1 for the
 // points x of the plane, seen from the light. So 1 / (g . c) is the distance t along a direction c, and no trigonometry,
 // square root or division is needed to compare it with the receiver's own plane anywhere.
+#include "texels.glsl"
 #include "point_shadow_map.glsl"
 #include <OBJECTS>
 
-uniform sampler2D shadow_buffer;  // plane; number of the primitive, -1 for none
+TEXELS(rgba32f, shadow_buffer);  // plane; number of the primitive, -1 for none
 uniform vec3 shadow_light_position[SHADOW_LIGHTS];
 uniform int shadow_tiles_across;
 
@@ -106,7 +107,7 @@ float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 #if SHADOW_TAPS > 1
             tap = shadow_home(tap.face, tap.at);
 #endif
-            vec4 seen = texelFetch(shadow_buffer, shadow_texel(light, tap.face, tap.at), 0);
+            vec4 seen = texel(shadow_buffer, shadow_texel(light, tap.face, tap.at));
 #ifdef SHADOW_IDENTITY
             bool hidden = shadow_entry_hides(seen, object);
 #else
