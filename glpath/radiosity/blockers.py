@@ -1,8 +1,8 @@
 """Blockers: the flat polygons that can stand between two points, and the one test of a segment against one of them.
 
-Every way of looking for a blocker ends in `hits`, so that all of them must agree bit for bit. What makes it so: a hit
-counts only where the point that it computes lies in the polygon's box, widened a little; the boxes of the hierarchy are
-widened a little more. However badly a sliver's coordinates round, no test of a box can lose it.
+Every way of looking for a blocker ends in `height` and `crosses`, so that all of them must agree bit for bit. What makes
+it so: the boxes of the hierarchy are wider than any rounding of a crossing. Coordinates in a sliver round worse; its hit
+counts only where the point that it computes lies in the sliver's box, widened less than that of the hierarchy.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _ROUNDING = 1e-12
 #: How many times the blockers' largest coordinate a point's may be, so that these still cover the rounding.
 _FARTHEST = 1e3
 
-_PARALLELOGRAM, _SOLID = 1, 2
+PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
+#: Sine of the angle between a polygon's edges below which its coordinates round too badly.
+_THIN = 1e-3
 
 
 class Polygons(NamedTuple):
@@ -34,8 +36,8 @@ class Polygons(NamedTuple):
 
     forms  : (N, 12) float64, three linear forms of a point, four numbers each: the height over the polygon's plane
              towards its front, and the coordinates along its two edges, 0 to 1 inside
-    bounds : (N, 6) float64, the box a hit has to lie in
-    flags  : (N,) uint8, _PARALLELOGRAM (else a triangle) and _SOLID
+    bounds : (N, 6) float64, the box that a sliver's hit has to lie in
+    flags  : (N,) uint8, PARALLELOGRAM (else a triangle), SOLID and SLIVER
     length : the normals' L1 norms, (N,) float64: what a rounding of coordinates does to a height
     """
 
@@ -129,7 +131,9 @@ class Blockers:
         outlines = self._outlines()
         wide = _WIDER * self.size
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
-        flags = _PARALLELOGRAM * self.parallelogram + _SOLID * (self.solid & solids)
+        edges = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+        sliver = ~(np.sqrt(square) > _THIN * edges)
+        flags = PARALLELOGRAM * self.parallelogram + SOLID * (self.solid & solids) + SLIVER * sliver
         length = np.abs(forms[:, 0, :3]).sum(axis=1)
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 
@@ -213,24 +217,46 @@ def _apex(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def height(form, x, y, z):  # type: ignore[no-untyped-def]
+    """A linear form of a point. All ways of testing compute it here, so that they round alike."""
+    return form[0] * x + form[1] * y + form[2] * z + form[3]
+
+
+@kernel
+def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-def]
+    """Whether a segment crosses a polygon, from the three forms at its ends; ha > 0. No branches, for vectors.
+
+    The crossing divides the segment as ha to -hb; everything is multiplied by ha - hb, which saves the division.
+    """
+    d = ha - hb
+    u = ha * ub - hb * ua
+    v = ha * vb - hb * va
+    within = (ha > ENDS * d) & (ha < (1 - ENDS) * d) & (u >= 0) & (v >= 0)
+    # Of a triangle u + v is at most 1; of a parallelogram each of them is.
+    return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
+
+
+@kernel
 def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
     """Whether polygon x stands between points a and b: the one test that everything rests on."""
     f = forms[x]
-    ha = f[0] * ax + f[1] * ay + f[2] * az + f[3]
-    hb = f[0] * bx + f[1] * by + f[2] * bz + f[3]
+    ha = height(f[0:4], ax, ay, az)
+    hb = height(f[0:4], bx, by, bz)
     if (ha > 0) == (hb > 0):
         return False
     flag = flags[x]
-    if flag & _SOLID and ha <= 0:
+    if ha <= 0:
+        if flag & SOLID:
+            return False
+        ha, hb = -ha, -hb
+    ua, va = height(f[4:8], ax, ay, az), height(f[8:12], ax, ay, az)
+    ub, vb = height(f[4:8], bx, by, bz), height(f[8:12], bx, by, bz)
+    if not crosses(ha, ua, va, hb, ub, vb, flag & PARALLELOGRAM != 0):
         return False
+    if not flag & SLIVER:
+        return True
     t = ha / (ha - hb)
-    if not (t > ENDS and t < 1 - ENDS):
-        return False
     px, py, pz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
-    u = f[4] * px + f[5] * py + f[6] * pz + f[7]
-    v = f[8] * px + f[9] * py + f[10] * pz + f[11]
-    if not (u >= 0 and v >= 0 and (u <= 1 and v <= 1 if flag & _PARALLELOGRAM else u + v <= 1)):
-        return False
     o = bounds[x]
     return o[0] <= px <= o[3] and o[1] <= py <= o[4] and o[2] <= pz <= o[5]
 
@@ -258,7 +284,7 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
         return True
     if most_a <= tiny and most_b <= -far or most_a <= -far and most_b <= tiny:
         return True
-    return flags[x] & _SOLID and most_a < -tiny
+    return flags[x] & SOLID and most_a < -tiny
 
 
 @kernel

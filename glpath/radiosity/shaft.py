@@ -137,7 +137,7 @@ class Tree(NamedTuple):
     boxes: Float64
     skip: Int32
     first: Int32
-    count: Int32
+    items: Int32
     order: Int32
 
     @classmethod
@@ -403,7 +403,7 @@ def gather(  # type: ignore[no-untyped-def]
                 continue
             opened = strategy == _ALWAYS_OPEN or (place == _ENCLOSING and open_enclosing)
             opened = opened or (strategy == _OVERLAP_OPEN and place != _INSIDE)
-            keep = tree.count[node] > 0 or not (opened or (strategy == _RATIO_OPEN and place != _INSIDE))
+            keep = tree.items[node] > 0 or not (opened or (strategy == _RATIO_OPEN and place != _INSIDE))
             if not keep:
                 # A child's box overlaps the emitter's only where its parent's does.
                 below = 0 if flag == 0 else -1

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Hierarchy, Int32, build_hierarchy
 from glpath.kernels import kernel
-from glpath.radiosity.blockers import ENDS, Blockers, hits, never_hit
+from glpath.radiosity.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, Blockers, crosses, height, hits, never_hit
 from glpath.radiosity.clusters import cluster
 from glpath.radiosity.points import Groups, group_points
 from glpath.radiosity.shaft import (
@@ -51,6 +51,7 @@ STRATEGIES: dict[StrategyName, int] = {
 OrderName = Literal["found", "largest first", "last blocker first"]
 ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last blocker first": 2}
 _LARGEST_FIRST, _LAST_BLOCKER_FIRST = 1, 2
+_KEEP_CLOSED = int(Strategy.KEEP_CLOSED)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class Options:
     tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours of
                         the receiver stay out
     coherency         : test the last ray's blocker first, and build the shaft when it misses
-    object_boxes      : test a polygon's box before the polygon, as the paper does
+    together          : test all rays of a clump against one candidate after the other; False: one ray after the
+                        other, each until it is blocked, as in the paper
+    object_boxes      : test a polygon's box before the polygon, as in the paper; of rays that are tested one by one
     clump             : most points of a receiver that share a shaft; 0 for all of them
     group             : most points of several receivers that share a shaft, for whose parts further shafts are made; 0
                         for none
@@ -92,6 +95,7 @@ class Options:
     mailbox: bool = True
     tolerance: bool = True
     coherency: bool = True
+    together: bool = True
     object_boxes: bool = False
     clump: int = 16
     group: int = 512
@@ -114,7 +118,7 @@ class Options:
 
 #: The paper's own: one shaft per receiver, every object with a box, nothing of what it leaves to the future.
 PAPER = Options(
-    solids=False, coplanar=False, object_boxes=True, clump=0, group=0, nested=False, tolerance=True, mailbox=True
+    together=False,     solids=False, coplanar=False, object_boxes=True, clump=0, group=0, nested=False, tolerance=True, mailbox=True
 )
 
 
@@ -246,7 +250,7 @@ class Visibility:
         Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
         """
         tree, o = self._kernel_tree, self.options
-        box, plane = _emitter_box(emitter), self._emitter_plane(emitter)
+        box, plane = _emitter_box(emitter), _emitter_plane(emitter)
         leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
@@ -270,22 +274,12 @@ class Visibility:
             groups = self.groups(receivers)
         tree = self._kernel_tree
         roots, flags = self.emitter_list(emitter)
-        one_sided = receivers.normals is not None
-        normals = np.zeros((1, 3)) if receivers.normals is None else _unit(receivers.normals)
-        own = receivers.polygons if receivers.polygons is not None else np.full(count, -1, np.int32)
         settings = _Settings(
-            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.mailbox, o.tolerance, o.coherency,
+            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency, o.together,
             o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
         )  # fmt: skip
-        lit = _Lit(
-            np.ascontiguousarray(receivers.points), np.ascontiguousarray(normals), one_sided,
-            np.ascontiguousarray(own, np.int32),
-        )  # fmt: skip
-        source = _Source(
-            np.ascontiguousarray(emitter.points), _emitter_box(emitter), self._emitter_plane(emitter),
-            emitter.normal is not None, emitter.polygon,
-        )  # fmt: skip
+        lit, source = _lit(receivers, groups.order), _source(emitter)
 
         def some(part: slice) -> NDArray[np.int64]:
             counts = np.zeros(len(fields(Statistics)), np.int64)
@@ -305,12 +299,36 @@ class Visibility:
                 counts = sum(pool.map(some, parts))
         return visible, Statistics(*(int(c) for c in np.atleast_1d(counts)))
 
-    def _emitter_plane(self, emitter: Emitter) -> Float64:
-        """(4,): the height before the emitter, of the farthest back of its points."""
-        if emitter.normal is None:
-            return np.zeros(4)
-        normal = _unit(np.asarray(emitter.normal, np.float64))
-        return np.array([*normal, -np.min(emitter.points @ normal)])
+
+def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
+    """(P, S) bool: which receiver points and emitter samples lie before each other."""
+    order = np.arange(len(receivers.points))
+    faces = np.zeros((len(order), len(emitter.points)), np.bool_)
+    _facing(_source(emitter), _lit(receivers, order), order, faces)
+    return faces
+
+
+def _source(emitter: Emitter) -> _Source:
+    points = np.ascontiguousarray(emitter.points, np.float64)
+    return _Source(points, _emitter_box(emitter), _emitter_plane(emitter), emitter.normal is not None, emitter.polygon)
+
+
+def _lit(receivers: Receivers, order: NDArray[np.int64]) -> _Lit:
+    points = np.asarray(receivers.points, np.float64)[order]
+    one_sided = receivers.normals is not None
+    normals = np.zeros((0, 3)) if receivers.normals is None else _unit(receivers.normals)[order]
+    heights = (normals * points).sum(axis=1) if one_sided else np.zeros(0)
+    own = np.full(len(order), -1, np.int32) if receivers.polygons is None else receivers.polygons[order]
+    x, y, z = np.ascontiguousarray(points.T)
+    return _Lit(x, y, z, normals, heights, one_sided, np.ascontiguousarray(own, np.int32))
+
+
+def _emitter_plane(emitter: Emitter) -> Float64:
+    """(4,): the height before the emitter, of the farthest back of its points."""
+    if emitter.normal is None:
+        return np.zeros(4)
+    normal = _unit(np.asarray(emitter.normal, np.float64))
+    return np.array([*normal, -np.min(emitter.points @ normal)])
 
 
 def _emitter_box(emitter: Emitter) -> Float64:
@@ -329,7 +347,7 @@ class _SearchTree(NamedTuple):
     boxes: Float64
     skip: Int32
     first: Int32
-    count: Int32
+    items: Int32
     order: Int32
     parent: Int32
     leaf_of: Int32
@@ -341,13 +359,15 @@ class _SearchTree(NamedTuple):
 
 
 class _Settings(NamedTuple):
+    """`Options` for the kernels."""
+
     strategy: int
     ratio: float
     open_enclosing: bool
     coplanar: bool
-    mailbox: bool
     tolerance: bool
     coherency: bool
+    together: bool
     object_boxes: bool
     order: int
     least_cut: float
@@ -368,12 +388,52 @@ class _Source(NamedTuple):
 
 
 class _Lit(NamedTuple):
-    """The receivers."""
+    """The receivers' points in the order of the groups: x, y, z, normals, normal . point and their polygons."""
 
-    points: Float64
+    x: Float64
+    y: Float64
+    z: Float64
     normals: Float64
+    heights: Float64
     one_sided: bool
     own: Int32
+
+
+class _Work(NamedTuple):
+    """Room that a thread works in.
+
+    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's own:
+                            nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf or -1
+    planes .. extent      : the latest shaft
+    a, b                  : its reference boxes
+    stack                 : of `gather`
+    mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
+    latest                : (2,) the latest shaft's number, and the latest blocker or -1
+    """
+
+    nodes: Int32
+    flags: NDArray[np.int8]
+    objects: Int32
+    planes: Float64
+    near: NDArray[np.int64]
+    extent: Float64
+    a: Float64
+    b: Float64
+    stack: Int32
+    mark: NDArray[np.int64]
+    latest: NDArray[np.int64]
+
+
+_NUMBER, _BLOCKER = 0, 1
+
+
+class _List(NamedTuple):
+    """Candidates in `_Work`: their range, whether boxes are tested, and the number of the shaft (-1: of none)."""
+
+    begin: int
+    end: int
+    boxed: bool
+    number: int
 
 
 @kernel
@@ -385,7 +445,7 @@ def _upwards(tree):  # type: ignore[no-untyped-def]
         while child < tree.skip[node]:
             parent[child] = node
             child = tree.skip[child]
-        for i in range(tree.first[node], tree.first[node] + tree.count[node]):
+        for i in range(tree.first[node], tree.first[node] + tree.items[node]):
             leaf_of[tree.order[i]] = node
     return parent, leaf_of
 
@@ -412,9 +472,6 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     n = 0
     if not size:
         return found, flags
-    if not wanted and not behind:
-        found[0], flags[0] = 0, -1
-        return found[:1], flags[:1]
     pending = np.empty(size, np.int32)
     # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or that
     # has a larger box than its polygon, starts at the root.
@@ -438,9 +495,8 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
             item = pending[waiting]
             if item == leaf or (behind and _highest(tree.boxes[item], plane) < 0):
                 continue
-            opened = tree.count[item] == 0 and encloses(tree.boxes[item], box)
-            # Without the list's other use, behind alone prunes from the root: down to what is not all behind.
-            if opened and wanted or (behind and tree.count[item] == 0 and _lowest(tree.boxes[item], plane) < 0):
+            opened = wanted and tree.items[item] == 0 and encloses(tree.boxes[item], box)
+            if opened:
                 child = item + 1
                 while child < tree.skip[item]:
                     pending[waiting] = child
@@ -455,14 +511,6 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
             break
         below, node = node, tree.parent[node]
     return found[:n].copy(), flags[:n].copy()
-
-
-@kernel
-def _lowest(box, plane):  # type: ignore[no-untyped-def]
-    height = plane[3]
-    for k in range(3):
-        height += plane[k] * (box[k] if plane[k] > 0 else box[k + 3])
-    return height
 
 
 @kernel
@@ -488,62 +536,40 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _blocker(  # type: ignore[no-untyped-def]
-    ax,
-    ay,
-    az,
-    bx,
-    by,
-    bz,
-    own_a,
-    own_b,
-    nodes,
-    objects,
-    begin,
-    end,
-    tree,
-    polygons,
-    boxed,
-    mark,
-    number,
-    object_boxes,
-):
-    """The first polygon found between a and b in a list, -1 for none; its place there, and tests of boxes and objects.
-
-    boxed : the list holds boxes, or those of objects are tested
-    """
+def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
+    """The first polygon of a `_List` between a and b, -1 for none; its place there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
-    if boxed:
+    if found.boxed:
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
     box_tests, object_tests = 0, 0
     forms, bounds, flags = polygons.forms, polygons.bounds, polygons.flags
-    for i in range(begin, end):
-        x = objects[i]
+    for i in range(found.begin, found.end):
+        x = work.objects[i]
         if x >= 0:
             if x == own_a or x == own_b:
                 continue
             if object_boxes:
                 box_tests += 1
-                if not _box_hit(tree.boxes[nodes[i]], ax, ay, az, ix, iy, iz):
+                if not _box_hit(tree.boxes[work.nodes[i]], ax, ay, az, ix, iy, iz):
                     continue
             object_tests += 1
             if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                 return x, i, box_tests, object_tests
             continue
-        node = nodes[i]
+        node = work.nodes[i]
         last = tree.skip[node]
         while node < last:
-            if len(mark) and mark[node] == number:
+            if len(work.mark) and work.mark[node] == found.number:
                 node = tree.skip[node]
                 continue
-            leaf = tree.count[node] > 0
+            leaf = tree.items[node] > 0
             if not leaf or object_boxes:
                 box_tests += 1
                 if not _box_hit(tree.boxes[node], ax, ay, az, ix, iy, iz):
                     node = tree.skip[node]
                     continue
             if leaf:
-                for k in range(tree.first[node], tree.first[node] + tree.count[node]):
+                for k in range(tree.first[node], tree.first[node] + tree.items[node]):
                     x = tree.order[k]
                     if x != own_a and x != own_b:
                         object_tests += 1
@@ -554,218 +580,343 @@ def _blocker(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _faces(ax, ay, az, na, one_sided_a, bx, by, bz, nb, one_sided_b):  # type: ignore[no-untyped-def]
-    dx, dy, dz = bx - ax, by - ay, bz - az
-    if one_sided_a and not dx * na[0] + dy * na[1] + dz * na[2] > 0:
-        return False
-    return not one_sided_b or dx * nb[0] + dy * nb[1] + dz * nb[2] < 0
-
-
-@kernel
-def _objects_of(  # type: ignore[no-untyped-def]
-    tree, polygons, a, b, coplanar, object_boxes, size, own_a, own_b, nodes, flags, begin, end, objects
-):
-    """Look at the candidates that are single polygons: leave out those that can't block, note which they are.
+def _objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
+    """Note which candidates are single polygons, and leave out those that can't block between boxes work.a and work.b.
 
     Returns the new end, and whether boxes are left.
     """
     n = begin
     boxed = object_boxes
     for i in range(begin, end):
-        node = nodes[i]
+        node = work.nodes[i]
         x = -1
-        if tree.count[node] == 1:
+        if tree.items[node] == 1:
             x = tree.order[tree.first[node]]
             if x == own_a or x == own_b:
                 continue
-            if coplanar and never_hit(x, a, b, polygons.forms, polygons.flags, polygons.length, size):
+            if coplanar and never_hit(x, work.a, work.b, polygons.forms, polygons.flags, polygons.length, size):
                 continue
         else:
             boxed = True
-        nodes[n], flags[n], objects[n] = node, flags[i], x
+        work.nodes[n], work.flags[n], work.objects[n] = node, work.flags[i], x
         n += 1
     return n, boxed
 
 
 @kernel
-def _largest_first(tree, extent, nodes, flags, objects, begin, end):  # type: ignore[no-untyped-def]
-    """Sort a list by the surface of the part of each box that lies in the extent box."""
+def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
+    """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
     n = end - begin
     keys = np.empty(n)
+    extent = work.extent
     for i in range(n):
-        box = tree.boxes[nodes[begin + i]]
+        box = tree.boxes[work.nodes[begin + i]]
         x = min(box[3], extent[3]) - max(box[0], extent[0])
         y = min(box[4], extent[4]) - max(box[1], extent[1])
         z = min(box[5], extent[5]) - max(box[2], extent[2])
         keys[i] = -(x * y + y * z + z * x)
     by = np.argsort(keys, kind="mergesort")
-    old_nodes, old_flags, old_objects = nodes[begin:end].copy(), flags[begin:end].copy(), objects[begin:end].copy()
+    nodes, flags, objects = work.nodes[begin:end].copy(), work.flags[begin:end].copy(), work.objects[begin:end].copy()
     for i in range(n):
-        nodes[begin + i], flags[begin + i], objects[begin + i] = (
-            old_nodes[by[i]],
-            old_flags[by[i]],
-            old_objects[by[i]],
-        )
+        work.nodes[begin + i] = nodes[by[i]]
+        work.flags[begin + i] = flags[by[i]]
+        work.objects[begin + i] = objects[by[i]]
 
 
 @kernel
-def _build(  # type: ignore[no-untyped-def]
-    tree, polygons, source, box, own, rays, settings, nodes, flags, objects, begin, end, planes, near, extent, a, b,
-    mark, number, stack, counts,
-):  # fmt: skip
-    """Form the shaft between the emitter and a box of points, and append its candidates after `end` of the lists.
-
-    begin, end : the parent's candidates, which can be the emitter list
-    Returns where the candidates end, and whether there are boxes among them.
-    """
+def _shaft_list(tree, polygons, source, box, own, rays, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
+    """Form the shaft between the emitter and a box of points; the `_List` of its candidates, behind the parent's."""
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
-        # The points a share along the segments, from all of one box to all of the other.
-        a[k] = source.box[k] + share * (box[k] - source.box[k])
-        b[k] = box[k] + share * (source.box[k] - box[k])
+        # The points that lie this share along the segments from all of one box to all of the other.
+        work.a[k] = source.box[k] + share * (box[k] - source.box[k])
+        work.b[k] = box[k] + share * (source.box[k] - box[k])
+    work.latest[_NUMBER] += 1
+    number = work.latest[_NUMBER]
     strategy = settings.strategy
     if rays < settings.keep_closed_below:
-        strategy = 0
-    n = form_shaft(a, b, settings.slack, settings.least_cut, planes, near, extent)
-    counts[_SHAFTS] += 1
+        strategy = _KEEP_CLOSED
+    n = form_shaft(
+        work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
+    )  # fmt: skip
     size, tests = gather(
-        tree, nodes, flags, begin, end, a, b, extent, planes, near, n, strategy, settings.ratio,
-        settings.open_enclosing, mark, number, stack, nodes, flags, end,
+        tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,
+        n, strategy, settings.ratio, settings.open_enclosing, work.mark, number, work.stack, work.nodes, work.flags,
+        parent.end,
     )  # fmt: skip
+    end, boxed = _objects_of(
+        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon, own, parent.end,
+        size, work,
+    )  # fmt: skip
+    if leaf and settings.order == _LARGEST_FIRST:
+        _largest_first(tree, parent.end, end, work)
+    counts[_SHAFTS] += 1
     counts[_SHAFT_TESTS] += tests
-    size, boxed = _objects_of(
-        tree, polygons, a, b, settings.coplanar, settings.object_boxes, settings.size, source.polygon, own, nodes,
-        flags, end, size, objects,
-    )  # fmt: skip
-    if size == end:
+    if end == parent.end:
         counts[_EMPTY] += 1
-    return size, boxed
+    elif leaf:
+        counts[_LISTS] += 1
+        counts[_CANDIDATES] += end - parent.end
+    return _List(parent.end, end, boxed, number)
 
 
 @kernel
-def _step(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts
-):
-    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
-    size = len(tree.skip)
-    room = (groups.levels + 2) * size + 1
-    nodes = np.empty(room, np.int32)
-    flags = np.empty(room, np.int8)
-    objects = np.empty(room, np.int32)
-    nodes[: len(roots)] = roots
-    flags[: len(roots)] = root_flags
-    a, b = np.empty(6), np.empty(6)
-    top, rooted = _objects_of(  # without a shaft these are all the candidates there are
-        tree, polygons, a, b, False, settings.object_boxes, settings.size, source.polygon, -1, nodes, flags, 0,
-        len(roots), objects,
-    )  # fmt: skip
-    planes, near, extent = empty_shaft()
-    stack = empty_stack(size)
-    # Of the groups around the current one: where they end, and their lists. The emitter list is that of all.
-    ends = np.empty(groups.levels + 2, np.int64)
-    list_begin = np.zeros(groups.levels + 2, np.int64)
-    list_end = np.zeros(groups.levels + 2, np.int64)
-    boxed = np.zeros(groups.levels + 2, np.bool_)
-    numbers = np.full(groups.levels + 2, -1, np.int64)  # of the shafts, which marks in the hierarchy speak of
-    ends[0], list_end[0], boxed[0] = last, top, rooted
-    level = 0
-    number = 0
-    blocker = -1
-    samples = len(source.points)
-    tiny = -1e-12 * settings.size
+def _faces(lit, k, normal_a, one_sided_a, ax, ay, az):  # type: ignore[no-untyped-def]
+    """Whether point k lies before the emitter, and the sample a before the point. normal_a: (4,) plane."""
+    if one_sided_a and not height(normal_a, lit.x[k], lit.y[k], lit.z[k]) > 0:
+        return False
+    if not lit.one_sided:
+        return True
+    n = lit.normals[k]
+    return n[0] * ax + n[1] * ay + n[2] * az > lit.heights[k]
 
-    group = first
-    while group < last:
-        while group >= ends[level]:
-            level -= 1
-        begin, end = groups.begin[group], groups.end[group]
-        box = groups.boxes[group]
-        own = groups.polygon[group]
-        rays = (end - begin) * samples
-        # Facing tests first: of all at once where they are on one plane.
-        away = source.one_sided and _highest(box, source.plane) < tiny
-        if not away and lit.one_sided:
-            height = 0.0
-            for j in range(3):
-                n = groups.normal[group, j]
-                height += n * ((source.box[j + 3] if n > 0 else source.box[j]) - (box[j] if n > 0 else box[j + 3]))
-            away = height < tiny
-        if away:
-            group = groups.skip[group]
-            continue
-        shaft = settings.strategy >= 0 and rays >= settings.no_shaft_below
-        leaf = groups.skip[group] == group + 1
-        from_begin, from_end, is_boxed = list_begin[level], list_end[level], boxed[level]
-        if not leaf and shaft:
-            number += 1
-            to_end, is_boxed = _build(
-                tree, polygons, source, box, own, rays, settings, nodes, flags, objects, from_begin, from_end,
-                planes, near, extent, a, b, mark, number, stack, counts,
-            )  # fmt: skip
-            level += 1
-            ends[level], list_begin[level], list_end[level] = groups.skip[group], from_end, to_end
-            boxed[level], numbers[level] = is_boxed, number
-            if to_end > from_end:
-                group += 1
+
+@kernel
+def _cast_one_by_one(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, box, own, order, begin, end, found, built, settings, work, counts, visible
+):
+    """The rays of a group as in the paper: the last blocker, then the shaft's list until something is hit.
+
+    found, built : the candidates, if the shaft is built; else the parent's, from which it will be
+    """
+    samples = len(source.points)
+    for k in range(begin, end):
+        bx, by, bz, own_b = lit.x[k], lit.y[k], lit.z[k], lit.own[k]
+        for s in range(samples):
+            ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
+            if not _faces(lit, k, source.plane, source.one_sided, ax, ay, az):
                 continue
-            # Nothing is in the way of any of its parts.
-            from_begin, from_end, shaft = from_end, to_end, False
-        elif not leaf:
-            group += 1
-            continue
-        built = not shaft
-        of_list = numbers[level]
-        for i in range(begin, end):
-            p = groups.order[i]
-            bx, by, bz = lit.points[p, 0], lit.points[p, 1], lit.points[p, 2]
-            nb = lit.normals[p if lit.one_sided else 0]
-            own_b = lit.own[p]
-            for s in range(samples):
-                ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
-                if not _faces(ax, ay, az, source.plane, source.one_sided, bx, by, bz, nb, lit.one_sided):
-                    continue
-                counts[_RAYS] += 1
-                if built and from_begin == from_end:
-                    counts[_FREE] += 1
-                    visible[p, s] = True
-                    continue
-                if settings.coherency and blocker >= 0 and blocker != own_b:
+            counts[_RAYS] += 1
+            if not built or found.begin < found.end:
+                last = work.latest[_BLOCKER]
+                if settings.coherency and last >= 0 and last != own_b:
                     counts[_OBJECT_TESTS] += 1
-                    if hits(blocker, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
+                    if hits(last, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
                         counts[_CACHED] += 1
                         counts[_BLOCKED] += 1
                         continue
                 if not built:
                     built = True
-                    number += 1
-                    of_list = number
-                    to_end, is_boxed = _build(
-                        tree, polygons, source, box, own, rays, settings, nodes, flags, objects, from_begin, from_end,
-                        planes, near, extent, a, b, mark, number, stack, counts,
+                    rays = (end - begin) * samples
+                    found = _shaft_list(
+                        tree, polygons, source, box, own, rays, found, settings, True, work, counts
                     )  # fmt: skip
-                    from_begin, from_end = from_end, to_end
-                    if from_begin == from_end:
-                        counts[_FREE] += 1
-                        visible[p, s] = True
-                        continue
-                    if settings.order == _LARGEST_FIRST:
-                        _largest_first(tree, extent, nodes, flags, objects, from_begin, from_end)
-                    counts[_LISTS] += 1
-                    counts[_CANDIDATES] += from_end - from_begin
-                found, at, box_tests, object_tests = _blocker(
-                    ax, ay, az, bx, by, bz, source.polygon, own_b, nodes, objects, from_begin, from_end, tree,
-                    polygons, is_boxed, mark, of_list, settings.object_boxes,
+            if found.begin == found.end:
+                counts[_FREE] += 1
+                visible[order[k], s] = True
+                continue
+            x, at, box_tests, object_tests = _blocker(
+                ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
+            )
+            counts[_BOX_TESTS] += box_tests
+            counts[_OBJECT_TESTS] += object_tests
+            if x < 0:
+                visible[order[k], s] = True
+                continue
+            counts[_BLOCKED] += 1
+            work.latest[_BLOCKER] = x
+            if settings.order == _LAST_BLOCKER_FIRST:
+                _to_front(at, found.begin, work)
+
+
+@kernel
+def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
+    node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
+    for k in range(at, begin, -1):
+        work.nodes[k], work.flags[k], work.objects[k] = work.nodes[k - 1], work.flags[k - 1], work.objects[k - 1]
+    work.nodes[begin], work.flags[begin], work.objects[begin] = node, flag, x
+
+
+@kernel
+def _cast_together(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, box, own, order, begin, end, found, built, settings, work, counts, visible
+):
+    """All rays of a group against one candidate after the other, so that the processor tests several at once."""
+    samples, count = len(source.points), end - begin
+    clear = np.empty((samples, count), np.uint8)
+    at_a, at_b = np.empty((3, samples)), np.empty((3, count))
+    rays = 0
+    for s in range(samples):
+        ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
+        for k in range(count):
+            clear[s, k] = _faces(lit, begin + k, source.plane, source.one_sided, ax, ay, az)
+            rays += clear[s, k]
+    if rays == 0:
+        return
+    counts[_RAYS] += rays
+    left = rays
+    last = work.latest[_BLOCKER]
+    if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
+        counts[_OBJECT_TESTS] += left
+        left = _block(last, polygons, source, lit, begin, count, clear, at_a, at_b, left)
+        counts[_CACHED] += rays - left
+    if left and not built:
+        found = _shaft_list(
+            tree, polygons, source, box, own, count * samples, found, settings, True, work, counts
+        )  # fmt: skip
+    if found.begin == found.end:
+        counts[_FREE] += left
+    boxes = False
+    most = 0
+    for i in range(found.begin, found.end):
+        if left == 0:
+            break
+        x = work.objects[i]
+        if x < 0:
+            boxes = True
+        elif x != own:
+            counts[_OBJECT_TESTS] += left
+            before = left
+            left = _block(x, polygons, source, lit, begin, count, clear, at_a, at_b, left)
+            if before - left > most:
+                most = before - left
+                work.latest[_BLOCKER] = x
+    for k in range(count):
+        for s in range(samples):
+            if boxes and clear[s, k]:
+                x, _, box_tests, object_tests = _blocker(
+                    source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k], lit.y[begin + k],
+                    lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree, polygons, False, work,
                 )  # fmt: skip
                 counts[_BOX_TESTS] += box_tests
                 counts[_OBJECT_TESTS] += object_tests
-                if found < 0:
-                    visible[p, s] = True
-                    continue
-                counts[_BLOCKED] += 1
-                blocker = found
-                if settings.order == _LAST_BLOCKER_FIRST and at > from_begin:
-                    node, flag, x = nodes[at], flags[at], objects[at]
-                    for k in range(at, from_begin, -1):
-                        nodes[k], flags[k], objects[k] = nodes[k - 1], flags[k - 1], objects[k - 1]
-                    nodes[from_begin], flags[from_begin], objects[from_begin] = node, flag, x
+                if x >= 0:
+                    clear[s, k] = 0
+                    left -= 1
+            visible[order[begin + k], s] = clear[s, k] != 0
+    counts[_BLOCKED] += rays - left
+
+
+@kernel
+def _block(x, polygons, source, lit, begin, count, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
+    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    f, flag = polygons.forms[x], polygons.flags[x]
+    samples = len(source.points)
+    for j in range(3):
+        form = f[4 * j : 4 * j + 4]
+        for s in range(samples):
+            at_a[j, s] = height(form, source.points[s, 0], source.points[s, 1], source.points[s, 2])
+        for k in range(count):
+            at_b[j, k] = height(form, lit.x[begin + k], lit.y[begin + k], lit.z[begin + k])
+        if j == 0:
+            before_a = after_a = before_b = after_b = False
+            for s in range(samples):
+                before_a |= at_a[0, s] > 0
+                after_a |= at_a[0, s] <= 0
+            for k in range(count):
+                before_b |= at_b[0, k] > 0
+                after_b |= at_b[0, k] <= 0
+            if flag & SOLID:
+                after_a = False
+            if not (before_a and after_b or after_a and before_b):
+                return left
+    for k in range(count):
+        if lit.own[begin + k] == x:
+            at_b[0, k] = np.inf if before_a else -np.inf
+    for s in range(samples):
+        ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
+        if flag & SLIVER:
+            for k in range(count):
+                if clear[s, k] and lit.own[begin + k] != x and hits(
+                    x, source.points[s, 0], source.points[s, 1], source.points[s, 2],
+                    lit.x[begin + k], lit.y[begin + k], lit.z[begin + k], polygons.forms, polygons.bounds, polygons.flags,
+                ):  # fmt: skip
+                    clear[s, k] = 0
+        elif ha > 0:
+            if flag & PARALLELOGRAM:
+                for k in range(count):
+                    clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], True)
+            else:
+                for k in range(count):
+                    clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], False)
+        elif not flag & SOLID:
+            if flag & PARALLELOGRAM:
+                for k in range(count):
+                    clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], True)
+            else:
+                for k in range(count):
+                    clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], False)
+    left = 0
+    for s in range(samples):
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@kernel
+def _turned_away(source, box, normal):  # type: ignore[no-untyped-def]
+    """Points in a box, all with this normal, and the emitter don't face each other. normal: 0 where it isn't known."""
+    height = 0.0
+    for k in range(3):
+        n = normal[k]
+        height += n * ((source.box[k + 3] if n > 0 else source.box[k]) - (box[k] if n > 0 else box[k + 3]))
+    return height
+
+
+@kernel
+def _step(tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts):  # type: ignore[no-untyped-def]
+    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
+    size = len(tree.skip)
+    room = (groups.levels + 2) * size + 1
+    planes, near, extent = empty_shaft()
+    work = _Work(
+        np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
+        np.empty(6), np.empty(6), empty_stack(size), mark, np.array([0, -1]),
+    )  # fmt: skip
+    work.nodes[: len(roots)] = roots
+    work.flags[: len(roots)] = root_flags
+    top, boxed = _objects_of(
+        tree, polygons, False, settings.object_boxes, settings.size, source.polygon, -1, 0, len(roots), work
+    )
+    found = _List(0, top, boxed, -1)
+    # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
+    ends = np.empty(groups.levels + 2, np.int64)
+    lists = [found]
+    ends[0] = last
+    tiny = -1e-12 * settings.size
+
+    group = first
+    while group < last:
+        while group >= ends[len(lists) - 1]:
+            lists.pop()
+        begin, end = groups.begin[group], groups.end[group]
+        box, own = groups.boxes[group], groups.polygon[group]
+        rays = (end - begin) * len(source.points)
+        # Facing tests first, of all of them at once.
+        if (source.one_sided and _highest(box, source.plane) < tiny) or (
+            lit.one_sided and _turned_away(source, box, groups.normal[group]) < tiny
+        ):
+            group = groups.skip[group]
+            continue
+        found = lists[-1]
+        built = settings.strategy < 0 or rays < settings.no_shaft_below
+        if groups.skip[group] > group + 1:
+            if not built:
+                found = _shaft_list(
+                    tree, polygons, source, box, own, rays, found, settings, False, work, counts
+                )  # fmt: skip
+            if found.begin < found.end:
+                ends[len(lists)] = groups.skip[group]
+                lists.append(found)
+                group += 1
+                continue
+            built = True  # nothing is in the way of any of its parts
+        if settings.together:
+            _cast_together(
+                tree, polygons, source, lit, box, own, groups.order, begin, end, found, built, settings, work, counts,
+                visible,
+            )  # fmt: skip
+        else:
+            _cast_one_by_one(
+                tree, polygons, source, lit, box, own, groups.order, begin, end, found, built, settings, work, counts,
+                visible,
+            )  # fmt: skip
         group = groups.skip[group]
+
+
+@kernel
+def _facing(source, lit, order, faces):  # type: ignore[no-untyped-def]
+    for k in range(len(order)):
+        for s in range(len(source.points)):
+            a = source.points[s]
+            faces[order[k], s] = _faces(lit, k, source.plane, source.one_sided, a[0], a[1], a[2])
