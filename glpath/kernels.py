@@ -17,6 +17,14 @@ def kernel(function: Callable[..., Any]) -> Any:
     return njit(cache=True, nogil=True)(function)
 
 
+def inner_kernel(function: Callable[..., Any]) -> Any:
+    """As `kernel`, for what makes no arrays and returns none: it counts no references to those it is given.
+
+    For functions called in inner loops, where that counting, which is atomic, takes longer than what they do.
+    """
+    return njit(cache=True, nogil=True, _nrt=False)(function)
+
+
 class _Announcement(event.Listener):  # type: ignore[misc]  # numba has no types
     """Says once that something of ours is compiled. A function found in the cache is not compiled."""
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Int32
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel
 from glpath.scene.model import Scene
 
 #: Share of a segment, at each of its ends, where nothing blocks it: it ends on surfaces, and their neighbours touch it.
@@ -216,13 +216,13 @@ def _apex(a, b):  # type: ignore[no-untyped-def]
     return -1
 
 
-@kernel
-def height(form, x, y, z):  # type: ignore[no-untyped-def]
+@inner_kernel
+def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
     """A linear form of a point. All ways of testing compute it here, so that they round alike."""
-    return form[0] * x + form[1] * y + form[2] * z + form[3]
+    return f0 * x + f1 * y + f2 * z + f3
 
 
-@kernel
+@inner_kernel
 def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-def]
     """Whether a segment crosses a polygon, from the three forms at its ends; ha > 0. No branches, for vectors.
 
@@ -236,12 +236,11 @@ def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-d
     return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
 
 
-@kernel
+@inner_kernel
 def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
     """Whether polygon x stands between points a and b: the one test that everything rests on."""
-    f = forms[x]
-    ha = height(f[0:4], ax, ay, az)
-    hb = height(f[0:4], bx, by, bz)
+    f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
+    ha, hb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
     if (ha > 0) == (hb > 0):
         return False
     flag = flags[x]
@@ -249,33 +248,36 @@ def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-un
         if flag & SOLID:
             return False
         ha, hb = -ha, -hb
-    ua, va = height(f[4:8], ax, ay, az), height(f[8:12], ax, ay, az)
-    ub, vb = height(f[4:8], bx, by, bz), height(f[8:12], bx, by, bz)
+    f0, f1, f2, f3 = forms[x, 4], forms[x, 5], forms[x, 6], forms[x, 7]
+    ua, ub = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
+    f0, f1, f2, f3 = forms[x, 8], forms[x, 9], forms[x, 10], forms[x, 11]
+    va, vb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
     if not crosses(ha, ua, va, hb, ub, vb, flag & PARALLELOGRAM != 0):
         return False
     if not flag & SLIVER:
         return True
     t = ha / (ha - hb)
     px, py, pz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
-    o = bounds[x]
-    return o[0] <= px <= o[3] and o[1] <= py <= o[4] and o[2] <= pz <= o[5]
+    return (
+        bounds[x, 0] <= px <= bounds[x, 3] and bounds[x, 1] <= py <= bounds[x, 4] and bounds[x, 2] <= pz <= bounds[x, 5]
+    )  # fmt: skip
 
 
-@kernel
+@inner_kernel
 def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
     """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
 
     That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon that
     a lies behind, which only solids have [SC, Enhancements]. size: of the largest coordinate.
     """
-    f = forms[x]
-    least_a = most_a = least_b = most_b = f[3]
+    least_a = most_a = least_b = most_b = forms[x, 3]
     for k in range(3):
-        i, j = (k, k + 3) if f[k] > 0 else (k + 3, k)
-        least_a += f[k] * a[i]
-        most_a += f[k] * a[j]
-        least_b += f[k] * b[i]
-        most_b += f[k] * b[j]
+        f = forms[x, k]
+        i, j = (k, k + 3) if f > 0 else (k + 3, k)
+        least_a += f * a[i]
+        most_a += f * a[j]
+        least_b += f * b[i]
+        most_b += f * b[j]
     tiny = _ROUNDING * size * length[x]
     far = 2 * tiny / ENDS
     if least_a > tiny and least_b > tiny or most_a < -tiny and most_b < -tiny:

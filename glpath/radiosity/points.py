@@ -18,6 +18,10 @@ from glpath.kernels import kernel
 _PART = 0.25
 
 
+#: Instead of a polygon's number, where points of a group lie on different ones.
+SEVERAL = -2
+
+
 class Groups(NamedTuple):
     """Ranges of points that share a shaft, as a forest in depth-first order, M nodes.
 
@@ -25,7 +29,7 @@ class Groups(NamedTuple):
     boxes      : (M, 6) float64, around the points
     skip       : (M,) int64, the node after a group and its parts
     begin, end : (M,) int64
-    polygon    : (M,) int32, the blocker that all points lie on; -1 where they lie on several or none
+    polygon    : (M,) int32, the blocker that all points lie on; -1 for none, SEVERAL where they lie on different ones
     normal     : (M, 3) float64, of unit length where it is that of all points; 0 where it isn't
     levels     : most groups around any point
     """
@@ -142,7 +146,7 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
                 polygons[n] = polygon[order[begin]]
                 for i in range(begin, end):
                     if polygon[order[i]] != polygons[n]:
-                        polygons[n] = -1
+                        polygons[n] = SEVERAL
                 around = points_here
                 level += 1
                 levels = max(levels, level)

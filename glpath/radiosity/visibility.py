@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Hierarchy, Int32, build_hierarchy
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, Blockers, crosses, height, hits, never_hit
 from glpath.radiosity.clusters import cluster
-from glpath.radiosity.points import Groups, group_points
+from glpath.radiosity.points import SEVERAL, Groups, group_points
 from glpath.radiosity.shaft import (
     Strategy,
     Tree,
@@ -237,12 +237,14 @@ class Visibility:
         receivers = Receivers(b, np.zeros(len(b), np.int32))
         return np.ascontiguousarray(self.step(Emitter(a), receivers)[0].T)
 
-    def groups(self, receivers: Receivers) -> Groups:
-        """The clumps of points that share shafts. The same for every emitter, so worth keeping between steps."""
+    def prepare(self, receivers: Receivers) -> Prepared:
+        """Receivers in clumps that share shafts. The same for every emitter, so worth keeping between steps."""
+        self.blockers.check_points(receivers.points, "Receivers.points")
         o = self.options
-        return group_points(
+        groups = group_points(
             receivers.points, receivers.receiver, receivers.normals, receivers.polygons, o.clump, o.group, o.nested
         )
+        return Prepared(groups, _lit(receivers, groups.order))
 
     def emitter_list(self, emitter: Emitter) -> tuple[Int32, NDArray[np.int8]]:
         """Nodes that can block light of an emitter, and what is known of each and the emitter's box [SC, Enhancements].
@@ -257,21 +259,18 @@ class Visibility:
         return _emitter_list(tree, box, plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1)
 
     def step(
-        self, emitter: Emitter, receivers: Receivers, groups: Groups | None = None
+        self, emitter: Emitter, receivers: Receivers | Prepared
     ) -> tuple[NDArray[np.bool_], Statistics]:
         """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
 
-        False where the two don't face each other. groups: of `Visibility.groups`, made where it isn't given.
+        False where the two don't face each other. receivers: of `prepare`, where there is more than one step.
         """
         o = self.options
         self.blockers.check_points(emitter.points, "Emitter.points")
-        self.blockers.check_points(receivers.points, "Receivers.points")
-        count = len(receivers.points)
-        visible = np.zeros((count, len(emitter.points)), np.bool_)
+        groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
+        visible = np.zeros((len(groups.order), len(emitter.points)), np.bool_)
         if not visible.size:
             return visible, Statistics()
-        if groups is None:
-            groups = self.groups(receivers)
         tree = self._kernel_tree
         roots, flags = self.emitter_list(emitter)
         settings = _Settings(
@@ -279,7 +278,7 @@ class Visibility:
             o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
         )  # fmt: skip
-        lit, source = _lit(receivers, groups.order), _source(emitter)
+        source = _source(emitter)
 
         def some(part: slice) -> NDArray[np.int64]:
             counts = np.zeros(len(fields(Statistics)), np.int64)
@@ -399,6 +398,13 @@ class _Lit(NamedTuple):
     own: Int32
 
 
+class Prepared(NamedTuple):
+    """Receivers as `Visibility.step` needs them."""
+
+    groups: Groups
+    lit: _Lit
+
+
 class _Work(NamedTuple):
     """Room that a thread works in.
 
@@ -450,13 +456,13 @@ def _upwards(tree):  # type: ignore[no-untyped-def]
     return parent, leaf_of
 
 
-@kernel
-def _highest(box, plane):  # type: ignore[no-untyped-def]
-    """The largest height of a box's points over a plane (4,)."""
-    height = plane[3]
+@inner_kernel
+def _highest(boxes, i, plane):  # type: ignore[no-untyped-def]
+    """The largest height of boxes[i] over a plane (4,)."""
+    most = plane[3]
     for k in range(3):
-        height += plane[k] * (box[k + 3] if plane[k] > 0 else box[k])
-    return height
+        most += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
+    return most
 
 
 @kernel
@@ -476,7 +482,7 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or that
     # has a larger box than its polygon, starts at the root.
     below = leaf
-    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes[leaf], box) else -1
+    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
         pending[0] = 0
         node, below, waiting = -1, -1, 1
@@ -493,9 +499,9 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
         while waiting:
             waiting -= 1
             item = pending[waiting]
-            if item == leaf or (behind and _highest(tree.boxes[item], plane) < 0):
+            if item == leaf or (behind and _highest(tree.boxes, item, plane) < 0):
                 continue
-            opened = wanted and tree.items[item] == 0 and encloses(tree.boxes[item], box)
+            opened = wanted and tree.items[item] == 0 and encloses(tree.boxes, item, box)
             if opened:
                 child = item + 1
                 while child < tree.skip[item]:
@@ -503,9 +509,9 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
                     waiting += 1
                     child = tree.skip[child]
             else:
-                touches = overlaps(tree.boxes[item], box)
+                touches = overlaps(tree.boxes, item, box)
                 found[n] = item
-                flags[n] = -1 if encloses(tree.boxes[item], box) else (touching if touches else 0)
+                flags[n] = -1 if encloses(tree.boxes, item, box) else (touching if touches else 0)
                 n += 1
         if node < 0:
             break
@@ -513,29 +519,28 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     return found[:n].copy(), flags[:n].copy()
 
 
-@kernel
-def _box_hit(box, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
-    """Whether a segment meets a box between its `ENDS`. i: inverse of the way from a to b, finite.
+@inner_kernel
+def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
+    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of the way from a to b, finite.
 
     Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the order.
     """
-    near, far = ENDS, 1 - ENDS
-    t0, t1 = (box[0] - ax) * ix, (box[3] - ax) * ix
+    t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
+    near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
+    t0, t1 = (boxes[i, 1] - ay) * iy, (boxes[i, 4] - ay) * iy
     near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
-    t0, t1 = (box[1] - ay) * iy, (box[4] - ay) * iy
-    near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
-    t0, t1 = (box[2] - az) * iz, (box[5] - az) * iz
+    t0, t1 = (boxes[i, 2] - az) * iz, (boxes[i, 5] - az) * iz
     near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
     return near <= far
 
 
-@kernel
+@inner_kernel
 def _inverse(d):  # type: ignore[no-untyped-def]
     """1 / d, or so: never infinite, so that 0 times it is no NaN."""
     return 1 / d if abs(d) > 1e-300 else (1e300 if d >= 0 else -1e300)
 
 
-@kernel
+@inner_kernel
 def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
     """The first polygon of a `_List` between a and b, -1 for none; its place there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
@@ -543,34 +548,36 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
     box_tests, object_tests = 0, 0
     forms, bounds, flags = polygons.forms, polygons.bounds, polygons.flags
+    boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
+    nodes, objects, mark, number = work.nodes, work.objects, work.mark, found.number
     for i in range(found.begin, found.end):
-        x = work.objects[i]
+        x = objects[i]
         if x >= 0:
             if x == own_a or x == own_b:
                 continue
             if object_boxes:
                 box_tests += 1
-                if not _box_hit(tree.boxes[work.nodes[i]], ax, ay, az, ix, iy, iz):
+                if not _box_hit(boxes, nodes[i], ax, ay, az, ix, iy, iz):
                     continue
             object_tests += 1
             if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                 return x, i, box_tests, object_tests
             continue
-        node = work.nodes[i]
-        last = tree.skip[node]
+        node = nodes[i]
+        last = skip[node]
         while node < last:
-            if len(work.mark) and work.mark[node] == found.number:
-                node = tree.skip[node]
+            if len(mark) and mark[node] == number:
+                node = skip[node]
                 continue
-            leaf = tree.items[node] > 0
+            leaf = items[node] > 0
             if not leaf or object_boxes:
                 box_tests += 1
-                if not _box_hit(tree.boxes[node], ax, ay, az, ix, iy, iz):
-                    node = tree.skip[node]
+                if not _box_hit(boxes, node, ax, ay, az, ix, iy, iz):
+                    node = skip[node]
                     continue
             if leaf:
-                for k in range(tree.first[node], tree.first[node] + tree.items[node]):
-                    x = tree.order[k]
+                for k in range(first[node], first[node] + items[node]):
+                    x = order[k]
                     if x != own_a and x != own_b:
                         object_tests += 1
                         if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
@@ -579,26 +586,29 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
     return -1, -1, box_tests, object_tests
 
 
-@kernel
+@inner_kernel
 def _objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
     """Note which candidates are single polygons, and leave out those that can't block between boxes work.a and work.b.
 
     Returns the new end, and whether boxes are left.
     """
+    items, first, order = tree.items, tree.first, tree.order
+    nodes, flags, objects, a, b = work.nodes, work.flags, work.objects, work.a, work.b
+    forms, kinds, length = polygons.forms, polygons.flags, polygons.length
     n = begin
     boxed = object_boxes
     for i in range(begin, end):
-        node = work.nodes[i]
+        node = nodes[i]
         x = -1
-        if tree.items[node] == 1:
-            x = tree.order[tree.first[node]]
+        if items[node] == 1:
+            x = order[first[node]]
             if x == own_a or x == own_b:
                 continue
-            if coplanar and never_hit(x, work.a, work.b, polygons.forms, polygons.flags, polygons.length, size):
+            if coplanar and never_hit(x, a, b, forms, kinds, length, size):
                 continue
         else:
             boxed = True
-        work.nodes[n], work.flags[n], work.objects[n] = node, work.flags[i], x
+        nodes[n], flags[n], objects[n] = node, flags[i], x
         n += 1
     return n, boxed
 
@@ -624,17 +634,18 @@ def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shaft_list(tree, polygons, source, box, own, rays, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
-    """Form the shaft between the emitter and a box of points; the `_List` of its candidates, behind the parent's."""
+def _shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
+    """Form the shaft between the emitter and a group; the `_List` of its candidates, behind the parent's."""
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
         # The points that lie this share along the segments from all of one box to all of the other.
-        work.a[k] = source.box[k] + share * (box[k] - source.box[k])
-        work.b[k] = box[k] + share * (source.box[k] - box[k])
+        emitter, receiver = source.box[k], groups.boxes[group, k]
+        work.a[k] = emitter + share * (receiver - emitter)
+        work.b[k] = receiver + share * (emitter - receiver)
     work.latest[_NUMBER] += 1
     number = work.latest[_NUMBER]
     strategy = settings.strategy
-    if rays < settings.keep_closed_below:
+    if _rays(source, groups, group) < settings.keep_closed_below:
         strategy = _KEEP_CLOSED
     n = form_shaft(
         work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
@@ -645,8 +656,8 @@ def _shaft_list(tree, polygons, source, box, own, rays, parent, settings, leaf, 
         parent.end,
     )  # fmt: skip
     end, boxed = _objects_of(
-        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon, own, parent.end,
-        size, work,
+        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon,
+        groups.polygon[group], parent.end, size, work,
     )  # fmt: skip
     if leaf and settings.order == _LARGEST_FIRST:
         _largest_first(tree, parent.end, end, work)
@@ -660,31 +671,44 @@ def _shaft_list(tree, polygons, source, box, own, rays, parent, settings, leaf, 
     return _List(parent.end, end, boxed, number)
 
 
-@kernel
-def _faces(lit, k, normal_a, one_sided_a, ax, ay, az):  # type: ignore[no-untyped-def]
-    """Whether point k lies before the emitter, and the sample a before the point. normal_a: (4,) plane."""
-    if one_sided_a and not height(normal_a, lit.x[k], lit.y[k], lit.z[k]) > 0:
-        return False
+@inner_kernel
+def _rays(source, groups, group):  # type: ignore[no-untyped-def]
+    return (groups.end[group] - groups.begin[group]) * len(source.points)
+
+
+@inner_kernel
+def _before_emitter(lit, k, source):  # type: ignore[no-untyped-def]
+    """Receiver point k lies where the emitter shines."""
+    p = source.plane
+    return not source.one_sided or p[0] * lit.x[k] + p[1] * lit.y[k] + p[2] * lit.z[k] + p[3] > 0
+
+
+@inner_kernel
+def _before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
+    """Sample s lies before receiver point k."""
     if not lit.one_sided:
         return True
-    n = lit.normals[k]
-    return n[0] * ax + n[1] * ay + n[2] * az > lit.heights[k]
+    n, a = lit.normals, source.points
+    return n[k, 0] * a[s, 0] + n[k, 1] * a[s, 1] + n[k, 2] * a[s, 2] > lit.heights[k]
 
 
 @kernel
 def _cast_one_by_one(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, box, own, order, begin, end, found, built, settings, work, counts, visible
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
     """The rays of a group as in the paper: the last blocker, then the shaft's list until something is hit.
 
     found, built : the candidates, if the shaft is built; else the parent's, from which it will be
     """
     samples = len(source.points)
-    for k in range(begin, end):
+    for k in range(groups.begin[group], groups.end[group]):
+        if not _before_emitter(lit, k, source):
+            continue
+        p = groups.order[k]
         bx, by, bz, own_b = lit.x[k], lit.y[k], lit.z[k], lit.own[k]
         for s in range(samples):
             ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
-            if not _faces(lit, k, source.plane, source.one_sided, ax, ay, az):
+            if not _before_receiver(lit, k, source, s):
                 continue
             counts[_RAYS] += 1
             if not built or found.begin < found.end:
@@ -697,13 +721,12 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                         continue
                 if not built:
                     built = True
-                    rays = (end - begin) * samples
                     found = _shaft_list(
-                        tree, polygons, source, box, own, rays, found, settings, True, work, counts
+                        tree, polygons, source, groups, group, found, settings, True, work, counts
                     )  # fmt: skip
             if found.begin == found.end:
                 counts[_FREE] += 1
-                visible[order[k], s] = True
+                visible[p, s] = True
                 continue
             x, at, box_tests, object_tests = _blocker(
                 ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
@@ -711,7 +734,7 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
             counts[_BOX_TESTS] += box_tests
             counts[_OBJECT_TESTS] += object_tests
             if x < 0:
-                visible[order[k], s] = True
+                visible[p, s] = True
                 continue
             counts[_BLOCKED] += 1
             work.latest[_BLOCKER] = x
@@ -719,7 +742,7 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                 _to_front(at, found.begin, work)
 
 
-@kernel
+@inner_kernel
 def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
     node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
     for k in range(at, begin, -1):
@@ -729,31 +752,26 @@ def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cast_together(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, box, own, order, begin, end, found, built, settings, work, counts, visible
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
     """All rays of a group against one candidate after the other, so that the processor tests several at once."""
-    samples, count = len(source.points), end - begin
+    samples, begin = len(source.points), groups.begin[group]
+    count = groups.end[group] - begin
+    own = groups.polygon[group]
     clear = np.empty((samples, count), np.uint8)
     at_a, at_b = np.empty((3, samples)), np.empty((3, count))
-    rays = 0
-    for s in range(samples):
-        ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
-        for k in range(count):
-            clear[s, k] = _faces(lit, begin + k, source.plane, source.one_sided, ax, ay, az)
-            rays += clear[s, k]
-    if rays == 0:
+    left = _start(source, lit, groups.normal, group, begin, count, clear)
+    if left == 0:
         return
+    rays = left
     counts[_RAYS] += rays
-    left = rays
     last = work.latest[_BLOCKER]
     if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
         counts[_OBJECT_TESTS] += left
-        left = _block(last, polygons, source, lit, begin, count, clear, at_a, at_b, left)
+        left = _block(last, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
         counts[_CACHED] += rays - left
     if left and not built:
-        found = _shaft_list(
-            tree, polygons, source, box, own, count * samples, found, settings, True, work, counts
-        )  # fmt: skip
+        found = _shaft_list(tree, polygons, source, groups, group, found, settings, True, work, counts)
     if found.begin == found.end:
         counts[_FREE] += left
     boxes = False
@@ -767,75 +785,103 @@ def _cast_together(  # type: ignore[no-untyped-def]
         elif x != own:
             counts[_OBJECT_TESTS] += left
             before = left
-            left = _block(x, polygons, source, lit, begin, count, clear, at_a, at_b, left)
+            left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
             if before - left > most:
                 most = before - left
                 work.latest[_BLOCKER] = x
-    for k in range(count):
-        for s in range(samples):
-            if boxes and clear[s, k]:
-                x, _, box_tests, object_tests = _blocker(
-                    source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k], lit.y[begin + k],
-                    lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree, polygons, False, work,
-                )  # fmt: skip
-                counts[_BOX_TESTS] += box_tests
-                counts[_OBJECT_TESTS] += object_tests
-                if x >= 0:
-                    clear[s, k] = 0
-                    left -= 1
-            visible[order[begin + k], s] = clear[s, k] != 0
+    if left and boxes:
+        for k in range(count):
+            for s in range(samples):
+                if clear[s, k]:
+                    x, _, box_tests, object_tests = _blocker(
+                        source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
+                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree, polygons,
+                        False, work,
+                    )  # fmt: skip
+                    counts[_BOX_TESTS] += box_tests
+                    counts[_OBJECT_TESTS] += object_tests
+                    if x >= 0:
+                        clear[s, k] = 0
+                        left -= 1
     counts[_BLOCKED] += rays - left
+    if left:  # it was all False before
+        order = groups.order
+        for k in range(count):
+            p = order[begin + k]
+            for s in range(samples):
+                visible[p, s] = clear[s, k]
 
 
 @kernel
-def _block(x, polygons, source, lit, begin, count, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
-    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
-    f, flag = polygons.forms[x], polygons.flags[x]
+def _start(source, lit, common, group, begin, count, clear):  # type: ignore[no-untyped-def]
+    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
     samples = len(source.points)
-    for j in range(3):
-        form = f[4 * j : 4 * j + 4]
-        for s in range(samples):
-            at_a[j, s] = height(form, source.points[s, 0], source.points[s, 1], source.points[s, 2])
-        for k in range(count):
-            at_b[j, k] = height(form, lit.x[begin + k], lit.y[begin + k], lit.z[begin + k])
-        if j == 0:
-            before_a = after_a = before_b = after_b = False
-            for s in range(samples):
-                before_a |= at_a[0, s] > 0
-                after_a |= at_a[0, s] <= 0
-            for k in range(count):
-                before_b |= at_b[0, k] > 0
-                after_b |= at_b[0, k] <= 0
-            if flag & SOLID:
-                after_a = False
-            if not (before_a and after_b or after_a and before_b):
-                return left
+    n, a, heights = lit.normals, source.points, lit.heights
+    before = np.empty(count, np.uint8)
+    left = 0
     for k in range(count):
-        if lit.own[begin + k] == x:
-            at_b[0, k] = np.inf if before_a else -np.inf
+        before[k] = _before_emitter(lit, begin + k, source)
+        left += before[k]
+    if left == 0:
+        return 0
+    flat = lit.one_sided and (common[group, 0] != 0 or common[group, 1] != 0 or common[group, 2] != 0)
+    left = 0
     for s in range(samples):
-        ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
-        if flag & SLIVER:
+        if not lit.one_sided:
             for k in range(count):
-                if clear[s, k] and lit.own[begin + k] != x and hits(
-                    x, source.points[s, 0], source.points[s, 1], source.points[s, 2],
-                    lit.x[begin + k], lit.y[begin + k], lit.z[begin + k], polygons.forms, polygons.bounds, polygons.flags,
+                clear[s, k] = before[k]
+        elif flat:  # as `_before_receiver`, with one normal
+            reach = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
+            for k in range(count):
+                clear[s, k] = before[k] & (reach > heights[begin + k])
+        else:
+            for k in range(count):
+                clear[s, k] = before[k] and _before_receiver(lit, begin + k, source, s)
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@inner_kernel
+def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
+    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    forms, flag = polygons.forms, polygons.flags[x]
+    a, bx, by, bz, own_b = source.points, lit.x, lit.y, lit.z, lit.own
+    samples = len(a)
+    before_a = before_b = 0
+    f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
+    for s in range(samples):
+        at_a[0, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        before_a += at_a[0, s] > 0
+    for k in range(count):
+        at_b[0, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+        before_b += at_b[0, k] > 0
+    # Nothing to do where no segment can cross the plane, or only from the back of a solid.
+    if not (before_a and before_b < count or (before_a < samples and before_b and not flag & SOLID)):
+        return left
+    for j in range(1, 3):
+        i = 4 * j
+        f0, f1, f2, f3 = forms[x, i], forms[x, i + 1], forms[x, i + 2], forms[x, i + 3]
+        for s in range(samples):
+            at_a[j, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        for k in range(count):
+            at_b[j, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+    mine = False
+    if own == SEVERAL:
+        for k in range(count):
+            mine |= own_b[begin + k] == x
+    if flag & SLIVER or mine:
+        for s in range(samples):
+            for k in range(count):
+                b = begin + k
+                if clear[s, k] and own_b[b] != x and hits(
+                    x, a[s, 0], a[s, 1], a[s, 2], bx[b], by[b], bz[b], forms, polygons.bounds, polygons.flags
                 ):  # fmt: skip
                     clear[s, k] = 0
-        elif ha > 0:
-            if flag & PARALLELOGRAM:
-                for k in range(count):
-                    clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], True)
-            else:
-                for k in range(count):
-                    clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], False)
-        elif not flag & SOLID:
-            if flag & PARALLELOGRAM:
-                for k in range(count):
-                    clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], True)
-            else:
-                for k in range(count):
-                    clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], False)
+    elif flag & PARALLELOGRAM:
+        _cross_all(at_a, at_b, True, flag & SOLID != 0, samples, count, clear)
+    else:
+        _cross_all(at_a, at_b, False, flag & SOLID != 0, samples, count, clear)
     left = 0
     for s in range(samples):
         for k in range(count):
@@ -843,14 +889,28 @@ def _block(x, polygons, source, lit, begin, count, clear, at_a, at_b, left):  # 
     return left
 
 
-@kernel
-def _turned_away(source, box, normal):  # type: ignore[no-untyped-def]
-    """Points in a box, all with this normal, and the emitter don't face each other. normal: 0 where it isn't known."""
-    height = 0.0
+@inner_kernel
+def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type: ignore[no-untyped-def]
+    """As `hits`, for all segments at once. at_a, at_b: (3, n), the polygon's three forms at both ends."""
+    for s in range(samples):
+        ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
+        if ha > 0:
+            for k in range(count):
+                clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+        elif not solid:
+            for k in range(count):
+                clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+
+
+@inner_kernel
+def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
+    """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
+    most = 0.0
     for k in range(3):
-        n = normal[k]
-        height += n * ((source.box[k + 3] if n > 0 else source.box[k]) - (box[k] if n > 0 else box[k + 3]))
-    return height
+        n = groups.normal[group, k]
+        i, j = (k + 3, k) if n > 0 else (k, k + 3)
+        most += n * (source.box[i] - groups.boxes[group, j])
+    return most
 
 
 @kernel
@@ -879,22 +939,17 @@ def _step(tree, polygons, source, lit, groups, first, last, roots, root_flags, s
     while group < last:
         while group >= ends[len(lists) - 1]:
             lists.pop()
-        begin, end = groups.begin[group], groups.end[group]
-        box, own = groups.boxes[group], groups.polygon[group]
-        rays = (end - begin) * len(source.points)
         # Facing tests first, of all of them at once.
-        if (source.one_sided and _highest(box, source.plane) < tiny) or (
-            lit.one_sided and _turned_away(source, box, groups.normal[group]) < tiny
+        if (source.one_sided and _highest(groups.boxes, group, source.plane) < tiny) or (
+            lit.one_sided and _turned_away(source, groups, group) < tiny
         ):
             group = groups.skip[group]
             continue
         found = lists[-1]
-        built = settings.strategy < 0 or rays < settings.no_shaft_below
+        built = settings.strategy < 0 or _rays(source, groups, group) < settings.no_shaft_below
         if groups.skip[group] > group + 1:
             if not built:
-                found = _shaft_list(
-                    tree, polygons, source, box, own, rays, found, settings, False, work, counts
-                )  # fmt: skip
+                found = _shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)
             if found.begin < found.end:
                 ends[len(lists)] = groups.skip[group]
                 lists.append(found)
@@ -903,13 +958,11 @@ def _step(tree, polygons, source, lit, groups, first, last, roots, root_flags, s
             built = True  # nothing is in the way of any of its parts
         if settings.together:
             _cast_together(
-                tree, polygons, source, lit, box, own, groups.order, begin, end, found, built, settings, work, counts,
-                visible,
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
             )  # fmt: skip
         else:
             _cast_one_by_one(
-                tree, polygons, source, lit, box, own, groups.order, begin, end, found, built, settings, work, counts,
-                visible,
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
             )  # fmt: skip
         group = groups.skip[group]
 
@@ -918,5 +971,4 @@ def _step(tree, polygons, source, lit, groups, first, last, roots, root_flags, s
 def _facing(source, lit, order, faces):  # type: ignore[no-untyped-def]
     for k in range(len(order)):
         for s in range(len(source.points)):
-            a = source.points[s]
-            faces[order[k], s] = _faces(lit, k, source.plane, source.one_sided, a[0], a[1], a[2])
+            faces[order[k], s] = _before_emitter(lit, k, source) and _before_receiver(lit, k, source, s)
