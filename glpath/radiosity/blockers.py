@@ -1,8 +1,9 @@
 """Blockers: the flat polygons that can stand between two points, and the one test of a segment against one of them.
 
-Every way of looking for a blocker ends in `height` and `crosses`, so that all of them must agree bit for bit. What makes
-it so: the boxes of the hierarchy are wider than any rounding of a crossing. Coordinates in a sliver round worse; its hit
-counts only where the point that it computes lies in the sliver's box, widened less than that of the hierarchy.
+Every way of looking for a blocker ends in `height` and `crosses`, so that all of them must agree bit for bit. What
+makes it so: the boxes of the hierarchy are wider than any rounding of a crossing. Coordinates in a sliver round
+worse; its hit counts only where the point that it computes lies in the sliver's box, widened less than that of the
+hierarchy.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from glpath.hierarchy import Float64, Int32
 from glpath.kernels import inner_kernel, kernel
 from glpath.scene.model import Scene
 
-#: Share of a segment, at each of its ends, where nothing blocks it: it ends on surfaces, and their neighbours touch it.
+#: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
 ENDS = 1e-5
 #: Rounding, as a share of the largest coordinate: of what a box is widened by, and of a distance from a plane.
 _WIDER = 1e-9
@@ -64,7 +65,7 @@ class Blockers:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Blockers:
-        """The polygons of a scene: triangles that make a parallelogram together become one. No spheres or planes."""
+        """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
         shape = np.repeat(
             np.arange(len(scene.shapes), dtype=np.int32),
             [s.count if s.primitive == "triangle" else 0 for s in scene.shapes],
@@ -259,16 +260,18 @@ def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-un
     t = ha / (ha - hb)
     px, py, pz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
     return (
-        bounds[x, 0] <= px <= bounds[x, 3] and bounds[x, 1] <= py <= bounds[x, 4] and bounds[x, 2] <= pz <= bounds[x, 5]
-    )  # fmt: skip
+        bounds[x, 0] <= px <= bounds[x, 3]
+        and bounds[x, 1] <= py <= bounds[x, 4]
+        and bounds[x, 2] <= pz <= bounds[x, 5]
+    )
 
 
 @inner_kernel
 def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
     """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
 
-    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon that
-    a lies behind, which only solids have [SC, Enhancements]. size: of the largest coordinate.
+    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon
+    that a lies behind [SC, Enhancements]. size: the largest coordinate.
     """
     least_a = most_a = least_b = most_b = forms[x, 3]
     for k in range(3):
@@ -280,11 +283,11 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
         most_b += f * b[j]
     tiny = _ROUNDING * size * length[x]
     far = 2 * tiny / ENDS
-    if least_a > tiny and least_b > tiny or most_a < -tiny and most_b < -tiny:
+    if (least_a > tiny and least_b > tiny) or (most_a < -tiny and most_b < -tiny):
         return True
-    if least_a >= -tiny and least_b >= far or least_a >= far and least_b >= -tiny:
+    if (least_a >= -tiny and least_b >= far) or (least_a >= far and least_b >= -tiny):
         return True
-    if most_a <= tiny and most_b <= -far or most_a <= -far and most_b <= tiny:
+    if (most_a <= tiny and most_b <= -far) or (most_a <= -far and most_b <= tiny):
         return True
     return flags[x] & SOLID and most_a < -tiny
 

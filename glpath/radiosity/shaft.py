@@ -1,20 +1,21 @@
-"""Shaft: the volume between two boxes, and which boxes and spheres can stand in it [SC, Forming the Testing Structure].
+"""Shaft: the volume between two boxes, and which boxes and spheres can stand in it [SC].
 
-The shaft is the convex hull of the two boxes. Its faces are those of the box around both, and one plane through each
-pair of parallel edges that has an edge of that box to cut off: at most eight.
+The shaft is the convex hull of the two boxes. Its faces are those of the box around both, and one plane through
+each pair of parallel edges that has an edge of that box to cut off: at most eight.
 
-Why boxes are never falsely called overlapping, which the paper supposes: two convex bodies are apart exactly where a
-facet normal of their difference separates them. Towards every direction of one octant the support of a box is one
-corner, that of the hull the farther one of two corners; so within an octant only the plane of directions in which these
-two are equally far can bend the difference's support. Facet normals are where such bends meet: on the axes, and where
-that plane meets a side of the octant, where one coordinate of the direction is 0. The former are the faces of the
-extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other normals.
+Why boxes are never falsely called overlapping, which the paper supposes: two convex bodies are apart exactly where
+a facet normal of their difference separates them. Towards every direction of one octant the support of a box is one
+corner, that of the hull the farther one of two corners; so within an octant only the plane of directions in which
+these two are equally far can bend the difference's support. Facet normals are where such bends meet: on the axes,
+and where that plane meets a side of the octant, where one coordinate of the direction is 0. The former are the
+faces of the extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other
+normals.
 
 Cost:     about 50 ns to form, 5 to 20 ns to test a box.
 Poor at:  boxes far larger than what they stand for: a wide diagonal polygon fills little of its box.
 
-[SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering, 1991.
-[Arvo 1990] J. Arvo, "A simple method for box-sphere intersection testing", Graphics Gems, 335-339.
+[SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
+1991. [Arvo 1990] J. Arvo, "A simple method for box-sphere intersection testing", Graphics Gems, 335-339.
 """
 
 from __future__ import annotations
@@ -71,8 +72,8 @@ class Shaft:
     box_a, box_b     : (6,) float64, the reference boxes: lo.x lo.y lo.z hi.x hi.y hi.z
     extent           : (6,) float64, the box around both, `slack` larger on every side
     faces_a, faces_b : the faces of the extent box that only that reference box reaches, such as "MIN_X"
-    planes           : (P, 4) float64, normal out of the shaft (not of unit length; one coordinate is 0) and distance:
-                       a point x is outside where normal . x + distance > 0
+    planes           : (P, 4) float64, normal out of the shaft (not of unit length; one coordinate is 0) and
+                       distance: a point x is outside where normal . x + distance > 0
     near, far        : (P, 3) int64, for each plane which of a box's six numbers are the corner nearest to the
                        inside, and the farthest
     """
@@ -104,8 +105,10 @@ class Shaft:
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
         planes, near, extent = empty_shaft()
         n = form_shaft(a, b, slack, -1.0 if least_cut is None else least_cut, planes, near, extent)
-        names = [tuple(name for f, name in enumerate(FACES) if _beyond(x, y, f)) for x, y in ((a, b), (b, a))]
-        return cls(a, b, extent, *names, *_with_three_axes(planes[:n], near[:n]))
+        faces_a = tuple(name for f, name in enumerate(FACES) if _beyond(a, b, f))
+        faces_b = tuple(name for f, name in enumerate(FACES) if _beyond(b, a, f))
+        full, corners = _with_three_axes(planes[:n], near[:n])
+        return cls(a, b, extent, faces_a, faces_b, full, corners)
 
     def classify(self, boxes: ArrayLike) -> NDArray[np.int8]:
         """(N,) int8 of `Place`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
@@ -333,7 +336,7 @@ def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
 def _classify_boxes(boxes, a, b, extent, planes, near, n):  # type: ignore[no-untyped-def]
     places = np.empty(len(boxes), np.int8)
     for i in range(len(boxes)):
-        place = place_box(boxes, i, -1, a, b, extent, planes, near, n, True)
+        place = place_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
         if place == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
             place = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
         places[i] = place
@@ -384,13 +387,13 @@ def gather(  # type: ignore[no-untyped-def]
     """Append to `found`, from `size` on, the candidates below roots[begin:end]; see `candidate_list`.
 
     flags  : (len(roots),) int8, see `place_box`; what is known of a candidate goes to `found_flags`
-    mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that of
-             the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
+    mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that
+             of the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
     stack  : of `empty_stack`
 
     Returns the new size, and how many boxes were tested. `found` may be where the roots lie, behind them.
     """
-    whole = strategy == _OVERLAP_OPEN or strategy == _RATIO_OPEN
+    whole = strategy in (_OVERLAP_OPEN, _RATIO_OPEN)
     boxes, skip, items = tree.boxes, tree.skip, tree.items  # once: taking an array counts references
     tests = 0
     for r in range(begin, end):
@@ -398,7 +401,7 @@ def gather(  # type: ignore[no-untyped-def]
         top = 1
         while top:
             top -= 1
-            node, flag, place = stack[top, 0], stack[top, 1], stack[top, 2]
+            node, flag, place = np.int64(stack[top, 0]), np.int64(stack[top, 1]), np.int64(stack[top, 2])
             if place < 0:
                 tests += 1
                 place = place_box(boxes, node, flag, a, b, extent, planes, near, n, whole)
@@ -414,7 +417,7 @@ def gather(  # type: ignore[no-untyped-def]
                 child = node + 1
                 while child < skip[node]:
                     children += 1
-                    place = -1
+                    place = np.int64(-1)
                     if not opened:
                         tests += 1
                         place = place_box(boxes, child, below, a, b, extent, planes, near, n, whole)
@@ -423,7 +426,7 @@ def gather(  # type: ignore[no-untyped-def]
                         top += 1
                     elif len(mark):
                         mark[child] = number
-                    child = skip[child]
+                    child = np.int64(skip[child])
                 if not opened and top - base > 1 and top - base > ratio * children:
                     top = base
                     keep = True

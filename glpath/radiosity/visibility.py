@@ -5,8 +5,9 @@
     visibility.step(emitter, receivers)                     # one emitter against all receivers, with statistics
 
 A shaft is built between the emitter and a clump of receiver points; segments between the two are tested against its
-candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same answer,
-that of testing every segment against every polygon; they differ in what it costs. `Options` tells by how much.
+candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same
+answer, that of testing every segment against every polygon; they differ in what it costs. `Options` tells by how
+much.
 
 Cost:     see `glpath bench shaft`; shafts are shared between threads.
 Poor at:  few rays per shaft: a shaft costs as much as some ten rays.
@@ -56,10 +57,10 @@ _KEEP_CLOSED = int(Strategy.KEEP_CLOSED)
 
 @dataclass(frozen=True)
 class Options:
-    """How candidates are found; none of it changes what is visible. The defaults are the quickest of the office scenes.
+    """How candidates are found; none of it changes what is visible. The defaults are quick for the office scenes.
 
-    strategy          : what becomes of boxes that are not outside a shaft, see `Strategy`; "no shaft" is the baseline, a
-                        ray caster through the hierarchy
+    strategy          : what becomes of boxes that are not outside a shaft, see `Strategy`; "no shaft" is the
+                        baseline, a ray caster through the hierarchy
     ratio             : of "ratio open", 0 to 1: the share of children above which a box stays closed
     open_enclosing    : open boxes that enclose a reference box, as every ray would hit them
     emitter_list      : start at what the emitter does not lie in, found once per step
@@ -68,24 +69,24 @@ class Options:
                         sample lies inside of another solid: back faces do not block then
     coplanar          : leave out polygons whose plane has the emitter and the receiver on one side
     mailbox           : "ratio open" marks the children that are outside below a box that stays closed
-    tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours of
-                        the receiver stay out
+    tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours
+                        of the receiver stay out
     coherency         : test the last ray's blocker first, and build the shaft when it misses
     together          : test all rays of a clump against one candidate after the other; False: one ray after the
                         other, each until it is blocked, as in the paper
     object_boxes      : test a polygon's box before the polygon, as in the paper; of rays that are tested one by one
     clump             : most points of a receiver that share a shaft; 0 for all of them
-    group             : most points of several receivers that share a shaft, for whose parts further shafts are made; 0
-                        for none
+    group             : most points of several receivers that share a shaft, for whose parts further shafts are
+                        made; 0 for none
     nested            : a clump's shaft starts from the candidate list of its receiver's or group's
     order             : of the candidate list: as found, the largest first, or the last blocker moved to the front
-    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left out;
-                        None for all planes unsorted
+    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
+                        out; None for all planes unsorted
     no_shaft_below    : number of rays below which no shaft is built
     keep_closed_below : number of rays below which the strategy is "keep closed"
     """
 
-    strategy: StrategyName = "ratio open"
+    strategy: StrategyName = "always open"
     ratio: float = 0.4
     open_enclosing: bool = True
     emitter_list: bool = True
@@ -97,7 +98,7 @@ class Options:
     coherency: bool = True
     together: bool = True
     object_boxes: bool = False
-    clump: int = 16
+    clump: int = 32
     group: int = 512
     nested: bool = True
     order: OrderName = "found"
@@ -116,9 +117,16 @@ class Options:
             raise UsageError(f"Options.ratio is {self.ratio}; allowed are 0 to 1.")
 
 
-#: The paper's own: one shaft per receiver, every object with a box, nothing of what it leaves to the future.
+#: The paper's own: one shaft per receiver, one ray after the other, nothing of what it leaves to the future.
 PAPER = Options(
-    together=False,     solids=False, coplanar=False, object_boxes=True, clump=0, group=0, nested=False, tolerance=True, mailbox=True
+    strategy="ratio open",
+    together=False,
+    object_boxes=True,
+    coplanar=False,
+    tolerance=False,
+    clump=0,
+    group=0,
+    nested=False,
 )
 
 
@@ -145,7 +153,8 @@ class Receivers:
     points   : (P, 3) float64
     receiver : (P,) int32, the receiver of each point, in ascending order
     normals  : (P, 3) of one-sided receivers, which are lit from their front only; None for all sides
-    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at all
+    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at
+               all
     """
 
     points: Float64
@@ -247,7 +256,7 @@ class Visibility:
         return Prepared(groups, _lit(receivers, groups.order))
 
     def emitter_list(self, emitter: Emitter) -> tuple[Int32, NDArray[np.int8]]:
-        """Nodes that can block light of an emitter, and what is known of each and the emitter's box [SC, Enhancements].
+        """Nodes that can block light of an emitter, and what is known of their boxes [SC, Enhancements].
 
         Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
         """
@@ -256,26 +265,26 @@ class Visibility:
         leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
-        return _emitter_list(tree, box, plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1)
+        nodes, known = _emitter_list(tree, box, plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1)
+        return nodes, known
 
-    def step(
-        self, emitter: Emitter, receivers: Receivers | Prepared
-    ) -> tuple[NDArray[np.bool_], Statistics]:
+    def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
         """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
 
         False where the two don't face each other. receivers: of `prepare`, where there is more than one step.
         """
         o = self.options
         self.blockers.check_points(emitter.points, "Emitter.points")
-        groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
-        visible = np.zeros((len(groups.order), len(emitter.points)), np.bool_)
+        count = len(receivers.groups.order) if isinstance(receivers, Prepared) else len(receivers.points)
+        visible = np.zeros((count, len(emitter.points)), np.bool_)
         if not visible.size:
             return visible, Statistics()
+        groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
         tree = self._kernel_tree
         roots, flags = self.emitter_list(emitter)
         settings = _Settings(
-            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency, o.together,
-            o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
+            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
+            o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
         )  # fmt: skip
         source = _source(emitter)
@@ -299,6 +308,13 @@ class Visibility:
         return visible, Statistics(*(int(c) for c in np.atleast_1d(counts)))
 
 
+def visible(
+    blockers: Blockers, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
+) -> NDArray[np.bool_]:
+    """(A, B) bool: `Visibility.visible`, for once. Where more follows, keep the `Visibility`, which keeps its tree."""
+    return Visibility(blockers, options or Options()).visible(points_a, points_b)
+
+
 def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
     """(P, S) bool: which receiver points and emitter samples lie before each other."""
     order = np.arange(len(receivers.points))
@@ -309,7 +325,9 @@ def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
 
 def _source(emitter: Emitter) -> _Source:
     points = np.ascontiguousarray(emitter.points, np.float64)
-    return _Source(points, _emitter_box(emitter), _emitter_plane(emitter), emitter.normal is not None, emitter.polygon)
+    return _Source(
+        points, _emitter_box(emitter), _emitter_plane(emitter), emitter.normal is not None, emitter.polygon
+    )
 
 
 def _lit(receivers: Receivers, order: NDArray[np.int64]) -> _Lit:
@@ -319,7 +337,7 @@ def _lit(receivers: Receivers, order: NDArray[np.int64]) -> _Lit:
     heights = (normals * points).sum(axis=1) if one_sided else np.zeros(0)
     own = np.full(len(order), -1, np.int32) if receivers.polygons is None else receivers.polygons[order]
     x, y, z = np.ascontiguousarray(points.T)
-    return _Lit(x, y, z, normals, heights, one_sided, np.ascontiguousarray(own, np.int32))
+    return _Lit(x, y, z, normals, heights, one_sided, np.ascontiguousarray(own, np.int64))
 
 
 def _emitter_plane(emitter: Emitter) -> Float64:
@@ -395,7 +413,7 @@ class _Lit(NamedTuple):
     normals: Float64
     heights: Float64
     one_sided: bool
-    own: Int32
+    own: NDArray[np.int64]
 
 
 class Prepared(NamedTuple):
@@ -408,8 +426,9 @@ class Prepared(NamedTuple):
 class _Work(NamedTuple):
     """Room that a thread works in.
 
-    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's own:
-                            nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf or -1
+    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's
+                            own: nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf
+                            or -1
     planes .. extent      : the latest shaft
     a, b                  : its reference boxes
     stack                 : of `gather`
@@ -479,8 +498,8 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     if not size:
         return found, flags
     pending = np.empty(size, np.int32)
-    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or that
-    # has a larger box than its polygon, starts at the root.
+    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or
+    # that has a larger box than its polygon, starts at the root.
     below = leaf
     node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
@@ -523,7 +542,8 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
 def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
     """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of the way from a to b, finite.
 
-    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the order.
+    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the
+    order.
     """
     t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
     near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
@@ -542,7 +562,7 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
-    """The first polygon of a `_List` between a and b, -1 for none; its place there; tests of boxes and of objects."""
+    """The first polygon of a list between a and b, or -1; its place there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
     if found.boxed:
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
@@ -551,9 +571,9 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
     boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
     nodes, objects, mark, number = work.nodes, work.objects, work.mark, found.number
     for i in range(found.begin, found.end):
-        x = objects[i]
+        x = np.int64(objects[i])  # one type everywhere, so that functions are compiled once
         if x >= 0:
-            if x == own_a or x == own_b:
+            if (x == own_a) | (x == own_b):
                 continue
             if object_boxes:
                 box_tests += 1
@@ -563,22 +583,22 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
             if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                 return x, i, box_tests, object_tests
             continue
-        node = nodes[i]
+        node = np.int64(nodes[i])
         last = skip[node]
         while node < last:
             if len(mark) and mark[node] == number:
-                node = skip[node]
+                node = np.int64(skip[node])
                 continue
             leaf = items[node] > 0
             if not leaf or object_boxes:
                 box_tests += 1
                 if not _box_hit(boxes, node, ax, ay, az, ix, iy, iz):
-                    node = skip[node]
+                    node = np.int64(skip[node])
                     continue
             if leaf:
                 for k in range(first[node], first[node] + items[node]):
-                    x = order[k]
-                    if x != own_a and x != own_b:
+                    x = np.int64(order[k])
+                    if (x != own_a) & (x != own_b):
                         object_tests += 1
                         if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                             return x, i, box_tests, object_tests
@@ -588,7 +608,7 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
 
 @inner_kernel
 def _objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
-    """Note which candidates are single polygons, and leave out those that can't block between boxes work.a and work.b.
+    """Note which candidates are single polygons; leave out those that can't block between work.a and work.b.
 
     Returns the new end, and whether boxes are left.
     """
@@ -598,11 +618,11 @@ def _objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begi
     n = begin
     boxed = object_boxes
     for i in range(begin, end):
-        node = nodes[i]
-        x = -1
+        node = np.int64(nodes[i])
+        x = np.int64(-1)
         if items[node] == 1:
-            x = order[first[node]]
-            if x == own_a or x == own_b:
+            x = np.int64(order[first[node]])
+            if (x == own_a) | (x == own_b):
                 continue
             if coplanar and never_hit(x, a, b, forms, kinds, length, size):
                 continue
@@ -626,7 +646,11 @@ def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
         z = min(box[5], extent[5]) - max(box[2], extent[2])
         keys[i] = -(x * y + y * z + z * x)
     by = np.argsort(keys, kind="mergesort")
-    nodes, flags, objects = work.nodes[begin:end].copy(), work.flags[begin:end].copy(), work.objects[begin:end].copy()
+    nodes, flags, objects = (
+        work.nodes[begin:end].copy(),
+        work.flags[begin:end].copy(),
+        work.objects[begin:end].copy(),
+    )
     for i in range(n):
         work.nodes[begin + i] = nodes[by[i]]
         work.flags[begin + i] = flags[by[i]]
@@ -779,7 +803,7 @@ def _cast_together(  # type: ignore[no-untyped-def]
     for i in range(found.begin, found.end):
         if left == 0:
             break
-        x = work.objects[i]
+        x = np.int64(work.objects[i])
         if x < 0:
             boxes = True
         elif x != own:
@@ -795,8 +819,8 @@ def _cast_together(  # type: ignore[no-untyped-def]
                 if clear[s, k]:
                     x, _, box_tests, object_tests = _blocker(
                         source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
-                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree, polygons,
-                        False, work,
+                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree,
+                        polygons, False, work,
                     )  # fmt: skip
                     counts[_BOX_TESTS] += box_tests
                     counts[_OBJECT_TESTS] += object_tests
@@ -857,7 +881,7 @@ def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
         at_b[0, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
         before_b += at_b[0, k] > 0
     # Nothing to do where no segment can cross the plane, or only from the back of a solid.
-    if not (before_a and before_b < count or (before_a < samples and before_b and not flag & SOLID)):
+    if not ((before_a and before_b < count) or (before_a < samples and before_b and not flag & SOLID)):
         return left
     for j in range(1, 3):
         i = 4 * j
