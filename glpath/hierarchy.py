@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError

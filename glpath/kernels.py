@@ -6,18 +6,27 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+import numba
 from numba.core import event
 
+_njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side."""
-    return njit(cache=True, nogil=True)(function)
+    return _njit(cache=True, nogil=True, error_model="numpy")(function)
 
 
-class _Announcement(event.Listener):  # type: ignore[misc]  # numba has no types
+def inner_kernel(function: Callable[..., Any]) -> Any:
+    """As `kernel`, for what makes no arrays and returns none: it counts no references to those it is given.
+
+    For functions called in inner loops, where that counting, which is atomic, takes longer than what they do.
+    """
+    return _njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
+
+
+class _Announcement(event.Listener):
     """Says once that something of ours is compiled. A function found in the cache is not compiled."""
 
     said = False
@@ -33,4 +42,4 @@ class _Announcement(event.Listener):  # type: ignore[misc]  # numba has no types
         """Nothing to do: the announcement is about the beginning."""
 
 
-event.register("numba:compile", _Announcement())
+event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]

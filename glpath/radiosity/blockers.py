@@ -1,8 +1,9 @@
 """Blockers: the flat polygons that can stand between two points, and the one test of a segment against one of them.
 
-Every way of looking for a blocker ends in `hits`, so that all of them must agree bit for bit. What makes it so: a hit
-counts only where the point that it computes lies in the polygon's box, widened a little; the boxes of the hierarchy are
-widened a little more. However badly a sliver's coordinates round, no test of a box can lose it.
+Every way of looking for a blocker ends in `height` and `crosses`, so that all of them must agree bit for bit. What
+makes it so: the boxes of the hierarchy are wider than any rounding of a crossing. Coordinates in a sliver round
+worse; its hit counts only where the point that it computes lies in the sliver's box, widened less than that of the
+hierarchy.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Int32
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel
 from glpath.scene.model import Scene
 
-#: Share of a segment, at each of its ends, where nothing blocks it: it ends on surfaces, and their neighbours touch it.
+#: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
 ENDS = 1e-5
 #: Rounding, as a share of the largest coordinate: of what a box is widened by, and of a distance from a plane.
 _WIDER = 1e-9
@@ -26,7 +27,9 @@ _ROUNDING = 1e-12
 #: How many times the blockers' largest coordinate a point's may be, so that these still cover the rounding.
 _FARTHEST = 1e3
 
-_PARALLELOGRAM, _SOLID = 1, 2
+PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
+#: Sine of the angle between a polygon's edges below which its coordinates round too badly.
+_THIN = 1e-3
 
 
 class Polygons(NamedTuple):
@@ -34,8 +37,8 @@ class Polygons(NamedTuple):
 
     forms  : (N, 12) float64, three linear forms of a point, four numbers each: the height over the polygon's plane
              towards its front, and the coordinates along its two edges, 0 to 1 inside
-    bounds : (N, 6) float64, the box a hit has to lie in
-    flags  : (N,) uint8, _PARALLELOGRAM (else a triangle) and _SOLID
+    bounds : (N, 6) float64, the box that a sliver's hit has to lie in
+    flags  : (N,) uint8, PARALLELOGRAM (else a triangle), SOLID and SLIVER
     length : the normals' L1 norms, (N,) float64: what a rounding of coordinates does to a height
     """
 
@@ -62,7 +65,7 @@ class Blockers:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Blockers:
-        """The polygons of a scene: triangles that make a parallelogram together become one. No spheres or planes."""
+        """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
         shape = np.repeat(
             np.arange(len(scene.shapes), dtype=np.int32),
             [s.count if s.primitive == "triangle" else 0 for s in scene.shapes],
@@ -129,7 +132,9 @@ class Blockers:
         outlines = self._outlines()
         wide = _WIDER * self.size
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
-        flags = _PARALLELOGRAM * self.parallelogram + _SOLID * (self.solid & solids)
+        edges = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+        sliver = ~(np.sqrt(square) > _THIN * edges)
+        flags = PARALLELOGRAM * self.parallelogram + SOLID * (self.solid & solids) + SLIVER * sliver
         length = np.abs(forms[:, 0, :3]).sum(axis=1)
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 
@@ -212,53 +217,79 @@ def _apex(a, b):  # type: ignore[no-untyped-def]
     return -1
 
 
-@kernel
+@inner_kernel
+def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
+    """A linear form of a point. All ways of testing compute it here, so that they round alike."""
+    return f0 * x + f1 * y + f2 * z + f3
+
+
+@inner_kernel
+def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-def]
+    """Whether a segment crosses a polygon, from the three forms at its ends; ha > 0. No branches, for vectors.
+
+    The crossing divides the segment as ha to -hb; everything is multiplied by ha - hb, which saves the division.
+    """
+    d = ha - hb
+    u = ha * ub - hb * ua
+    v = ha * vb - hb * va
+    within = (ha > ENDS * d) & (ha < (1 - ENDS) * d) & (u >= 0) & (v >= 0)
+    # Of a triangle u + v is at most 1; of a parallelogram each of them is.
+    return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
+
+
+@inner_kernel
 def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
     """Whether polygon x stands between points a and b: the one test that everything rests on."""
-    f = forms[x]
-    ha = f[0] * ax + f[1] * ay + f[2] * az + f[3]
-    hb = f[0] * bx + f[1] * by + f[2] * bz + f[3]
+    f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
+    ha, hb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
     if (ha > 0) == (hb > 0):
         return False
     flag = flags[x]
-    if flag & _SOLID and ha <= 0:
+    if ha <= 0:
+        if flag & SOLID:
+            return False
+        ha, hb = -ha, -hb
+    f0, f1, f2, f3 = forms[x, 4], forms[x, 5], forms[x, 6], forms[x, 7]
+    ua, ub = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
+    f0, f1, f2, f3 = forms[x, 8], forms[x, 9], forms[x, 10], forms[x, 11]
+    va, vb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
+    if not crosses(ha, ua, va, hb, ub, vb, flag & PARALLELOGRAM != 0):
         return False
+    if not flag & SLIVER:
+        return True
     t = ha / (ha - hb)
-    if not (t > ENDS and t < 1 - ENDS):
-        return False
     px, py, pz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
-    u = f[4] * px + f[5] * py + f[6] * pz + f[7]
-    v = f[8] * px + f[9] * py + f[10] * pz + f[11]
-    if not (u >= 0 and v >= 0 and (u <= 1 and v <= 1 if flag & _PARALLELOGRAM else u + v <= 1)):
-        return False
-    o = bounds[x]
-    return o[0] <= px <= o[3] and o[1] <= py <= o[4] and o[2] <= pz <= o[5]
+    return (
+        bounds[x, 0] <= px <= bounds[x, 3]
+        and bounds[x, 1] <= py <= bounds[x, 4]
+        and bounds[x, 2] <= pz <= bounds[x, 5]
+    )
 
 
-@kernel
+@inner_kernel
 def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
     """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
 
-    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon that
-    a lies behind, which only solids have [SC, Enhancements]. size: of the largest coordinate.
+    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon
+    that a lies behind [SC, Enhancements]. size: the largest coordinate.
     """
-    f = forms[x]
-    least_a = most_a = least_b = most_b = f[3]
+    least_a = most_a = least_b = most_b = forms[x, 3]
     for k in range(3):
-        i, j = (k, k + 3) if f[k] > 0 else (k + 3, k)
-        least_a += f[k] * a[i]
-        most_a += f[k] * a[j]
-        least_b += f[k] * b[i]
-        most_b += f[k] * b[j]
+        f = forms[x, k]
+        i, j = (k, k + 3) if f > 0 else (k + 3, k)
+        least_a += f * a[i]
+        most_a += f * a[j]
+        least_b += f * b[i]
+        most_b += f * b[j]
     tiny = _ROUNDING * size * length[x]
     far = 2 * tiny / ENDS
-    if least_a > tiny and least_b > tiny or most_a < -tiny and most_b < -tiny:
+    if (least_a > tiny and least_b > tiny) or (most_a < -tiny and most_b < -tiny):
         return True
-    if least_a >= -tiny and least_b >= far or least_a >= far and least_b >= -tiny:
+    if (least_a >= -tiny and least_b >= far) or (least_a >= far and least_b >= -tiny):
         return True
-    if most_a <= tiny and most_b <= -far or most_a <= -far and most_b <= tiny:
+    if (most_a <= tiny and most_b <= -far) or (most_a <= -far and most_b <= tiny):
         return True
-    return flags[x] & _SOLID and most_a < -tiny
+    return flags[x] & SOLID and most_a < -tiny
 
 
 @kernel

@@ -24,7 +24,8 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Hierarchy:
     Parameters
     ----------
     lower, upper : (N, 3) corners of the items' boxes, finite; they may be flat, points, or equal to each other
-    seed         : of the order in which items come; theirs should be random, or neighbours in the list make long chains
+    seed         : of the order in which items come; theirs should be random, or neighbours in the list make long
+                   chains
 
     Raises UsageError where the boxes are not finite or inside out.
     """
@@ -53,8 +54,8 @@ def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
         if root < 0:
             root = item
             continue
-        # The way down along the least growth; on it, the cheapest place to stay. Testing a node's children costs its
-        # area times their number, so growth costs the growth of the area times the number.
+        # The way down along the least growth; on it, the cheapest place to stay. Testing a node's children costs
+        # its area times their number, so growth costs the growth of the area times the number.
         node, inherited, best, place = root, 0.0, np.inf, -1
         while True:
             grown = _union_area(nodes[node], boxes[item])

@@ -6,6 +6,7 @@ receivers to the future [SC, Future Work]. All of them are ranges of the points 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,10 @@ from glpath.kernels import kernel
 _PART = 0.25
 
 
+#: Instead of a polygon's number, where points of a group lie on different ones.
+SEVERAL = -2
+
+
 class Groups(NamedTuple):
     """Ranges of points that share a shaft, as a forest in depth-first order, M nodes.
 
@@ -25,7 +30,8 @@ class Groups(NamedTuple):
     boxes      : (M, 6) float64, around the points
     skip       : (M,) int64, the node after a group and its parts
     begin, end : (M,) int64
-    polygon    : (M,) int32, the blocker that all points lie on; -1 where they lie on several or none
+    polygon    : (M,) int64, the blocker that all points lie on; -1 for none, SEVERAL where they lie on different
+                 ones
     normal     : (M, 3) float64, of unit length where it is that of all points; 0 where it isn't
     levels     : most groups around any point
     """
@@ -35,7 +41,7 @@ class Groups(NamedTuple):
     skip: NDArray[np.int64]
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
-    polygon: Int32
+    polygon: NDArray[np.int64]
     normal: Float64
     levels: int
 
@@ -50,7 +56,7 @@ class Groups(NamedTuple):
         wanted = np.arange(1, number) * len(self.order) // number
         cuts = np.unique(np.searchsorted(starts, wanted, side="left"))
         nodes = [0, *(roots[c] for c in cuts if 0 < c < len(roots)), len(self.skip)]
-        return [slice(a, b) for a, b in zip(nodes, nodes[1:], strict=False)]
+        return [slice(a, b) for a, b in pairwise(nodes)]
 
 
 def group_points(
@@ -64,8 +70,8 @@ def group_points(
 ) -> Groups:
     """Clumps of at most `clump` points (0: whole receivers), in groups of at most `group` (0: none).
 
-    A group and a receiver have shafts of their own only if `nested`. Receivers that are small enough together share a
-    clump where there are groups.
+    A group and a receiver have shafts of their own only if `nested`. Receivers that are small enough together share
+    a clump where there are groups.
     """
     count = len(points)
     start = np.flatnonzero(np.diff(receiver, prepend=receiver[0] - 1))
@@ -79,11 +85,10 @@ def group_points(
         skip = np.arange(1, len(start) + 1)
     size = np.diff(start, append=count)
     order = np.concatenate([np.arange(start[i], start[i] + size[i]) for i in leaves])
-    *made, levels = _groups(
+    boxes, skips, begin, end, of_polygon, levels = _groups(
         np.ascontiguousarray(points), order, size[leaves], skip, clump or count, group or count, nested,
         np.ascontiguousarray(polygon, np.int32),
     )  # fmt: skip
-    begin, end = made[2], made[3]
     normal = np.zeros((len(begin), 3))
     if normals is not None:
         # Equal throughout a range where the last change of the normal lies before it.
@@ -93,19 +98,19 @@ def group_points(
         same = changed[begin] == changed[end - 1]
         unit = sorted_normals / np.linalg.norm(sorted_normals, axis=1, keepdims=True)
         normal[same] = unit[begin[same]]
-    return Groups(order, *made, normal, levels)
+    return Groups(order, boxes, skips, begin, end, of_polygon, normal, levels)
 
 
 @kernel
 def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: ignore[no-untyped-def]
-    """See `group_points`. skip: a forest whose leaves are the receivers, with `size` points each. Permutes `order`."""
+    """See `group_points`. skip: a forest whose leaves are the receivers of `size` points. Permutes `order`."""
     count = len(order)
     most = 4 * count + len(skip)
     boxes = np.empty((most, 6))
     skips = np.zeros(most, np.int64)
     begins = np.empty(most, np.int64)
     ends = np.empty(most, np.int64)
-    polygons = np.empty(most, np.int32)
+    polygons = np.empty(most, np.int64)
     # How many points lie before each node of the receivers' forest.
     before = np.zeros(len(skip) + 1, np.int64)
     leaf = 0
@@ -115,8 +120,8 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
             before[node + 1] += size[leaf]
             leaf += 1
 
-    # Ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the group around (0: none).
-    # (-2, group) is a group's end.
+    # Ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the group around (0:
+    # none). (-2, group) is a group's end.
     pending = np.empty((most + 2, 4), np.int64)
     n, levels, level = 0, 0, 0
     root = 0
@@ -142,7 +147,7 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
                 polygons[n] = polygon[order[begin]]
                 for i in range(begin, end):
                     if polygon[order[i]] != polygons[n]:
-                        polygons[n] = -1
+                        polygons[n] = SEVERAL
                 around = points_here
                 level += 1
                 levels = max(levels, level)

@@ -1,20 +1,21 @@
-"""Shaft: the volume between two boxes, and which boxes and spheres can stand in it [SC, Forming the Testing Structure].
+"""Shaft: the volume between two boxes, and which boxes and spheres can stand in it [SC].
 
-The shaft is the convex hull of the two boxes. Its faces are those of the box around both, and one plane through each
-pair of parallel edges that has an edge of that box to cut off: at most eight.
+The shaft is the convex hull of the two boxes. Its faces are those of the box around both, and one plane through
+each pair of parallel edges that has an edge of that box to cut off: at most eight.
 
-Why boxes are never falsely called overlapping, which the paper supposes: two convex bodies are apart exactly where a
-facet normal of their difference separates them. Towards every direction of one octant the support of a box is one
-corner, that of the hull the farther one of two corners; so within an octant only the plane of directions in which these
-two are equally far can bend the difference's support. Facet normals are where such bends meet: on the axes, and where
-that plane meets a side of the octant, where one coordinate of the direction is 0. The former are the faces of the
-extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other normals.
+Why boxes are never falsely called overlapping, which the paper supposes: two convex bodies are apart exactly where
+a facet normal of their difference separates them. Towards every direction of one octant the support of a box is one
+corner, that of the hull the farther one of two corners; so within an octant only the plane of directions in which
+these two are equally far can bend the difference's support. Facet normals are where such bends meet: on the axes,
+and where that plane meets a side of the octant, where one coordinate of the direction is 0. The former are the
+faces of the extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other
+normals.
 
 Cost:     about 50 ns to form, 5 to 20 ns to test a box.
 Poor at:  boxes far larger than what they stand for: a wide diagonal polygon fills little of its box.
 
-[SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering, 1991.
-[Arvo 1990] J. Arvo, "A simple method for box-sphere intersection testing", Graphics Gems, 335-339.
+[SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
+1991. [Arvo 1990] J. Arvo, "A simple method for box-sphere intersection testing", Graphics Gems, 335-339.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Hierarchy, Int32
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel
 
 #: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
 FACES = ("MIN_X", "MIN_Y", "MIN_Z", "MAX_X", "MAX_Y", "MAX_Z")
@@ -71,8 +72,8 @@ class Shaft:
     box_a, box_b     : (6,) float64, the reference boxes: lo.x lo.y lo.z hi.x hi.y hi.z
     extent           : (6,) float64, the box around both, `slack` larger on every side
     faces_a, faces_b : the faces of the extent box that only that reference box reaches, such as "MIN_X"
-    planes           : (P, 4) float64, normal out of the shaft (not of unit length; one coordinate is 0) and distance:
-                       a point x is outside where normal . x + distance > 0
+    planes           : (P, 4) float64, normal out of the shaft (not of unit length; one coordinate is 0) and
+                       distance: a point x is outside where normal . x + distance > 0
     near, far        : (P, 3) int64, for each plane which of a box's six numbers are the corner nearest to the
                        inside, and the farthest
     """
@@ -104,8 +105,10 @@ class Shaft:
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
         planes, near, extent = empty_shaft()
         n = form_shaft(a, b, slack, -1.0 if least_cut is None else least_cut, planes, near, extent)
-        names = [tuple(name for f, name in enumerate(FACES) if _beyond(x, y, f)) for x, y in ((a, b), (b, a))]
-        return cls(a, b, extent, *names, *_with_three_axes(planes[:n], near[:n]))
+        faces_a = tuple(name for f, name in enumerate(FACES) if _beyond(a, b, f))
+        faces_b = tuple(name for f, name in enumerate(FACES) if _beyond(b, a, f))
+        full, corners = _with_three_axes(planes[:n], near[:n])
+        return cls(a, b, extent, faces_a, faces_b, full, corners)
 
     def classify(self, boxes: ArrayLike) -> NDArray[np.int8]:
         """(N,) int8 of `Place`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
@@ -137,7 +140,7 @@ class Tree(NamedTuple):
     boxes: Float64
     skip: Int32
     first: Int32
-    count: Int32
+    items: Int32
     order: Int32
 
     @classmethod
@@ -192,7 +195,7 @@ def _box(box: ArrayLike, name: str) -> Float64:
 
 
 def _with_three_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, NDArray[np.int64]]:
-    """From the kernels' planes of two coordinates, (P, 3) and (P, 2), to the paper's."""
+    """From the kernels' planes of two coordinates, (P, 4) and (P, 2), to the paper's."""
     rows = np.arange(len(planes))
     full = np.zeros((len(planes), 4))
     corner = np.tile(np.arange(3), (len(planes), 1))  # where the normal is 0, either will do
@@ -211,8 +214,8 @@ def _with_two_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, N
 
 @kernel
 def empty_shaft():  # type: ignore[no-untyped-def]
-    """Room for planes (8, 3), their near corners (8, 2) and the extent (6,): what `form_shaft` fills."""
-    return np.empty((MOST_PLANES, 3)), np.empty((MOST_PLANES, 2), np.int64), np.empty(6)
+    """Room for planes (8, 4), their near corners (8, 2) and the extent (6,): what `form_shaft` fills."""
+    return np.empty((MOST_PLANES, 4)), np.empty((MOST_PLANES, 2), np.int64), np.empty(6)
 
 
 @kernel
@@ -221,24 +224,24 @@ def empty_stack(nodes):  # type: ignore[no-untyped-def]
     return np.empty((nodes + 1, 3), np.int32)
 
 
-@kernel
+@inner_kernel
 def _beyond(a, b, face):  # type: ignore[no-untyped-def]
     """Only box a reaches that face of the box around both."""
     return a[face] < b[face] if face < 3 else a[face] > b[face]
 
 
-@kernel
+@inner_kernel
 def form_shaft(a, b, slack, least_cut, planes, near, extent):  # type: ignore[no-untyped-def]
     """Fill planes, their near corners and the extent; return the number of planes. See `Shaft.between`.
 
-    planes : (8, 3): the two coordinates of the normal that are not 0, and the distance
+    planes : (8, 4): the two coordinates of the normal that are not 0, the distance, and the share that it cuts off,
+             where that is asked for
     near   : (8, 2): which of a box's six numbers belong to them; the axis is that modulo 3
     """
     for k in range(3):
         extent[k] = min(a[k], b[k]) - slack
         extent[k + 3] = max(a[k + 3], b[k + 3]) + slack
     n = 0
-    cuts = np.empty(MOST_PLANES)
     for f in range(6):
         if not _beyond(a, b, f):
             continue
@@ -258,84 +261,86 @@ def form_shaft(a, b, slack, least_cut, planes, near, extent):  # type: ignore[no
                 if cut < least_cut:
                     continue
             at = n
-            while at > 0 and cut > cuts[at - 1]:  # equal ones, all of them without an order, stay as they come
-                planes[at], near[at], cuts[at] = planes[at - 1], near[at - 1], cuts[at - 1]
+            while at > 0 and cut > planes[at - 1, 3]:  # equal ones, all of them without an order, stay as they come
+                for k in range(4):
+                    planes[at, k] = planes[at - 1, k]
+                for k in range(2):
+                    near[at, k] = near[at - 1, k]
                 at -= 1
-            cuts[at] = cut
-            planes[at, 0], planes[at, 1], planes[at, 2] = ni, nj, distance
+            planes[at, 0], planes[at, 1], planes[at, 2], planes[at, 3] = ni, nj, distance, cut
             near[at, 0] = i if f >= 3 else i + 3
             near[at, 1] = j if g >= 3 else j + 3
             n += 1
     return n
 
 
-@kernel
-def overlaps(box, other):  # type: ignore[no-untyped-def]
+@inner_kernel
+def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
+    """boxes[i] and a box. An index instead of a row, here and below: making a view of an array costs as much."""
     return (
-        box[0] <= other[3] and other[0] <= box[3]
-        and box[1] <= other[4] and other[1] <= box[4]
-        and box[2] <= other[5] and other[2] <= box[5]
+        boxes[i, 0] <= other[3] and other[0] <= boxes[i, 3]
+        and boxes[i, 1] <= other[4] and other[1] <= boxes[i, 4]
+        and boxes[i, 2] <= other[5] and other[2] <= boxes[i, 5]
     )  # fmt: skip
 
 
-@kernel
-def encloses(box, other):  # type: ignore[no-untyped-def]
+@inner_kernel
+def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
+    """A box is within boxes[i]."""
     return (
-        box[0] <= other[0] and other[3] <= box[3]
-        and box[1] <= other[1] and other[4] <= box[4]
-        and box[2] <= other[2] and other[5] <= box[5]
+        boxes[i, 0] <= other[0] and other[3] <= boxes[i, 3]
+        and boxes[i, 1] <= other[1] and other[4] <= boxes[i, 4]
+        and boxes[i, 2] <= other[2] and other[5] <= boxes[i, 5]
     )  # fmt: skip
 
 
-@kernel
-def place_box(box, flag, a, b, extent, planes, near, n, whole):  # type: ignore[no-untyped-def]
-    """The place of a box: outside, overlapping, inside (asked only where `whole`), or enclosing a reference box.
+@inner_kernel
+def place_box(boxes, i, flag, a, b, extent, planes, near, n, whole):  # type: ignore[no-untyped-def]
+    """The place of boxes[i]: outside, overlapping, inside (asked only where `whole`), or enclosing a reference box.
 
     flag : what is known of the box and reference box a, the emitter's [SC, Enhancements]: 1 they overlap, 0 they
            don't, -1 nothing. Where it is known, the box does not enclose a
     """
     touches = flag == 1
     if not touches:
-        if not overlaps(box, extent):
+        if not overlaps(boxes, i, extent):
             return _OUTSIDE
-        if flag < 0 and overlaps(box, a):
+        if flag < 0 and overlaps(boxes, i, a):
             touches = True
-            if encloses(box, a):
+            if encloses(boxes, i, a):
                 return _ENCLOSING
-    if overlaps(box, b):
-        if encloses(box, b):
+    if overlaps(boxes, i, b):
+        if encloses(boxes, i, b):
             return _ENCLOSING
     elif not touches:
         for p in range(n):
-            if planes[p, 0] * box[near[p, 0]] + planes[p, 1] * box[near[p, 1]] + planes[p, 2] > 0:
+            if planes[p, 0] * boxes[i, near[p, 0]] + planes[p, 1] * boxes[i, near[p, 1]] + planes[p, 2] > 0:
                 return _OUTSIDE
-    if not whole or not encloses(extent, box):
-        return _OVERLAPPING
+    return _INSIDE if whole and _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
+
+
+@inner_kernel
+def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
+    """All of boxes[i] is in the shaft."""
+    for k in range(3):
+        if boxes[i, k] < extent[k] or boxes[i, k + 3] > extent[k + 3]:
+            return False
     for p in range(n):
-        i, j = (near[p, 0] + 3) % 6, (near[p, 1] + 3) % 6
-        if planes[p, 0] * box[i] + planes[p, 1] * box[j] + planes[p, 2] > 0:
-            return _OVERLAPPING
-    return _INSIDE
+        j, k = (near[p, 0] + 3) % 6, (near[p, 1] + 3) % 6
+        if planes[p, 0] * boxes[i, j] + planes[p, 1] * boxes[i, k] + planes[p, 2] > 0:
+            return False
+    return True
 
 
 @kernel
 def _classify_boxes(boxes, a, b, extent, planes, near, n):  # type: ignore[no-untyped-def]
     places = np.empty(len(boxes), np.int8)
     for i in range(len(boxes)):
-        place = place_box(boxes[i], -1, a, b, extent, planes, near, n, True)
+        place = place_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
         if place == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
-            place = _INSIDE if encloses(extent, boxes[i]) and _within(boxes[i], planes, near, n) else _OVERLAPPING
+            place = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
         places[i] = place
     return places
-
-
-@kernel
-def _within(box, planes, near, n):  # type: ignore[no-untyped-def]
-    for p in range(n):
-        i, j = (near[p, 0] + 3) % 6, (near[p, 1] + 3) % 6
-        if planes[p, 0] * box[i] + planes[p, 1] * box[j] + planes[p, 2] > 0:
-            return False
-    return True
 
 
 @kernel
@@ -364,7 +369,7 @@ def _classify_spheres(centres, radii, a, b, extent, planes):  # type: ignore[no-
     return places
 
 
-@kernel
+@inner_kernel
 def _distance_squared(point, box):  # type: ignore[no-untyped-def]
     """From a point to a box [Arvo 1990]."""
     total = 0.0
@@ -374,7 +379,7 @@ def _distance_squared(point, box):  # type: ignore[no-untyped-def]
     return total
 
 
-@kernel
+@inner_kernel
 def gather(  # type: ignore[no-untyped-def]
     tree, roots, flags, begin, end, a, b, extent, planes, near, n, strategy, ratio, open_enclosing, mark, number,
     stack, found, found_flags, size,
@@ -382,45 +387,46 @@ def gather(  # type: ignore[no-untyped-def]
     """Append to `found`, from `size` on, the candidates below roots[begin:end]; see `candidate_list`.
 
     flags  : (len(roots),) int8, see `place_box`; what is known of a candidate goes to `found_flags`
-    mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that of
-             the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
+    mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that
+             of the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
     stack  : of `empty_stack`
 
     Returns the new size, and how many boxes were tested. `found` may be where the roots lie, behind them.
     """
-    whole = strategy == _OVERLAP_OPEN or strategy == _RATIO_OPEN
+    whole = strategy in (_OVERLAP_OPEN, _RATIO_OPEN)
+    boxes, skip, items = tree.boxes, tree.skip, tree.items  # once: taking an array counts references
     tests = 0
     for r in range(begin, end):
         stack[0, 0], stack[0, 1], stack[0, 2] = roots[r], flags[r], -1
         top = 1
         while top:
             top -= 1
-            node, flag, place = stack[top, 0], stack[top, 1], stack[top, 2]
+            node, flag, place = np.int64(stack[top, 0]), np.int64(stack[top, 1]), np.int64(stack[top, 2])
             if place < 0:
                 tests += 1
-                place = place_box(tree.boxes[node], flag, a, b, extent, planes, near, n, whole)
+                place = place_box(boxes, node, flag, a, b, extent, planes, near, n, whole)
             if place == _OUTSIDE:
                 continue
             opened = strategy == _ALWAYS_OPEN or (place == _ENCLOSING and open_enclosing)
             opened = opened or (strategy == _OVERLAP_OPEN and place != _INSIDE)
-            keep = tree.count[node] > 0 or not (opened or (strategy == _RATIO_OPEN and place != _INSIDE))
+            keep = items[node] > 0 or not (opened or (strategy == _RATIO_OPEN and place != _INSIDE))
             if not keep:
                 # A child's box overlaps the emitter's only where its parent's does.
                 below = 0 if flag == 0 else -1
                 base, children = top, 0
                 child = node + 1
-                while child < tree.skip[node]:
+                while child < skip[node]:
                     children += 1
-                    place = -1
+                    place = np.int64(-1)
                     if not opened:
                         tests += 1
-                        place = place_box(tree.boxes[child], below, a, b, extent, planes, near, n, whole)
+                        place = place_box(boxes, child, below, a, b, extent, planes, near, n, whole)
                     if place != _OUTSIDE:
                         stack[top, 0], stack[top, 1], stack[top, 2] = child, below, place
                         top += 1
                     elif len(mark):
                         mark[child] = number
-                    child = tree.skip[child]
+                    child = np.int64(skip[child])
                 if not opened and top - base > 1 and top - base > ratio * children:
                     top = base
                     keep = True

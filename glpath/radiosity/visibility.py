@@ -5,8 +5,9 @@
     visibility.step(emitter, receivers)                     # one emitter against all receivers, with statistics
 
 A shaft is built between the emitter and a clump of receiver points; segments between the two are tested against its
-candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same answer,
-that of testing every segment against every polygon; they differ in what it costs. `Options` tells by how much.
+candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same
+answer, that of testing every segment against every polygon; they differ in what it costs. `Options` tells by how
+much.
 
 Cost:     see `glpath bench shaft`; shafts are shared between threads.
 Poor at:  few rays per shaft: a shaft costs as much as some ten rays.
@@ -25,10 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.hierarchy import Float64, Hierarchy, Int32, build_hierarchy
-from glpath.kernels import kernel
-from glpath.radiosity.blockers import ENDS, Blockers, hits, never_hit
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, Blockers, crosses, height, hits, never_hit
 from glpath.radiosity.clusters import cluster
-from glpath.radiosity.points import Groups, group_points
+from glpath.radiosity.points import SEVERAL, Groups, group_points
 from glpath.radiosity.shaft import (
     Strategy,
     Tree,
@@ -51,14 +52,15 @@ STRATEGIES: dict[StrategyName, int] = {
 OrderName = Literal["found", "largest first", "last blocker first"]
 ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last blocker first": 2}
 _LARGEST_FIRST, _LAST_BLOCKER_FIRST = 1, 2
+_KEEP_CLOSED = int(Strategy.KEEP_CLOSED)
 
 
 @dataclass(frozen=True)
 class Options:
-    """How candidates are found; none of it changes what is visible. The defaults are the quickest of the office scenes.
+    """How candidates are found; none of it changes what is visible. The defaults are quick for the office scenes.
 
-    strategy          : what becomes of boxes that are not outside a shaft, see `Strategy`; "no shaft" is the baseline, a
-                        ray caster through the hierarchy
+    strategy          : what becomes of boxes that are not outside a shaft, see `Strategy`; "no shaft" is the
+                        baseline, a ray caster through the hierarchy
     ratio             : of "ratio open", 0 to 1: the share of children above which a box stays closed
     open_enclosing    : open boxes that enclose a reference box, as every ray would hit them
     emitter_list      : start at what the emitter does not lie in, found once per step
@@ -67,22 +69,24 @@ class Options:
                         sample lies inside of another solid: back faces do not block then
     coplanar          : leave out polygons whose plane has the emitter and the receiver on one side
     mailbox           : "ratio open" marks the children that are outside below a box that stays closed
-    tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours of
-                        the receiver stay out
+    tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours
+                        of the receiver stay out
     coherency         : test the last ray's blocker first, and build the shaft when it misses
-    object_boxes      : test a polygon's box before the polygon, as the paper does
+    together          : test all rays of a clump against one candidate after the other; False: one ray after the
+                        other, each until it is blocked, as in the paper
+    object_boxes      : test a polygon's box before the polygon, as in the paper; of rays that are tested one by one
     clump             : most points of a receiver that share a shaft; 0 for all of them
-    group             : most points of several receivers that share a shaft, for whose parts further shafts are made; 0
-                        for none
+    group             : most points of several receivers that share a shaft, for whose parts further shafts are
+                        made; 0 for none
     nested            : a clump's shaft starts from the candidate list of its receiver's or group's
     order             : of the candidate list: as found, the largest first, or the last blocker moved to the front
-    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left out;
-                        None for all planes unsorted
+    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
+                        out; None for all planes unsorted
     no_shaft_below    : number of rays below which no shaft is built
     keep_closed_below : number of rays below which the strategy is "keep closed"
     """
 
-    strategy: StrategyName = "ratio open"
+    strategy: StrategyName = "always open"
     ratio: float = 0.4
     open_enclosing: bool = True
     emitter_list: bool = True
@@ -92,8 +96,9 @@ class Options:
     mailbox: bool = True
     tolerance: bool = True
     coherency: bool = True
+    together: bool = True
     object_boxes: bool = False
-    clump: int = 16
+    clump: int = 32
     group: int = 512
     nested: bool = True
     order: OrderName = "found"
@@ -112,9 +117,16 @@ class Options:
             raise UsageError(f"Options.ratio is {self.ratio}; allowed are 0 to 1.")
 
 
-#: The paper's own: one shaft per receiver, every object with a box, nothing of what it leaves to the future.
+#: The paper's own: one shaft per receiver, one ray after the other, nothing of what it leaves to the future.
 PAPER = Options(
-    solids=False, coplanar=False, object_boxes=True, clump=0, group=0, nested=False, tolerance=True, mailbox=True
+    strategy="ratio open",
+    together=False,
+    object_boxes=True,
+    coplanar=False,
+    tolerance=False,
+    clump=0,
+    group=0,
+    nested=False,
 )
 
 
@@ -141,7 +153,8 @@ class Receivers:
     points   : (P, 3) float64
     receiver : (P,) int32, the receiver of each point, in ascending order
     normals  : (P, 3) of one-sided receivers, which are lit from their front only; None for all sides
-    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at all
+    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at
+               all
     """
 
     points: Float64
@@ -233,59 +246,48 @@ class Visibility:
         receivers = Receivers(b, np.zeros(len(b), np.int32))
         return np.ascontiguousarray(self.step(Emitter(a), receivers)[0].T)
 
-    def groups(self, receivers: Receivers) -> Groups:
-        """The clumps of points that share shafts. The same for every emitter, so worth keeping between steps."""
+    def prepare(self, receivers: Receivers) -> Prepared:
+        """Receivers in clumps that share shafts. The same for every emitter, so worth keeping between steps."""
+        self.blockers.check_points(receivers.points, "Receivers.points")
         o = self.options
-        return group_points(
+        groups = group_points(
             receivers.points, receivers.receiver, receivers.normals, receivers.polygons, o.clump, o.group, o.nested
         )
+        return Prepared(groups, _lit(receivers, groups.order))
 
     def emitter_list(self, emitter: Emitter) -> tuple[Int32, NDArray[np.int8]]:
-        """Nodes that can block light of an emitter, and what is known of each and the emitter's box [SC, Enhancements].
+        """Nodes that can block light of an emitter, and what is known of their boxes [SC, Enhancements].
 
         Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
         """
         tree, o = self._kernel_tree, self.options
-        box, plane = _emitter_box(emitter), self._emitter_plane(emitter)
+        box, plane = _emitter_box(emitter), _emitter_plane(emitter)
         leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
-        return _emitter_list(tree, box, plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1)
+        nodes, known = _emitter_list(tree, box, plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1)
+        return nodes, known
 
-    def step(
-        self, emitter: Emitter, receivers: Receivers, groups: Groups | None = None
-    ) -> tuple[NDArray[np.bool_], Statistics]:
+    def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
         """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
 
-        False where the two don't face each other. groups: of `Visibility.groups`, made where it isn't given.
+        False where the two don't face each other. receivers: of `prepare`, where there is more than one step.
         """
         o = self.options
         self.blockers.check_points(emitter.points, "Emitter.points")
-        self.blockers.check_points(receivers.points, "Receivers.points")
-        count = len(receivers.points)
+        count = len(receivers.groups.order) if isinstance(receivers, Prepared) else len(receivers.points)
         visible = np.zeros((count, len(emitter.points)), np.bool_)
         if not visible.size:
             return visible, Statistics()
-        if groups is None:
-            groups = self.groups(receivers)
+        groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
         tree = self._kernel_tree
         roots, flags = self.emitter_list(emitter)
-        one_sided = receivers.normals is not None
-        normals = np.zeros((1, 3)) if receivers.normals is None else _unit(receivers.normals)
-        own = receivers.polygons if receivers.polygons is not None else np.full(count, -1, np.int32)
         settings = _Settings(
-            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.mailbox, o.tolerance, o.coherency,
-            o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
+            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
+            o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
         )  # fmt: skip
-        lit = _Lit(
-            np.ascontiguousarray(receivers.points), np.ascontiguousarray(normals), one_sided,
-            np.ascontiguousarray(own, np.int32),
-        )  # fmt: skip
-        source = _Source(
-            np.ascontiguousarray(emitter.points), _emitter_box(emitter), self._emitter_plane(emitter),
-            emitter.normal is not None, emitter.polygon,
-        )  # fmt: skip
+        source = _source(emitter)
 
         def some(part: slice) -> NDArray[np.int64]:
             counts = np.zeros(len(fields(Statistics)), np.int64)
@@ -305,12 +307,45 @@ class Visibility:
                 counts = sum(pool.map(some, parts))
         return visible, Statistics(*(int(c) for c in np.atleast_1d(counts)))
 
-    def _emitter_plane(self, emitter: Emitter) -> Float64:
-        """(4,): the height before the emitter, of the farthest back of its points."""
-        if emitter.normal is None:
-            return np.zeros(4)
-        normal = _unit(np.asarray(emitter.normal, np.float64))
-        return np.array([*normal, -np.min(emitter.points @ normal)])
+
+def visible(
+    blockers: Blockers, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
+) -> NDArray[np.bool_]:
+    """(A, B) bool: `Visibility.visible`, for once. Where more follows, keep the `Visibility`, which keeps its tree."""
+    return Visibility(blockers, options or Options()).visible(points_a, points_b)
+
+
+def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
+    """(P, S) bool: which receiver points and emitter samples lie before each other."""
+    order = np.arange(len(receivers.points))
+    faces = np.zeros((len(order), len(emitter.points)), np.bool_)
+    _facing(_source(emitter), _lit(receivers, order), order, faces)
+    return faces
+
+
+def _source(emitter: Emitter) -> _Source:
+    points = np.ascontiguousarray(emitter.points, np.float64)
+    return _Source(
+        points, _emitter_box(emitter), _emitter_plane(emitter), emitter.normal is not None, emitter.polygon
+    )
+
+
+def _lit(receivers: Receivers, order: NDArray[np.int64]) -> _Lit:
+    points = np.asarray(receivers.points, np.float64)[order]
+    one_sided = receivers.normals is not None
+    normals = np.zeros((0, 3)) if receivers.normals is None else _unit(receivers.normals)[order]
+    heights = (normals * points).sum(axis=1) if one_sided else np.zeros(0)
+    own = np.full(len(order), -1, np.int32) if receivers.polygons is None else receivers.polygons[order]
+    x, y, z = np.ascontiguousarray(points.T)
+    return _Lit(x, y, z, normals, heights, one_sided, np.ascontiguousarray(own, np.int64))
+
+
+def _emitter_plane(emitter: Emitter) -> Float64:
+    """(4,): the height before the emitter, of the farthest back of its points."""
+    if emitter.normal is None:
+        return np.zeros(4)
+    normal = _unit(np.asarray(emitter.normal, np.float64))
+    return np.array([*normal, -np.min(emitter.points @ normal)])
 
 
 def _emitter_box(emitter: Emitter) -> Float64:
@@ -329,7 +364,7 @@ class _SearchTree(NamedTuple):
     boxes: Float64
     skip: Int32
     first: Int32
-    count: Int32
+    items: Int32
     order: Int32
     parent: Int32
     leaf_of: Int32
@@ -341,13 +376,15 @@ class _SearchTree(NamedTuple):
 
 
 class _Settings(NamedTuple):
+    """`Options` for the kernels."""
+
     strategy: int
     ratio: float
     open_enclosing: bool
     coplanar: bool
-    mailbox: bool
     tolerance: bool
     coherency: bool
+    together: bool
     object_boxes: bool
     order: int
     least_cut: float
@@ -368,12 +405,60 @@ class _Source(NamedTuple):
 
 
 class _Lit(NamedTuple):
-    """The receivers."""
+    """The receivers' points in the order of the groups: x, y, z, normals, normal . point and their polygons."""
 
-    points: Float64
+    x: Float64
+    y: Float64
+    z: Float64
     normals: Float64
+    heights: Float64
     one_sided: bool
-    own: Int32
+    own: NDArray[np.int64]
+
+
+class Prepared(NamedTuple):
+    """Receivers as `Visibility.step` needs them."""
+
+    groups: Groups
+    lit: _Lit
+
+
+class _Work(NamedTuple):
+    """Room that a thread works in.
+
+    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's
+                            own: nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf
+                            or -1
+    planes .. extent      : the latest shaft
+    a, b                  : its reference boxes
+    stack                 : of `gather`
+    mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
+    latest                : (2,) the latest shaft's number, and the latest blocker or -1
+    """
+
+    nodes: Int32
+    flags: NDArray[np.int8]
+    objects: Int32
+    planes: Float64
+    near: NDArray[np.int64]
+    extent: Float64
+    a: Float64
+    b: Float64
+    stack: Int32
+    mark: NDArray[np.int64]
+    latest: NDArray[np.int64]
+
+
+_NUMBER, _BLOCKER = 0, 1
+
+
+class _List(NamedTuple):
+    """Candidates in `_Work`: their range, whether boxes are tested, and the number of the shaft (-1: of none)."""
+
+    begin: int
+    end: int
+    boxed: bool
+    number: int
 
 
 @kernel
@@ -385,18 +470,18 @@ def _upwards(tree):  # type: ignore[no-untyped-def]
         while child < tree.skip[node]:
             parent[child] = node
             child = tree.skip[child]
-        for i in range(tree.first[node], tree.first[node] + tree.count[node]):
+        for i in range(tree.first[node], tree.first[node] + tree.items[node]):
             leaf_of[tree.order[i]] = node
     return parent, leaf_of
 
 
-@kernel
-def _highest(box, plane):  # type: ignore[no-untyped-def]
-    """The largest height of a box's points over a plane (4,)."""
-    height = plane[3]
+@inner_kernel
+def _highest(boxes, i, plane):  # type: ignore[no-untyped-def]
+    """The largest height of boxes[i] over a plane (4,)."""
+    most = plane[3]
     for k in range(3):
-        height += plane[k] * (box[k + 3] if plane[k] > 0 else box[k])
-    return height
+        most += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
+    return most
 
 
 @kernel
@@ -412,14 +497,11 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     n = 0
     if not size:
         return found, flags
-    if not wanted and not behind:
-        found[0], flags[0] = 0, -1
-        return found[:1], flags[:1]
     pending = np.empty(size, np.int32)
-    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or that
-    # has a larger box than its polygon, starts at the root.
+    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or
+    # that has a larger box than its polygon, starts at the root.
     below = leaf
-    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes[leaf], box) else -1
+    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
         pending[0] = 0
         node, below, waiting = -1, -1, 1
@@ -436,20 +518,19 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
         while waiting:
             waiting -= 1
             item = pending[waiting]
-            if item == leaf or (behind and _highest(tree.boxes[item], plane) < 0):
+            if item == leaf or (behind and _highest(tree.boxes, item, plane) < 0):
                 continue
-            opened = tree.count[item] == 0 and encloses(tree.boxes[item], box)
-            # Without the list's other use, behind alone prunes from the root: down to what is not all behind.
-            if opened and wanted or (behind and tree.count[item] == 0 and _lowest(tree.boxes[item], plane) < 0):
+            opened = wanted and tree.items[item] == 0 and encloses(tree.boxes, item, box)
+            if opened:
                 child = item + 1
                 while child < tree.skip[item]:
                     pending[waiting] = child
                     waiting += 1
                     child = tree.skip[child]
             else:
-                touches = overlaps(tree.boxes[item], box)
+                touches = overlaps(tree.boxes, item, box)
                 found[n] = item
-                flags[n] = -1 if encloses(tree.boxes[item], box) else (touching if touches else 0)
+                flags[n] = -1 if encloses(tree.boxes, item, box) else (touching if touches else 0)
                 n += 1
         if node < 0:
             break
@@ -457,95 +538,67 @@ def _emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ig
     return found[:n].copy(), flags[:n].copy()
 
 
-@kernel
-def _lowest(box, plane):  # type: ignore[no-untyped-def]
-    height = plane[3]
-    for k in range(3):
-        height += plane[k] * (box[k] if plane[k] > 0 else box[k + 3])
-    return height
+@inner_kernel
+def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
+    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of the way from a to b, finite.
 
-
-@kernel
-def _box_hit(box, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
-    """Whether a segment meets a box between its `ENDS`. i: inverse of the way from a to b, finite.
-
-    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the order.
+    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the
+    order.
     """
-    near, far = ENDS, 1 - ENDS
-    t0, t1 = (box[0] - ax) * ix, (box[3] - ax) * ix
+    t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
+    near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
+    t0, t1 = (boxes[i, 1] - ay) * iy, (boxes[i, 4] - ay) * iy
     near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
-    t0, t1 = (box[1] - ay) * iy, (box[4] - ay) * iy
-    near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
-    t0, t1 = (box[2] - az) * iz, (box[5] - az) * iz
+    t0, t1 = (boxes[i, 2] - az) * iz, (boxes[i, 5] - az) * iz
     near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
     return near <= far
 
 
-@kernel
+@inner_kernel
 def _inverse(d):  # type: ignore[no-untyped-def]
     """1 / d, or so: never infinite, so that 0 times it is no NaN."""
     return 1 / d if abs(d) > 1e-300 else (1e300 if d >= 0 else -1e300)
 
 
-@kernel
-def _blocker(  # type: ignore[no-untyped-def]
-    ax,
-    ay,
-    az,
-    bx,
-    by,
-    bz,
-    own_a,
-    own_b,
-    nodes,
-    objects,
-    begin,
-    end,
-    tree,
-    polygons,
-    boxed,
-    mark,
-    number,
-    object_boxes,
-):
-    """The first polygon found between a and b in a list, -1 for none; its place there, and tests of boxes and objects.
-
-    boxed : the list holds boxes, or those of objects are tested
-    """
+@inner_kernel
+def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
+    """The first polygon of a list between a and b, or -1; its place there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
-    if boxed:
+    if found.boxed:
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
     box_tests, object_tests = 0, 0
     forms, bounds, flags = polygons.forms, polygons.bounds, polygons.flags
-    for i in range(begin, end):
-        x = objects[i]
+    boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
+    nodes, objects, mark, number = work.nodes, work.objects, work.mark, found.number
+    for i in range(found.begin, found.end):
+        x = np.int64(objects[i])  # one type everywhere, so that functions are compiled once
         if x >= 0:
-            if x == own_a or x == own_b:
+            if (x == own_a) | (x == own_b):
                 continue
             if object_boxes:
                 box_tests += 1
-                if not _box_hit(tree.boxes[nodes[i]], ax, ay, az, ix, iy, iz):
+                if not _box_hit(boxes, nodes[i], ax, ay, az, ix, iy, iz):
                     continue
             object_tests += 1
             if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                 return x, i, box_tests, object_tests
             continue
-        node = nodes[i]
-        last = tree.skip[node]
+        node = np.int64(nodes[i])
+        last = skip[node]
         while node < last:
             if len(mark) and mark[node] == number:
-                node = tree.skip[node]
+                node = np.int64(skip[node])
                 continue
-            leaf = tree.count[node] > 0
+            leaf = items[node] > 0
             if not leaf or object_boxes:
                 box_tests += 1
-                if not _box_hit(tree.boxes[node], ax, ay, az, ix, iy, iz):
-                    node = tree.skip[node]
+                if not _box_hit(boxes, node, ax, ay, az, ix, iy, iz):
+                    node = np.int64(skip[node])
                     continue
             if leaf:
-                for k in range(tree.first[node], tree.first[node] + tree.count[node]):
-                    x = tree.order[k]
-                    if x != own_a and x != own_b:
+                for k in range(first[node], first[node] + items[node]):
+                    x = np.int64(order[k])
+                    if (x != own_a) & (x != own_b):
                         object_tests += 1
                         if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
                             return x, i, box_tests, object_tests
@@ -553,32 +606,25 @@ def _blocker(  # type: ignore[no-untyped-def]
     return -1, -1, box_tests, object_tests
 
 
-@kernel
-def _faces(ax, ay, az, na, one_sided_a, bx, by, bz, nb, one_sided_b):  # type: ignore[no-untyped-def]
-    dx, dy, dz = bx - ax, by - ay, bz - az
-    if one_sided_a and not dx * na[0] + dy * na[1] + dz * na[2] > 0:
-        return False
-    return not one_sided_b or dx * nb[0] + dy * nb[1] + dz * nb[2] < 0
-
-
-@kernel
-def _objects_of(  # type: ignore[no-untyped-def]
-    tree, polygons, a, b, coplanar, object_boxes, size, own_a, own_b, nodes, flags, begin, end, objects
-):
-    """Look at the candidates that are single polygons: leave out those that can't block, note which they are.
+@inner_kernel
+def _objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
+    """Note which candidates are single polygons; leave out those that can't block between work.a and work.b.
 
     Returns the new end, and whether boxes are left.
     """
+    items, first, order = tree.items, tree.first, tree.order
+    nodes, flags, objects, a, b = work.nodes, work.flags, work.objects, work.a, work.b
+    forms, kinds, length = polygons.forms, polygons.flags, polygons.length
     n = begin
     boxed = object_boxes
     for i in range(begin, end):
-        node = nodes[i]
-        x = -1
-        if tree.count[node] == 1:
-            x = tree.order[tree.first[node]]
-            if x == own_a or x == own_b:
+        node = np.int64(nodes[i])
+        x = np.int64(-1)
+        if items[node] == 1:
+            x = np.int64(order[first[node]])
+            if (x == own_a) | (x == own_b):
                 continue
-            if coplanar and never_hit(x, a, b, polygons.forms, polygons.flags, polygons.length, size):
+            if coplanar and never_hit(x, a, b, forms, kinds, length, size):
                 continue
         else:
             boxed = True
@@ -588,184 +634,365 @@ def _objects_of(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _largest_first(tree, extent, nodes, flags, objects, begin, end):  # type: ignore[no-untyped-def]
-    """Sort a list by the surface of the part of each box that lies in the extent box."""
+def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
+    """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
     n = end - begin
     keys = np.empty(n)
+    extent = work.extent
     for i in range(n):
-        box = tree.boxes[nodes[begin + i]]
+        box = tree.boxes[work.nodes[begin + i]]
         x = min(box[3], extent[3]) - max(box[0], extent[0])
         y = min(box[4], extent[4]) - max(box[1], extent[1])
         z = min(box[5], extent[5]) - max(box[2], extent[2])
         keys[i] = -(x * y + y * z + z * x)
     by = np.argsort(keys, kind="mergesort")
-    old_nodes, old_flags, old_objects = nodes[begin:end].copy(), flags[begin:end].copy(), objects[begin:end].copy()
+    nodes, flags, objects = (
+        work.nodes[begin:end].copy(),
+        work.flags[begin:end].copy(),
+        work.objects[begin:end].copy(),
+    )
     for i in range(n):
-        nodes[begin + i], flags[begin + i], objects[begin + i] = (
-            old_nodes[by[i]],
-            old_flags[by[i]],
-            old_objects[by[i]],
-        )
+        work.nodes[begin + i] = nodes[by[i]]
+        work.flags[begin + i] = flags[by[i]]
+        work.objects[begin + i] = objects[by[i]]
 
 
 @kernel
-def _build(  # type: ignore[no-untyped-def]
-    tree, polygons, source, box, own, rays, settings, nodes, flags, objects, begin, end, planes, near, extent, a, b,
-    mark, number, stack, counts,
-):  # fmt: skip
-    """Form the shaft between the emitter and a box of points, and append its candidates after `end` of the lists.
-
-    begin, end : the parent's candidates, which can be the emitter list
-    Returns where the candidates end, and whether there are boxes among them.
-    """
+def _shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
+    """Form the shaft between the emitter and a group; the `_List` of its candidates, behind the parent's."""
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
-        # The points a share along the segments, from all of one box to all of the other.
-        a[k] = source.box[k] + share * (box[k] - source.box[k])
-        b[k] = box[k] + share * (source.box[k] - box[k])
+        # The points that lie this share along the segments from all of one box to all of the other.
+        emitter, receiver = source.box[k], groups.boxes[group, k]
+        work.a[k] = emitter + share * (receiver - emitter)
+        work.b[k] = receiver + share * (emitter - receiver)
+    work.latest[_NUMBER] += 1
+    number = work.latest[_NUMBER]
     strategy = settings.strategy
-    if rays < settings.keep_closed_below:
-        strategy = 0
-    n = form_shaft(a, b, settings.slack, settings.least_cut, planes, near, extent)
-    counts[_SHAFTS] += 1
+    if _rays(source, groups, group) < settings.keep_closed_below:
+        strategy = _KEEP_CLOSED
+    n = form_shaft(
+        work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
+    )  # fmt: skip
     size, tests = gather(
-        tree, nodes, flags, begin, end, a, b, extent, planes, near, n, strategy, settings.ratio,
-        settings.open_enclosing, mark, number, stack, nodes, flags, end,
+        tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,
+        n, strategy, settings.ratio, settings.open_enclosing, work.mark, number, work.stack, work.nodes, work.flags,
+        parent.end,
     )  # fmt: skip
+    end, boxed = _objects_of(
+        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon,
+        groups.polygon[group], parent.end, size, work,
+    )  # fmt: skip
+    if leaf and settings.order == _LARGEST_FIRST:
+        _largest_first(tree, parent.end, end, work)
+    counts[_SHAFTS] += 1
     counts[_SHAFT_TESTS] += tests
-    size, boxed = _objects_of(
-        tree, polygons, a, b, settings.coplanar, settings.object_boxes, settings.size, source.polygon, own, nodes,
-        flags, end, size, objects,
-    )  # fmt: skip
-    if size == end:
+    if end == parent.end:
         counts[_EMPTY] += 1
-    return size, boxed
+    elif leaf:
+        counts[_LISTS] += 1
+        counts[_CANDIDATES] += end - parent.end
+    return _List(parent.end, end, boxed, number)
+
+
+@inner_kernel
+def _rays(source, groups, group):  # type: ignore[no-untyped-def]
+    return (groups.end[group] - groups.begin[group]) * len(source.points)
+
+
+@inner_kernel
+def _before_emitter(lit, k, source):  # type: ignore[no-untyped-def]
+    """Receiver point k lies where the emitter shines."""
+    p = source.plane
+    return not source.one_sided or p[0] * lit.x[k] + p[1] * lit.y[k] + p[2] * lit.z[k] + p[3] > 0
+
+
+@inner_kernel
+def _before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
+    """Sample s lies before receiver point k."""
+    if not lit.one_sided:
+        return True
+    n, a = lit.normals, source.points
+    return n[k, 0] * a[s, 0] + n[k, 1] * a[s, 1] + n[k, 2] * a[s, 2] > lit.heights[k]
 
 
 @kernel
-def _step(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts
+def _cast_one_by_one(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
-    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
-    size = len(tree.skip)
-    room = (groups.levels + 2) * size + 1
-    nodes = np.empty(room, np.int32)
-    flags = np.empty(room, np.int8)
-    objects = np.empty(room, np.int32)
-    nodes[: len(roots)] = roots
-    flags[: len(roots)] = root_flags
-    a, b = np.empty(6), np.empty(6)
-    top, rooted = _objects_of(  # without a shaft these are all the candidates there are
-        tree, polygons, a, b, False, settings.object_boxes, settings.size, source.polygon, -1, nodes, flags, 0,
-        len(roots), objects,
-    )  # fmt: skip
-    planes, near, extent = empty_shaft()
-    stack = empty_stack(size)
-    # Of the groups around the current one: where they end, and their lists. The emitter list is that of all.
-    ends = np.empty(groups.levels + 2, np.int64)
-    list_begin = np.zeros(groups.levels + 2, np.int64)
-    list_end = np.zeros(groups.levels + 2, np.int64)
-    boxed = np.zeros(groups.levels + 2, np.bool_)
-    numbers = np.full(groups.levels + 2, -1, np.int64)  # of the shafts, which marks in the hierarchy speak of
-    ends[0], list_end[0], boxed[0] = last, top, rooted
-    level = 0
-    number = 0
-    blocker = -1
-    samples = len(source.points)
-    tiny = -1e-12 * settings.size
+    """The rays of a group as in the paper: the last blocker, then the shaft's list until something is hit.
 
-    group = first
-    while group < last:
-        while group >= ends[level]:
-            level -= 1
-        begin, end = groups.begin[group], groups.end[group]
-        box = groups.boxes[group]
-        own = groups.polygon[group]
-        rays = (end - begin) * samples
-        # Facing tests first: of all at once where they are on one plane.
-        away = source.one_sided and _highest(box, source.plane) < tiny
-        if not away and lit.one_sided:
-            height = 0.0
-            for j in range(3):
-                n = groups.normal[group, j]
-                height += n * ((source.box[j + 3] if n > 0 else source.box[j]) - (box[j] if n > 0 else box[j + 3]))
-            away = height < tiny
-        if away:
-            group = groups.skip[group]
+    found, built : the candidates, if the shaft is built; else the parent's, from which it will be
+    """
+    samples = len(source.points)
+    for k in range(groups.begin[group], groups.end[group]):
+        if not _before_emitter(lit, k, source):
             continue
-        shaft = settings.strategy >= 0 and rays >= settings.no_shaft_below
-        leaf = groups.skip[group] == group + 1
-        from_begin, from_end, is_boxed = list_begin[level], list_end[level], boxed[level]
-        if not leaf and shaft:
-            number += 1
-            to_end, is_boxed = _build(
-                tree, polygons, source, box, own, rays, settings, nodes, flags, objects, from_begin, from_end,
-                planes, near, extent, a, b, mark, number, stack, counts,
-            )  # fmt: skip
-            level += 1
-            ends[level], list_begin[level], list_end[level] = groups.skip[group], from_end, to_end
-            boxed[level], numbers[level] = is_boxed, number
-            if to_end > from_end:
-                group += 1
+        p = groups.order[k]
+        bx, by, bz, own_b = lit.x[k], lit.y[k], lit.z[k], lit.own[k]
+        for s in range(samples):
+            ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
+            if not _before_receiver(lit, k, source, s):
                 continue
-            # Nothing is in the way of any of its parts.
-            from_begin, from_end, shaft = from_end, to_end, False
-        elif not leaf:
-            group += 1
-            continue
-        built = not shaft
-        of_list = numbers[level]
-        for i in range(begin, end):
-            p = groups.order[i]
-            bx, by, bz = lit.points[p, 0], lit.points[p, 1], lit.points[p, 2]
-            nb = lit.normals[p if lit.one_sided else 0]
-            own_b = lit.own[p]
-            for s in range(samples):
-                ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
-                if not _faces(ax, ay, az, source.plane, source.one_sided, bx, by, bz, nb, lit.one_sided):
-                    continue
-                counts[_RAYS] += 1
-                if built and from_begin == from_end:
-                    counts[_FREE] += 1
-                    visible[p, s] = True
-                    continue
-                if settings.coherency and blocker >= 0 and blocker != own_b:
+            counts[_RAYS] += 1
+            if not built or found.begin < found.end:
+                last = work.latest[_BLOCKER]
+                if settings.coherency and last >= 0 and last != own_b:
                     counts[_OBJECT_TESTS] += 1
-                    if hits(blocker, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
+                    if hits(last, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
                         counts[_CACHED] += 1
                         counts[_BLOCKED] += 1
                         continue
                 if not built:
                     built = True
-                    number += 1
-                    of_list = number
-                    to_end, is_boxed = _build(
-                        tree, polygons, source, box, own, rays, settings, nodes, flags, objects, from_begin, from_end,
-                        planes, near, extent, a, b, mark, number, stack, counts,
+                    found = _shaft_list(
+                        tree, polygons, source, groups, group, found, settings, True, work, counts
                     )  # fmt: skip
-                    from_begin, from_end = from_end, to_end
-                    if from_begin == from_end:
-                        counts[_FREE] += 1
-                        visible[p, s] = True
-                        continue
-                    if settings.order == _LARGEST_FIRST:
-                        _largest_first(tree, extent, nodes, flags, objects, from_begin, from_end)
-                    counts[_LISTS] += 1
-                    counts[_CANDIDATES] += from_end - from_begin
-                found, at, box_tests, object_tests = _blocker(
-                    ax, ay, az, bx, by, bz, source.polygon, own_b, nodes, objects, from_begin, from_end, tree,
-                    polygons, is_boxed, mark, of_list, settings.object_boxes,
-                )  # fmt: skip
-                counts[_BOX_TESTS] += box_tests
-                counts[_OBJECT_TESTS] += object_tests
-                if found < 0:
-                    visible[p, s] = True
-                    continue
-                counts[_BLOCKED] += 1
-                blocker = found
-                if settings.order == _LAST_BLOCKER_FIRST and at > from_begin:
-                    node, flag, x = nodes[at], flags[at], objects[at]
-                    for k in range(at, from_begin, -1):
-                        nodes[k], flags[k], objects[k] = nodes[k - 1], flags[k - 1], objects[k - 1]
-                    nodes[from_begin], flags[from_begin], objects[from_begin] = node, flag, x
+            if found.begin == found.end:
+                counts[_FREE] += 1
+                visible[p, s] = True
+                continue
+            x, at, box_tests, object_tests = _blocker(
+                ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
+            )
+            counts[_BOX_TESTS] += box_tests
+            counts[_OBJECT_TESTS] += object_tests
+            if x < 0:
+                visible[p, s] = True
+                continue
+            counts[_BLOCKED] += 1
+            work.latest[_BLOCKER] = x
+            if settings.order == _LAST_BLOCKER_FIRST:
+                _to_front(at, found.begin, work)
+
+
+@inner_kernel
+def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
+    node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
+    for k in range(at, begin, -1):
+        work.nodes[k], work.flags[k], work.objects[k] = work.nodes[k - 1], work.flags[k - 1], work.objects[k - 1]
+    work.nodes[begin], work.flags[begin], work.objects[begin] = node, flag, x
+
+
+@kernel
+def _cast_together(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+):
+    """All rays of a group against one candidate after the other, so that the processor tests several at once."""
+    samples, begin = len(source.points), groups.begin[group]
+    count = groups.end[group] - begin
+    own = groups.polygon[group]
+    clear = np.empty((samples, count), np.uint8)
+    at_a, at_b = np.empty((3, samples)), np.empty((3, count))
+    left = _start(source, lit, groups.normal, group, begin, count, clear)
+    if left == 0:
+        return
+    rays = left
+    counts[_RAYS] += rays
+    last = work.latest[_BLOCKER]
+    if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
+        counts[_OBJECT_TESTS] += left
+        left = _block(last, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+        counts[_CACHED] += rays - left
+    if left and not built:
+        found = _shaft_list(tree, polygons, source, groups, group, found, settings, True, work, counts)
+    if found.begin == found.end:
+        counts[_FREE] += left
+    boxes = False
+    most = 0
+    for i in range(found.begin, found.end):
+        if left == 0:
+            break
+        x = np.int64(work.objects[i])
+        if x < 0:
+            boxes = True
+        elif x != own:
+            counts[_OBJECT_TESTS] += left
+            before = left
+            left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+            if before - left > most:
+                most = before - left
+                work.latest[_BLOCKER] = x
+    if left and boxes:
+        for k in range(count):
+            for s in range(samples):
+                if clear[s, k]:
+                    x, _, box_tests, object_tests = _blocker(
+                        source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
+                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree,
+                        polygons, False, work,
+                    )  # fmt: skip
+                    counts[_BOX_TESTS] += box_tests
+                    counts[_OBJECT_TESTS] += object_tests
+                    if x >= 0:
+                        clear[s, k] = 0
+                        left -= 1
+    counts[_BLOCKED] += rays - left
+    if left:  # it was all False before
+        order = groups.order
+        for k in range(count):
+            p = order[begin + k]
+            for s in range(samples):
+                visible[p, s] = clear[s, k]
+
+
+@kernel
+def _start(source, lit, common, group, begin, count, clear):  # type: ignore[no-untyped-def]
+    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
+    samples = len(source.points)
+    n, a, heights = lit.normals, source.points, lit.heights
+    before = np.empty(count, np.uint8)
+    left = 0
+    for k in range(count):
+        before[k] = _before_emitter(lit, begin + k, source)
+        left += before[k]
+    if left == 0:
+        return 0
+    flat = lit.one_sided and (common[group, 0] != 0 or common[group, 1] != 0 or common[group, 2] != 0)
+    left = 0
+    for s in range(samples):
+        if not lit.one_sided:
+            for k in range(count):
+                clear[s, k] = before[k]
+        elif flat:  # as `_before_receiver`, with one normal
+            reach = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
+            for k in range(count):
+                clear[s, k] = before[k] & (reach > heights[begin + k])
+        else:
+            for k in range(count):
+                clear[s, k] = before[k] and _before_receiver(lit, begin + k, source, s)
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@inner_kernel
+def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
+    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    forms, flag = polygons.forms, polygons.flags[x]
+    a, bx, by, bz, own_b = source.points, lit.x, lit.y, lit.z, lit.own
+    samples = len(a)
+    before_a = before_b = 0
+    f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
+    for s in range(samples):
+        at_a[0, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        before_a += at_a[0, s] > 0
+    for k in range(count):
+        at_b[0, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+        before_b += at_b[0, k] > 0
+    # Nothing to do where no segment can cross the plane, or only from the back of a solid.
+    if not ((before_a and before_b < count) or (before_a < samples and before_b and not flag & SOLID)):
+        return left
+    for j in range(1, 3):
+        i = 4 * j
+        f0, f1, f2, f3 = forms[x, i], forms[x, i + 1], forms[x, i + 2], forms[x, i + 3]
+        for s in range(samples):
+            at_a[j, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        for k in range(count):
+            at_b[j, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+    mine = False
+    if own == SEVERAL:
+        for k in range(count):
+            mine |= own_b[begin + k] == x
+    if flag & SLIVER or mine:
+        for s in range(samples):
+            for k in range(count):
+                b = begin + k
+                if clear[s, k] and own_b[b] != x and hits(
+                    x, a[s, 0], a[s, 1], a[s, 2], bx[b], by[b], bz[b], forms, polygons.bounds, polygons.flags
+                ):  # fmt: skip
+                    clear[s, k] = 0
+    elif flag & PARALLELOGRAM:
+        _cross_all(at_a, at_b, True, flag & SOLID != 0, samples, count, clear)
+    else:
+        _cross_all(at_a, at_b, False, flag & SOLID != 0, samples, count, clear)
+    left = 0
+    for s in range(samples):
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@inner_kernel
+def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type: ignore[no-untyped-def]
+    """As `hits`, for all segments at once. at_a, at_b: (3, n), the polygon's three forms at both ends."""
+    for s in range(samples):
+        ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
+        if ha > 0:
+            for k in range(count):
+                clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+        elif not solid:
+            for k in range(count):
+                clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+
+
+@inner_kernel
+def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
+    """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
+    most = 0.0
+    for k in range(3):
+        n = groups.normal[group, k]
+        i, j = (k + 3, k) if n > 0 else (k, k + 3)
+        most += n * (source.box[i] - groups.boxes[group, j])
+    return most
+
+
+@kernel
+def _step(tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts):  # type: ignore[no-untyped-def]
+    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
+    size = len(tree.skip)
+    room = (groups.levels + 2) * size + 1
+    planes, near, extent = empty_shaft()
+    work = _Work(
+        np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
+        np.empty(6), np.empty(6), empty_stack(size), mark, np.array([0, -1]),
+    )  # fmt: skip
+    work.nodes[: len(roots)] = roots
+    work.flags[: len(roots)] = root_flags
+    top, boxed = _objects_of(
+        tree, polygons, False, settings.object_boxes, settings.size, source.polygon, -1, 0, len(roots), work
+    )
+    found = _List(0, top, boxed, -1)
+    # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
+    ends = np.empty(groups.levels + 2, np.int64)
+    lists = [found]
+    ends[0] = last
+    tiny = -1e-12 * settings.size
+
+    group = first
+    while group < last:
+        while group >= ends[len(lists) - 1]:
+            lists.pop()
+        # Facing tests first, of all of them at once.
+        if (source.one_sided and _highest(groups.boxes, group, source.plane) < tiny) or (
+            lit.one_sided and _turned_away(source, groups, group) < tiny
+        ):
+            group = groups.skip[group]
+            continue
+        found = lists[-1]
+        built = settings.strategy < 0 or _rays(source, groups, group) < settings.no_shaft_below
+        if groups.skip[group] > group + 1:
+            if not built:
+                found = _shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)
+            if found.begin < found.end:
+                ends[len(lists)] = groups.skip[group]
+                lists.append(found)
+                group += 1
+                continue
+            built = True  # nothing is in the way of any of its parts
+        if settings.together:
+            _cast_together(
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+            )  # fmt: skip
+        else:
+            _cast_one_by_one(
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+            )  # fmt: skip
         group = groups.skip[group]
+
+
+@kernel
+def _facing(source, lit, order, faces):  # type: ignore[no-untyped-def]
+    for k in range(len(order)):
+        for s in range(len(source.points)):
+            faces[order[k], s] = _before_emitter(lit, k, source) and _before_receiver(lit, k, source, s)

@@ -1,7 +1,7 @@
 """An office to count polygons in, as the paper's: 906 of them, or 2563 with its floor and walls tessellated.
 
-The original database of [SC, Statistics] is lost; of it only these counts are known, and that it has ten area lights.
-Desks, chairs, shelves, partitions and screens are solid boxes, chairs turned by odd angles.
+The original database of [SC, Statistics] is lost; only these counts of it are known, and that it has ten area
+lights. Desks, chairs, shelves, partitions and screens are solid boxes, chairs turned by odd angles.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from msgspec import Meta
 
 from glpath.scene.load import scene_from_dict
 from glpath.scene.model import Scene
+
+_Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 
 #: The room from 0 to this, x along the windows, y up; metres.
 ROOM = (12.0, 3.0, 8.0)
@@ -137,16 +139,14 @@ def _box(
     name: str, material: str, center: tuple[float, ...], size: tuple[float, ...], at: tuple[float, ...] = (0, 0, 0),
     angle: float = 0.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """A box in its piece of furniture, which is turned by `angle` degrees about its own upright axis and put `at`."""
+    """A box in its piece of furniture, which is turned by `angle` degrees about its upright axis and put `at`."""
     return {
         "type": "box", "name": name, "material": material, "center": list(center), "size": list(size),
         "transform": [{"rotate": {"axis": [0, 1, 0], "angle": angle}}, {"translate": list(at)}],
     }  # fmt: skip
 
 
-def _legs(
-    name: str, material: str, half: tuple[float, float], height: float, width: float
-) -> list[tuple[Any, ...]]:
+def _legs(name: str, material: str, half: tuple[float, float], height: float, width: float) -> list[_Part]:
     return [
         (f"{name}-leg-{i}", material, (sx * half[0], height / 2, sz * half[1]), (width, height, width))
         for i, (sx, sz) in enumerate([(-1, -1), (1, -1), (-1, 1), (1, 1)])
@@ -154,7 +154,7 @@ def _legs(
 
 
 def _desk(name: str, x: float, z: float) -> list[dict[str, Any]]:
-    parts = [
+    parts: list[_Part] = [
         (f"{name}-top", "wood", (0, 0.735, 0), (1.6, 0.03, 0.8)),
         (f"{name}-drawers", "steel", (0.52, 0.4, 0), (0.4, 0.6, 0.6)),
         *_legs(name, "steel", (0.76, 0.36), 0.72, 0.05),
@@ -163,7 +163,7 @@ def _desk(name: str, x: float, z: float) -> list[dict[str, Any]]:
 
 
 def _chair(name: str, x: float, z: float, angle: float) -> list[dict[str, Any]]:
-    parts = [
+    parts: list[_Part] = [
         (f"{name}-seat", "cloth", (0, 0.46, 0), (0.45, 0.05, 0.45)),
         (f"{name}-back", "cloth", (0, 0.76, -0.2), (0.43, 0.5, 0.04)),
         *_legs(name, "steel", (0.19, 0.19), 0.43, 0.03),
@@ -172,7 +172,7 @@ def _chair(name: str, x: float, z: float, angle: float) -> list[dict[str, Any]]:
 
 
 def _screen(name: str, x: float, z: float, angle: float) -> list[dict[str, Any]]:
-    parts = [
+    parts: list[_Part] = [
         (f"{name}-panel", "screen", (0, 0.33, 0), (0.52, 0.32, 0.03)),
         (f"{name}-foot", "screen", (0, 0.08, 0), (0.2, 0.14, 0.16)),
     ]
@@ -181,7 +181,7 @@ def _screen(name: str, x: float, z: float, angle: float) -> list[dict[str, Any]]
 
 def _shelf(name: str, x: float, z: float) -> list[dict[str, Any]]:
     """Two sides, a back and five boards, which touch but don't enter each other."""
-    parts = [
+    parts: list[_Part] = [
         (f"{name}-left", "wood", (-0.685, 1.0, 0), (0.03, 2.0, 0.3)),
         (f"{name}-right", "wood", (0.685, 1.0, 0), (0.03, 2.0, 0.3)),
         (f"{name}-back", "wood", (0, 1.0, -0.16), (1.4, 2.0, 0.02)),

@@ -1,0 +1,270 @@
+"""Visibility: every way of looking for blockers finds what testing every segment against every polygon finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from glpath.errors import UsageError
+from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Visibility, facing, visible
+from glpath.radiosity.blockers import visible_by_all
+from glpath.radiosity.visibility import ORDERS, STRATEGIES
+from glpath.scene import load_scene
+
+# A small grid makes polygons that touch, coincide, lie in planes with the points, or have no area; others are slivers.
+grid = st.integers(-3, 3).map(float)
+places = st.one_of(grid, st.floats(-3, 3, allow_subnormal=False))
+booleans = st.booleans()
+
+options = st.builds(
+    Options,
+    strategy=st.sampled_from(list(STRATEGIES)),
+    ratio=st.sampled_from([0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
+    order=st.sampled_from(list(ORDERS)),
+    least_cut=st.sampled_from([None, 0.0, 0.1]),
+    clump=st.sampled_from([0, 1, 3, 8]),
+    group=st.sampled_from([0, 9]),
+    no_shaft_below=st.sampled_from([0, 12]),
+    keep_closed_below=st.sampled_from([0, 30]),
+    solids=booleans,
+    **{
+        name: booleans
+        for name in (
+            "open_enclosing emitter_list behind_emitter coplanar mailbox tolerance coherency together object_boxes"
+            " nested"
+        ).split()
+    },
+)
+
+
+@st.composite
+def blockers(draw: st.DrawFn, most: int = 24) -> Blockers:
+    """Triangles and parallelograms, some slivers, some marked as parts of solids."""
+    n = draw(st.integers(0, most))
+    corners = draw(hnp.arrays(float, (n, 3, 3), elements=places))
+    if n and draw(booleans):
+        thin = draw(st.sampled_from([0.0, 1e-12, 1e-7, 1e-4]))
+        corners[0, 2] = corners[0, 0] + (corners[0, 1] - corners[0, 0]) * 0.5 + thin * corners[0, 2]
+    flags = draw(hnp.arrays(bool, (2, n)))
+    return Blockers(corners, flags[0], flags[1], np.zeros(n, np.int32))
+
+
+@st.composite
+def ends(draw: st.DrawFn, of: Blockers) -> tuple[Emitter, Receivers]:
+    """Points anywhere, or on the polygons; with normals or without; receivers of one point and of many."""
+    samples = draw(hnp.arrays(float, (draw(st.integers(1, 4)), 3), elements=places))
+    points = draw(hnp.arrays(float, (draw(st.integers(1, 12)), 3), elements=places))
+    count = len(points)
+    receiver = np.sort(draw(hnp.arrays(np.int32, count, elements=st.integers(0, 4))))
+    polygons = None
+    own = -1
+    if len(of) and draw(booleans):
+        own = draw(st.integers(0, len(of) - 1))
+        samples = on_polygon(of, own, draw(hnp.arrays(float, (3, 2), elements=st.sampled_from([0, 0.25, 0.5]))))
+        polygons = (receiver % len(of)).astype(np.int32)
+        inside = draw(hnp.arrays(float, (count, 2), elements=st.sampled_from([0, 0.25, 0.5])))
+        points = np.stack([on_polygon(of, int(p), uv[None])[0] for p, uv in zip(polygons, inside, strict=True)])
+    normal = None
+    normals = None
+    if draw(booleans):
+        normal = of.normals[own] if own >= 0 else np.array([0.0, 0.0, 1.0])
+        normal = normal if np.linalg.norm(normal) > 0.5 else np.array([0.0, 1.0, 0.0])
+    if draw(booleans):
+        normals = np.eye(3)[receiver % 3]
+    return Emitter(samples, normal, own), Receivers(points, receiver, normals, polygons)
+
+
+def on_polygon(of: Blockers, i: int, uv: np.ndarray) -> np.ndarray:
+    a, b, c = of.corners[i]
+    return np.asarray(a + uv[:, :1] * (b - a) + uv[:, 1:] * (c - a))
+
+
+def brute_force(of: Blockers, emitter: Emitter, receivers: Receivers, solids: bool) -> np.ndarray:
+    own = receivers.polygons if receivers.polygons is not None else np.full(len(receivers.points), -1, np.int32)
+    own_a = np.full(len(emitter.points), emitter.polygon, np.int32)
+    seen = visible_by_all(of.polygons(solids), emitter.points, receivers.points, own_a, own)
+    return np.asarray(seen.T & facing(emitter, receivers))
+
+
+random_cases = given(st.data(), blockers(), options, st.sampled_from(["areas", "clusters"]))
+
+
+@settings(max_examples=400)
+@random_cases
+def test_every_option_finds_what_brute_force_finds(
+    data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str
+) -> None:
+    check_against_brute_force(data, of, chosen, hierarchy)
+
+
+@pytest.mark.evidence
+@settings(max_examples=6000)
+@random_cases
+def test_every_option_finds_what_brute_force_finds_in_thousands_of_scenes(
+    data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str
+) -> None:
+    check_against_brute_force(data, of, chosen, hierarchy)
+
+
+def check_against_brute_force(data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str) -> None:
+    assume(of.size > 0.01 or not len(of))  # of blockers that are all next to nothing, points are too far
+    emitter, receivers = data.draw(ends(of))
+    visibility = Visibility(of, chosen, hierarchy, threads=1)  # type: ignore[arg-type]
+    seen, counts = visibility.step(emitter, receivers)
+    np.testing.assert_array_equal(seen, brute_force(of, emitter, receivers, chosen.solids))
+    faces = facing(emitter, receivers)
+    assert counts.rays == faces.sum()
+    assert counts.blocked == faces.sum() - seen.sum()
+
+
+def soup(n: int, size: float, seed: int) -> Blockers:
+    rng = np.random.default_rng(seed)
+    return Blockers.of_triangles(rng.random((n, 1, 3)) + size * (rng.random((n, 3, 3)) - 0.5))
+
+
+@pytest.mark.parametrize(("n", "size"), [(400, 0.1), (60, 0.6), (2000, 0.03)])
+def test_all_strategies_agree_in_larger_scenes(n: int, size: float) -> None:
+    of = soup(n, size, n)
+    rng = np.random.default_rng(7)
+    a, b = rng.random((5, 3)) * [0.2, 1, 1], rng.random((40, 3)) * [0.2, 1, 1] + [0.8, 0, 0]
+    own = np.full(40, -1, np.int32)
+    expected = visible_by_all(of.polygons(False), a, b, own[:5], own)
+    assert 0.02 < expected.mean() < 0.98
+    for strategy, together, clump, group in product(STRATEGIES, (False, True), (0, 4), (0, 16)):
+        chosen = Options(strategy=strategy, together=together, clump=clump, group=group)
+        np.testing.assert_array_equal(visible(of, a, b, chosen), expected)
+
+
+def test_threads_find_the_same() -> None:
+    of = soup(300, 0.2, 3)
+    rng = np.random.default_rng(1)
+    receivers = Receivers(rng.random((200, 3)), np.repeat(np.arange(50, dtype=np.int32), 4))
+    emitter = Emitter(rng.random((6, 3)))
+    one, counts = Visibility(of, threads=1).step(emitter, receivers)
+    two, others = Visibility(of, threads=3).step(emitter, receivers)
+    np.testing.assert_array_equal(one, two)
+    assert counts.rays == others.rays
+
+
+@pytest.fixture(scope="module")
+def office() -> tuple[Blockers, Emitter, Receivers]:
+    """The office, a ceiling light with four samples, and the middle of every polygon and a corner of it."""
+    scene = load_scene("office")
+    of = Blockers.of_scene(scene)
+    light = next(i for i in range(len(of)) if scene.shapes[of.shape[i]].emits)
+    uv = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
+    points = np.concatenate([on_polygon(of, i, np.array([[0.5, 0.5], [0.02, 0.03]])) for i in range(len(of))])
+    number = np.repeat(np.arange(len(of), dtype=np.int32), 2)
+    return (
+        of,
+        Emitter(on_polygon(of, light, uv), of.normals[light], light),
+        Receivers(points, number, of.normals[number], number),
+    )
+
+
+def test_the_office_has_the_papers_counts(office: tuple[Blockers, Emitter, Receivers]) -> None:
+    assert len(office[0]) == 906
+    premesh = load_scene("office-premesh")
+    assert len(Blockers.of_scene(premesh)) == 2563
+    assert sum(s.emits for s in premesh.shapes) == 10
+
+
+@pytest.mark.parametrize("chosen", [Options(), PAPER, replace(PAPER, strategy="no shaft")])
+def test_the_office_is_seen_alike(office: tuple[Blockers, Emitter, Receivers], chosen: Options) -> None:
+    seen, _ = Visibility(office[0], chosen).step(*office[1:])
+    np.testing.assert_array_equal(seen, brute_force(*office, False))
+
+
+def test_solids_hide_the_same_without_their_backs(office: tuple[Blockers, Emitter, Receivers]) -> None:
+    """Not by the same test, but in the same office: none of these rays grazes an edge."""
+    seen, counts = Visibility(office[0], Options(solids=True)).step(*office[1:])
+    _, both_sides = Visibility(office[0], Options()).step(*office[1:])
+    np.testing.assert_array_equal(seen, brute_force(*office, False))
+    assert counts.candidates < 0.8 * both_sides.candidates
+
+
+def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Blockers, Emitter, Receivers]) -> None:
+    none = Visibility(office[0], replace(PAPER, strategy="no shaft")).step(*office[1:])[1]
+    paper = Visibility(office[0], PAPER, "clusters").step(*office[1:])[1]
+    fine = Visibility(office[0], Options(together=False, clump=2)).step(*office[1:])[1]
+    assert paper.tests < 0.6 * none.tests
+    assert fine.tests < 0.3 * none.tests
+    assert fine.free > 0.1 * fine.rays
+
+
+def test_shafts_within_shafts_start_from_shorter_lists(office: tuple[Blockers, Emitter, Receivers]) -> None:
+    of = office[0]
+    alone = Visibility(of, Options(clump=1, group=0, nested=False)).step(*office[1:])[1]
+    nested = Visibility(of, Options(clump=1, group=64)).step(*office[1:])[1]
+    assert nested.shaft_tests < 0.7 * alone.shaft_tests
+
+
+def test_the_emitter_list_is_the_same_from_below_and_from_above(
+    office: tuple[Blockers, Emitter, Receivers],
+) -> None:
+    of, emitter, _ = office
+    visibility = Visibility(of, Options(behind_emitter=False, tolerance=False))
+    tree = visibility.tree
+    nodes, flags = visibility.emitter_list(emitter)
+    above, _ = visibility.emitter_list(replace(emitter, polygon=-1))
+    leaf = next(n for n in range(len(tree)) if tree.count[n] and tree.items(n)[0] == emitter.polygon)
+    assert set(nodes.tolist()) == set(above.tolist()) - {leaf}
+    box = np.concatenate([emitter.points.min(axis=0), emitter.points.max(axis=0)])
+    for node, flag in zip(nodes, flags, strict=True):
+        overlap = np.all(tree.lower[node] <= box[3:]) and np.all(box[:3] <= tree.upper[node])
+        enclosing = np.all(tree.lower[node] <= box[:3]) and np.all(box[3:] <= tree.upper[node])
+        assert flag == (-1 if enclosing else int(overlap))
+        assert not (enclosing and tree.count[node] == 0)
+    found = np.concatenate([tree.items(n) for n in nodes])
+    assert sorted(found.tolist()) == [i for i in range(len(of)) if i != emitter.polygon]
+
+
+def test_what_is_behind_the_emitter_is_gone(office: tuple[Blockers, Emitter, Receivers]) -> None:
+    of, emitter, _ = office
+    visibility = Visibility(of)
+    nodes, _ = visibility.emitter_list(emitter)
+    found = set(np.concatenate([visibility.tree.items(n) for n in nodes]).tolist())
+    ceiling = next(i for i in range(len(of)) if np.all(of.corners[i, :, 1] == 3.0))
+    assert ceiling not in found
+    in_front = np.flatnonzero(of.corners[:, :, 1].min(axis=1) < 2.9)
+    assert set(in_front.tolist()) <= found
+
+
+def test_two_triangles_of_a_parallelogram_are_one_blocker() -> None:
+    room = load_scene("cornell-box")
+    of = Blockers.of_scene(room)
+    assert len(of) < len(room.triangles)
+    np.testing.assert_allclose(of.areas.sum(), room.areas.sum(), rtol=1e-12)
+    furnace = Blockers.of_scene(load_scene("furnace", {"subdivisions": "0"}))
+    assert len(furnace) == 6
+    assert furnace.parallelogram.all()
+    assert furnace.solid.all()
+
+
+def test_points_far_beyond_the_blockers_are_refused() -> None:
+    with pytest.raises(UsageError, match="another unit"):
+        visible(soup(3, 1, 1), [[0, 0, 0]], [[1e7, 0, 0]])
+    with pytest.raises(UsageError, match="must be"):
+        visible(soup(3, 1, 1), [[0, 0]], [[1, 0, 0]])
+
+
+def test_wrong_options_are_refused() -> None:
+    with pytest.raises(UsageError, match="strategy is 'open'"):
+        Options(strategy="open")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="ratio is 2"):
+        Options(ratio=2)
+    with pytest.raises(UsageError, match="clump is -1"):
+        Options(clump=-1)
+
+
+def test_nobody_and_nothing() -> None:
+    nothing = Blockers.of_triangles(np.zeros((0, 3, 3)))
+    assert visible(nothing, [[0, 0, 0]], [[1, 0, 0], [2, 0, 0]]).tolist() == [[True, True]]
+    assert visible(soup(3, 1, 1), np.zeros((0, 3)), [[1, 0, 0]]).shape == (0, 1)
+    assert visible(soup(3, 1, 1), [[1, 0, 0]], np.zeros((0, 3))).shape == (1, 0)
