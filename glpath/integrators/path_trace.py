@@ -35,6 +35,7 @@ from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.gpu_scene import GpuScene, triangle_glsl
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
+from glpath.gl.sums import PixelSums
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,
@@ -122,10 +123,7 @@ class PathTracer:
         cells = (max(1, round(share * size[0])), max(1, round(share * size[1])))
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
-        # A power of two such that radiance as bright as the lamp has 36 bits, within float32; see accumulate.glsl.
-        brightest = max(scene.brightest, *settings.ambient)
-        exponent = int(np.ceil(np.log2(brightest))) if 0.0 < brightest < np.inf else 0
-        self._quanta = 2.0 ** min(36 - exponent, 120)
+        self._sums = PixelSums(gl, size, max(scene.brightest, *settings.ambient))
         self.look_at(window)
         self._make_passes(size)
 
@@ -197,18 +195,10 @@ class PathTracer:
 
         Multiples of one power of two, so that float64 adds them without rounding.
         """
-        low, high = (
-            np.frombuffer(texture.read(), np.uint32).reshape(self.window[3], self.window[2], 4)[::-1]
-            for texture in self._sums[self._sum]
-        )
-        for texture in self._sums[self._sum]:
-            texture.write(bytes(texture.width * texture.height * 16))
-        events = high[..., 3]
-        self._counts += np.array(
-            [low[..., 3].sum(), (events & 0xFFFFF).sum(), (events >> 20).sum()], dtype=np.int64
-        )
-        quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
-        return quanta / self._quanta
+        taken = self._sums.take(self._sum)
+        cast, lost, dropped = taken.low.sum(), (taken.high & 0xFFFFF).sum(), (taken.high >> 20).sum()
+        self._counts += np.array([cast, lost, dropped], dtype=np.int64)
+        return taken.radiance
 
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
@@ -268,7 +258,7 @@ class PathTracer:
         x, y, _, h = self.window
         return {
             "ambient": self.settings.ambient,
-            "quanta": self._quanta,
+            "quanta": self._sums.quanta,
             "cosine_roulette": self.settings.cosine_roulette,
             "image_window": (x, height - y - h, width, height),
         }
@@ -307,11 +297,8 @@ class PathTracer:
         eye_buffer = self._texture(size, 1, "f4")
         # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
         self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
-        self._sums = [[self._texture(size, 4, "u4") for _ in range(2)] for _ in range(2)]
-        for texture in self._sums[0]:
-            texture.write(bytes(16 * size[0] * size[1]))
+        sums = self._sums
         state_targets = [gl.framebuffer(state) for state in self._state]
-        sum_targets = [gl.framebuffer(pair) for pair in self._sums]
         textures = {
             "triangles": self.scene.texture,
             "light_buffer": self.shadow_buffer.texture,
@@ -337,11 +324,13 @@ class PathTracer:
                 textures | dict(zip(("path_position", "path_beta", "path_radiance"), state, strict=True))
                 for state in self._state
             ]
-            sums = [dict(zip(("sum_low", "sum_high"), pair, strict=True)) for pair in self._sums]
             return VertexPasses(
                 [Pass(name, gl, inner, state_targets[1 - i], textures=states[i]) for i in range(2)],
                 [
-                    [Pass(name, gl, last, sum_targets[1 - j], textures=states[i] | sums[j]) for j in range(2)]
+                    [
+                        Pass(name, gl, last, sums.targets[1 - j], textures=states[i] | sums.textures[j])
+                        for j in range(2)
+                    ]
                     for i in range(2)
                 ],
             )
