@@ -246,7 +246,7 @@ def _sweep(name: str, scale: float, setups: Mapping[str, Setup], say: Say) -> Ro
         scene = _stacked(objects, _size(VIEWPORT, scale))
         frames = {key: WhittedFrame(scene, setup) for key, setup in setups.items()}
         seconds = in_turns({key: frame.seconds for key, frame in frames.items()}, rounds=9, least=3, enough_s=6.0)
-        row: dict[str, Any] = {"objects": objects}
+        row: dict[str, Any] = {"objects": objects, "coverage": float(_covered(scene).mean())}
         row |= {f"{key}_s": value for key, value in seconds.items()}
         for key, frame in frames.items():
             row[f"{key}_tests"] = sum(frame.tests().values())
@@ -370,12 +370,15 @@ def figure_15(scale: float, say: Say) -> Outcome:
         "linear_r2_tests": fit(n, tests, 1)[1],
         "exponent_time": _exponent(rows, time),
         "exponent_tests": _exponent(rows, tests),
+        # The more spheres, the less lies free between them; the gain at one and the same covered area:
+        "exponent_tests_of_area": _exponent(rows, tests * _column(rows, "coverage")),
         "slowdown": float(seconds[-1] / seconds[0]),
         "classic_linear_r2": fit(n, _column(rows, "classic_s"), 1)[1],
     }
     rule = (
         Condition("linear_r2_time", ">=", 0.95),
         Condition("linear_r2_tests", ">=", 0.95),
+        Condition("exponent_tests_of_area", ">=", 1.0),
         Condition("slowdown", "<", 3.0),
     )
     said = (
@@ -384,7 +387,8 @@ def figure_15(scale: float, say: Say) -> Outcome:
     )
     here = (
         f"gain {time[-1]:.0f} in time and {tests[-1]:.0f} in tests at {n[-1]:.0f} spheres, straight lines with "
-        f"R² = {r2:.3f} and {measured['linear_r2_tests']:.3f}; from {n[0]:.0f} to {n[-1]:.0f} spheres the time of "
+        f"R² = {r2:.3f} and {measured['linear_r2_tests']:.3f} (tests for the same covered area: N to the power "
+        f"{measured['exponent_tests_of_area']:.2f}); from {n[0]:.0f} to {n[-1]:.0f} spheres the time of "
         f"a frame grows {measured['slowdown']:.2f} x"
     )
     tests_line, _ = fit(n, tests, 1)
