@@ -93,7 +93,7 @@ def test_one_box_inside_the_other_or_equal_needs_no_planes(outer: object) -> Non
 @settings(max_examples=400)
 @given(corners, corners, corners)
 def test_no_box_is_called_wrongly(a: np.ndarray, b: np.ndarray, box: np.ndarray) -> None:
-    """The paper believes that boxes have no false positives. They haven't: outside is outside, overlapping overlaps."""
+    """The paper believes that boxes have no false positives, and they haven't."""
     shaft = Shaft.between(a, b)
     place = shaft.classify(box[None])[0]
     assert (place != Place.OUTSIDE) == meets_hull(box, a, b)

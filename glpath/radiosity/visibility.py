@@ -145,6 +145,19 @@ class Emitter:
     polygon: int = -1
     box: Float64 | None = None
 
+    @classmethod
+    def on(cls, blockers: Blockers, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
+        """The front of a polygon, with side x side samples in the middles of cells; a triangle has half of them.
+
+        whole : shafts are made for all of the polygon, as in the paper, and not only for where the samples lie
+        """
+        middles = (np.arange(side) + 0.5) / side
+        points = _on_polygons(blockers, np.array([polygon]), middles, middles)[0]
+        a, b, c = blockers.corners[polygon]
+        outline = np.stack([a, b, c, b + c - a] if blockers.parallelogram[polygon] else [a, b, c])
+        box = np.concatenate([outline.min(axis=0), outline.max(axis=0)])
+        return cls(points, blockers.normals[polygon], polygon, box if whole else None)
+
 
 @dataclass(frozen=True)
 class Receivers:
@@ -161,6 +174,33 @@ class Receivers:
     receiver: Int32
     normals: Float64 | None = None
     polygons: Int32 | None = None
+
+    @classmethod
+    def on(cls, blockers: Blockers, spacing: float) -> Receivers:
+        """The front of every polygon, with the vertices of a grid at most `spacing` apart, corners included."""
+        edges = np.linalg.norm(blockers.corners[:, 1:] - blockers.corners[:, :1], axis=2)
+        cells = np.maximum(np.ceil(edges / spacing - 1e-9), 1).astype(int)
+        kinds, kind = np.unique(np.column_stack([cells, blockers.parallelogram]), axis=0, return_inverse=True)
+        points, number = [], []
+        for i, (n, m, _) in enumerate(kinds):
+            which = np.flatnonzero(kind.ravel() == i)
+            grid = _on_polygons(blockers, which, np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1))
+            points.append(grid.reshape(-1, 3))
+            number.append(np.repeat(which, grid.shape[1]))
+        numbers = np.concatenate([np.zeros(0, int), *number])
+        order = np.argsort(numbers, kind="stable")
+        numbers = numbers[order].astype(np.int32)
+        return cls(np.concatenate([np.zeros((0, 3)), *points])[order], numbers, blockers.normals[numbers], numbers)
+
+
+def _on_polygons(blockers: Blockers, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
+    """(n, points, 3): the points u, v of n polygons of one kind, triangles or parallelograms."""
+    uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    if not blockers.parallelogram[which[0]]:
+        uv = uv[uv.sum(axis=1) <= 1 + 1e-12]
+    corner = blockers.corners[which, :1]
+    edges = blockers.corners[which, 1:] - corner
+    return np.asarray(corner + np.einsum("pk,nkj->npj", uv, edges))
 
 
 @dataclass
@@ -311,7 +351,7 @@ class Visibility:
 def visible(
     blockers: Blockers, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
 ) -> NDArray[np.bool_]:
-    """(A, B) bool: `Visibility.visible`, for once. Where more follows, keep the `Visibility`, which keeps its tree."""
+    """(A, B) bool: `Visibility.visible`, for once. For more than that make a `Visibility`, which keeps its tree."""
     return Visibility(blockers, options or Options()).visible(points_a, points_b)
 
 

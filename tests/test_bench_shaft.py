@@ -1,0 +1,74 @@
+"""The measurements of shaft culling: small, but with the papers' findings in them."""
+
+from __future__ import annotations
+
+import pytest
+
+from glpath.bench import shaft
+
+
+@pytest.fixture(scope="module")
+def table() -> dict[tuple[str, str], shaft.Row]:
+    rows = shaft.table_1_rows(spacing=0.5, rounds=1, say=lambda _: None)
+    assert len(rows) == 16
+    return {(row["scene"], row["strategy"]): row for row in rows}
+
+
+def test_table_1_has_the_papers_findings(table: dict[tuple[str, str], shaft.Row]) -> None:
+    def tests(scene: str, strategy: str) -> float:
+        return float(table[scene, strategy]["tests/ray"])
+
+    for scene in shaft.OFFICES:
+        assert tests(scene, "keep closed") < 0.7 * tests(scene, "baseline")  # always some gain
+        assert tests(scene, "ratio open 0.4") <= tests(scene, "keep closed")
+        assert tests(scene, "ratio open 0.4") < 0.6 * tests(scene, "baseline")  # the best in tests
+    # Wide shafts lose by opening all boxes, narrow ones gain.
+    assert tests("office", "always open") > tests("office", "baseline")
+    assert tests("office-premesh", "always open") < 0.5 * tests("office-premesh", "baseline")
+    for row in table.values():
+        if row["strategy"] != "baseline":
+            assert row["rays/shaft low"] < row["rays/shaft high"]
+            assert row["low µs"] > 0
+
+
+def test_the_papers_numbers_are_beside_ours(table: dict[tuple[str, str], shaft.Row]) -> None:
+    assert table["office-premesh", "ratio open 0.8"]["paper tests/ray"] == 21.1
+
+
+def test_the_cache_and_the_emitter_list_save_tests() -> None:
+    for row in shaft.savings_rows(spacing=0.5):
+        assert 0.1 < row["cache saves"] < 0.6
+        assert 0.02 < row["emitter list saves"] < 0.4
+        assert row["cached of blocked"] > 0.5
+
+
+def test_every_option_is_measured_and_does_something() -> None:
+    rows = shaft.option_rows(spacing=1.0, side=2, rounds=1, names=["office"])
+    by_name = {row["options"]: row for row in rows}
+    assert all(row["ns/ray"] > 0 for row in rows)
+    work = ("tests/ray", "shafts", "tests/shaft", "candidates/list", "cached", "free")
+    for name, row in by_name.items():
+        reference = by_name["best" if name.startswith("best") else "paper"]
+        # Sorted planes change no list, only how soon a box is found outside.
+        if name not in ("best", "paper", "paper, planes sorted", "best, planes from 2 % on"):
+            assert any(row[key] != reference[key] for key in work), name
+
+
+def test_growth_is_far_below_proportional() -> None:
+    small, large = shaft.growth_rows([1_000, 20_000])
+    assert large["polygons"] == 20 * small["polygons"]
+    assert 0.05 < small["blocked"] < 0.95
+    assert large["tests/ray"] < 10 * small["tests/ray"]
+
+
+def test_embree_sees_the_same_and_marks_are_named() -> None:
+    pytest.importorskip("embreex")
+    where = shaft.office("office", spacing=1.0, side=2)
+    blocked = shaft._EmbreeRays(where)()
+    counts = shaft.shoot(shaft.Visibility(where.blockers, shaft.BEST, threads=1), where)()
+    assert abs(blocked - counts.blocked) < 2e-3 * counts.rays  # of 32 bits, other distances from the ends
+    rows = [
+        {"scene": "office", "program": p, "times ours": 2.0}
+        for p in ("shafts, 1 thread", "baseline, 1 thread", "Embree, 1 thread", "Embree, 2 processes")
+    ]
+    assert set(shaft.measured(rows)) == {"vs_baseline_office", "vs_embree_1_office", "vs_embree_all_office"}
