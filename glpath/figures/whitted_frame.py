@@ -20,8 +20,8 @@ from glpath.scene import Scene
 class Setup:
     """What is compared: the algorithm, where shadows come from, rows of the shadow-buffer, and the depth.
 
-    Shadow-buffers are looked up by the paper's rule, object identity, which is right for spheres; reflections and
-    shadow rays go by the classical algorithm, as in the paper.
+    Shadow-buffers are looked up by the paper's rule, object identity, which is right for spheres, and not filtered;
+    reflections and shadow rays go by the classical algorithm, as in the paper.
     """
 
     primary: Literal["classic", "t-buffer"]
@@ -43,6 +43,7 @@ class WhittedFrame:
             shadows=setup.shadows,
             shadow_resolution=setup.rows,
             shadow_test="identity",
+            shadow_filter=1,
             secondary="classic",
         )
 
