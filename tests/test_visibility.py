@@ -32,6 +32,7 @@ options = st.builds(
     group=st.sampled_from([0, 9]),
     no_shaft_below=st.sampled_from([0, 12]),
     keep_closed_below=st.sampled_from([0, 30]),
+    longest=st.sampled_from([0, 2, 1500]),
     solids=booleans,
     **{name: booleans for name, kind in Options.__annotations__.items() if kind == "bool" and name != "solids"},
 )
