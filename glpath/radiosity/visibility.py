@@ -330,7 +330,8 @@ class Visibility:
         settings = _Settings(
             STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
             o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
-            o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
+            o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
+            self.blockers.slack, self.blockers.size,
         )  # fmt: skip
         source = _source(emitter)
 
