@@ -99,7 +99,7 @@ def test_every_option_finds_what_brute_force_finds(
 
 
 @pytest.mark.evidence
-@settings(max_examples=6000)
+@settings(max_examples=3000)
 @random_cases
 def test_every_option_finds_what_brute_force_finds_in_thousands_of_scenes(
     data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str
