@@ -11,7 +11,7 @@ and where that plane meets a side of the octant, where one coordinate of the dir
 faces of the extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other
 normals.
 
-Cost:     about 50 ns to form, 5 to 20 ns to test a box.
+Cost:     to form, at most eight planes of four operations each; to test a box, at most two products per plane.
 Poor at:  boxes far larger than what they stand for: a wide diagonal polygon fills little of its box.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
