@@ -1,4 +1,8 @@
-"""Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache."""
+"""Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache.
+
+The cache knows when a function's own file has changed, not one that it calls from another file: after such an edit,
+remove __pycache__ (make clean).
+"""
 
 from __future__ import annotations
 

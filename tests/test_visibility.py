@@ -32,6 +32,7 @@ options = st.builds(
     group=st.sampled_from([0, 9]),
     no_shaft_below=st.sampled_from([0, 12]),
     keep_closed_below=st.sampled_from([0, 30]),
+    longest=st.sampled_from([0, 2, 1500]),
     solids=booleans,
     **{name: booleans for name, kind in Options.__annotations__.items() if kind == "bool" and name != "solids"},
 )
@@ -98,7 +99,7 @@ def test_every_option_finds_what_brute_force_finds(
 
 
 @pytest.mark.evidence
-@settings(max_examples=6000)
+@settings(max_examples=3000)
 @random_cases
 def test_every_option_finds_what_brute_force_finds_in_thousands_of_scenes(
     data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str

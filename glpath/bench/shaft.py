@@ -213,6 +213,7 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
         "best, few rays without shafts": replace(BEST, no_shaft_below=8 * side**2),
         "best, few rays keep closed": replace(BEST, keep_closed_below=100 * side**2),
         "best, overlap open": replace(BEST, strategy="overlap open"),
+        "best, lists of any length": replace(BEST, longest=0),
         "best, ratio open": replace(BEST, strategy="ratio open"),
         "paper": paper,
         "paper, without mailbox": replace(paper, mailbox=False),
@@ -228,14 +229,18 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
         "paper, last blocker first": replace(paper, order="last blocker first"),
         "paper, planes sorted": replace(paper, least_cut=0.0),
         "paper, planes from 5 % on": replace(paper, least_cut=0.05),
-        "paper, few rays without shafts": replace(paper, no_shaft_below=10 * side),
-        "paper, few rays keep closed": replace(paper, keep_closed_below=10 * side),
+        "paper, few rays without shafts": replace(paper, no_shaft_below=5 * side**2),
+        "paper, few rays keep closed": replace(paper, keep_closed_below=10 * side**2),
     }
     rows: list[Row] = []
     for name in names:
         where = office(name, spacing, side)
         seconds, counts = in_turns(
-            [shoot(Visibility(where.blockers, o, threads=1), where) for o in changed.values()], rounds
+            [
+                shoot(Visibility(where.blockers, o, "areas" if label.startswith("best") else "clusters", 1), where)
+                for label, o in changed.items()
+            ],
+            rounds,
         )
         for label, second, count in zip(changed, seconds, counts, strict=True):
             reference = seconds[0] if label.startswith("best") else seconds[list(changed).index("paper")]

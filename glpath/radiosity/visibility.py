@@ -6,11 +6,11 @@
 
 A shaft is built between the emitter and a clump of receiver points; segments between the two are tested against its
 candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same
-answer, that of testing every segment against every polygon; they differ in what it costs. `Options` tells by how
-much.
+answer, that of testing every segment against every polygon; `glpath.bench.shaft.option_rows` measures what they
+cost.
 
-Cost:     see `glpath bench shaft`; shafts are shared between threads.
-Poor at:  few rays per shaft: a shaft costs as much as some ten rays.
+Cost:     groups of receivers are shared between threads; measured by `glpath.bench.shaft`.
+Poor at:  few rays per shaft; a volume full of tiny polygons, where every shaft has a long list.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ STRATEGIES: dict[StrategyName, int] = {
 OrderName = Literal["found", "largest first", "last blocker first"]
 ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last blocker first": 2}
 _LARGEST_FIRST, _LAST_BLOCKER_FIRST = 1, 2
-_KEEP_CLOSED = int(Strategy.KEEP_CLOSED)
+_KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
+    int(s) for s in (Strategy.KEEP_CLOSED, Strategy.ALWAYS_OPEN, Strategy.RATIO_OPEN)
+)
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,7 @@ class Options:
     order             : of the candidate list: as found, the largest first, or the last blocker moved to the front
     least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
                         out; None for all planes unsorted
+    longest           : number of candidates beyond which "always open" gives way to "ratio open"; 0: no limit
     no_shaft_below    : number of rays below which no shaft is built
     keep_closed_below : number of rays below which the strategy is "keep closed"
     """
@@ -103,6 +106,7 @@ class Options:
     nested: bool = True
     order: OrderName = "found"
     least_cut: float | None = None
+    longest: int = 1500
     no_shaft_below: int = 0
     keep_closed_below: int = 0
 
@@ -110,7 +114,7 @@ class Options:
         for name, allowed in (("strategy", STRATEGIES), ("order", ORDERS)):
             if getattr(self, name) not in allowed:
                 raise UsageError(f"Options.{name} is {getattr(self, name)!r}; allowed are {', '.join(allowed)}.")
-        for name in ("clump", "group", "no_shaft_below", "keep_closed_below"):
+        for name in ("clump", "group", "longest", "no_shaft_below", "keep_closed_below"):
             if getattr(self, name) < 0:
                 raise UsageError(f"Options.{name} is {getattr(self, name)}; allowed are whole numbers from 0.")
         if not 0 <= self.ratio <= 1:
@@ -127,6 +131,7 @@ PAPER = Options(
     clump=0,
     group=0,
     nested=False,
+    longest=0,
 )
 
 
@@ -325,13 +330,16 @@ class Visibility:
         settings = _Settings(
             STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
             o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
-            o.no_shaft_below, o.keep_closed_below, self.blockers.slack, self.blockers.size,
+            o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
+            self.blockers.slack, self.blockers.size,
         )  # fmt: skip
         source = _source(emitter)
 
         def some(part: slice) -> NDArray[np.int64]:
             counts = np.zeros(len(fields(Statistics)), np.int64)
-            mark = np.zeros(len(tree.skip) if o.mailbox and o.strategy == "ratio open" else 0, np.int64)
+            mark = np.zeros(
+                len(tree.skip) if o.mailbox and o.strategy in ("ratio open", "always open") else 0, np.int64
+            )
             _step(
                 tree, self._polygons, source, lit, groups, part.start, part.stop, roots, flags, settings, mark,
                 visible, counts,
@@ -428,6 +436,7 @@ class _Settings(NamedTuple):
     object_boxes: bool
     order: int
     least_cut: float
+    longest: int
     no_shaft_below: int
     keep_closed_below: int
     slack: float
@@ -717,8 +726,15 @@ def _shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, w
     size, tests = gather(
         tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,
         n, strategy, settings.ratio, settings.open_enclosing, work.mark, number, work.stack, work.nodes, work.flags,
-        parent.end,
+        parent.end, settings.longest if strategy == _ALWAYS_OPEN else len(tree.skip),
     )  # fmt: skip
+    if size < 0:  # too many to test one by one: keep boxes of them
+        size, more = gather(
+            tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes,
+            work.near, n, _RATIO_OPEN, settings.ratio, settings.open_enclosing, work.mark, number, work.stack,
+            work.nodes, work.flags, parent.end, len(tree.skip),
+        )  # fmt: skip
+        tests += more
     end, boxed = _objects_of(
         tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon,
         groups.polygon[group], parent.end, size, work,
