@@ -1,10 +1,9 @@
 // path_result.glsl: what a scan found for a path.
 // Needs: path_flight.glsl
 #include "texels.glsl"
-UINT_TEXELS(rg32ui, path_flights);
+UINT_TEXELS(rgba32ui, path_flights);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
-UINT_TEXELS(r32ui, cell_overflow);
 
 const int PATH_DEAD = -3;    // was not launched
 const int PATH_LOST = -2;    // lost the roulette of its cell
@@ -14,14 +13,14 @@ const int PATH_MISSED = -1;  // nothing lies beyond its start
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
-    uvec2 flight = texel(path_flights, path).rg;
-    if (flight.x == NO_FLIGHT) return PATH_DEAD;
-    ivec2 cell = ivec2(flight.x & 0xffffu, flight.x >> 16u);
-    bvec4 own = equal(texel(cell_slots, cell), uvec4(flight.y));
+    uint where = texel(path_flights, path).x;
+    if (where == NO_FLIGHT) return PATH_DEAD;
+    ivec2 cell = ivec2(where & 0xffffu, where >> 16u);
+    uvec4 slots = texel(cell_slots, cell);
+    bvec4 own = equal(slots & NUMBER_MASK, uvec4(permute(path_number(path))));
     if (!any(own)) return PATH_LOST;
-
-    uint crowd = texel(cell_overflow, cell).r;
-    if ((crowd >> KEY_BITS) == 4095u - scan_epoch) weight = 1.0 + 0.25 * float(crowd & KEY_MASK);
+    uint lost = (slots.x >> NUMBER_BITS) | ((slots.y >> NUMBER_BITS) << 12u);
+    weight = 1.0 + 0.25 * float(lost);
 
     vec4 found = texel(cell_found, cell);
     float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;

@@ -124,13 +124,9 @@ class PathBuffer:
             }
         self._epoch = 0
 
-        self._flights = self._texture(paths, "u4", components=2)
-        self._starts = self._texture(paths, "u4", components=2)
-        self._slots = gl.buffer(reserve=16 * count)
-        self._overflow = gl.buffer(reserve=4 * count)
-        # Copies of the two for reading: a texel is fetched much faster than a word of a buffer on llvmpipe.
-        self._slot_texture = self._texture(cells, "u4")
-        self._overflow_texture = self._texture(cells, "u4", components=1)
+        self._flights = self._texture(paths, "u4")
+        self._heads = gl.buffer(reserve=4 * count)
+        self._slots = self._texture(cells, "u4")
         self._z0 = self._texture(cells, "f4")
         self._place = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
@@ -141,20 +137,18 @@ class PathBuffer:
 
         self._textures = textures = {
             "triangles": scene.texture,
-            "path_position": self._flights,  # until the first scan brings its own
+            "path_position": self._found,  # until the first scan brings its own
             "path_grid_0": self._grids[0],
             "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
-            "path_starts": self._starts,
-            "cell_slots": self._slot_texture,
+            "path_flights": self._flights,
             "cell_z0": self._z0,
             "cell_place": self._place,
         }
         self.textures = {
             "path_flights": self._flights,
-            "cell_slots": self._slot_texture,
+            "cell_slots": self._slots,
             "cell_found": self._found,
-            "cell_overflow": self._overflow_texture,
         }
         self._report: tuple[Pass, moderngl.Texture] | None = None
 
@@ -178,13 +172,18 @@ class PathBuffer:
                 "launch",
                 gl,
                 program("path_launch.frag"),
-                target(self._flights, self._starts),
+                target(self._flights),
                 textures=textures,
-                buffers={0: self._slots, 1: self._overflow},
+                buffers={0: self._heads},
             ),
         ]
         self._cell_pass = Pass(
-            "cells", gl, program("path_cells.frag"), target(self._z0, self._place), textures=textures
+            "cells",
+            gl,
+            program("path_cells.frag"),
+            target(self._z0, self._place, self._slots),
+            textures=textures,
+            buffers={0: self._heads},
         )
         self._scene_passes = []
         for name, defines, found, blend, clear in self._scan_stages(textures):
@@ -224,10 +223,9 @@ class PathBuffer:
         assert len(view.directions) == self.views, f"{len(view.directions)} directions for {self.views} views"
         frames = [tight_frame(d, self.scene.corners) for d in view.directions]
         if self._epoch == 0:
-            # Keys of an older scan are larger than all of a newer one; when the epochs run out, start over.
+            # Heads of another epoch are of no meaning; when the epochs run out, start over.
             self._epoch = _EPOCHS
-            self._slots.clear(chunk=b"\xff\xff\xff\xff")
-            self._overflow.clear()
+            self._heads.clear()
         self._epoch -= 1
         return {
             "path_u": vectors([u for u, _ in frames]),
@@ -237,10 +235,10 @@ class PathBuffer:
             "scene_diameter": 2.0 * self.scene.radius,
             "view_cells": (float(self.view_cells[0]), float(self.view_cells[1])),
             "cell_jitter": view.jitter,
-            "scan_epoch": self._epoch,
+            "scan_epoch": self._epoch + 1,
             "permutation_seed": view.seed & 0xFFFFFFFF,
             "path_columns": self.paths[0],
-            "slots_per_cell": 4,
+            "cell_columns": self.cells[0],
         }
 
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
@@ -257,8 +255,6 @@ class PathBuffer:
         self._position_passes[1].run(uniforms | {"source_size": grid})
         self._position_passes[2].run(uniforms)
         self.gl.memory_barrier()
-        self._slot_texture.write(self._slots)
-        self._overflow_texture.write(self._overflow)
         self._cell_pass.run(uniforms)
         return uniforms
 
