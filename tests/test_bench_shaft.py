@@ -5,20 +5,21 @@ from __future__ import annotations
 import pytest
 
 from glpath.bench import shaft
+from glpath.radiosity import office_table
 
 
 @pytest.fixture(scope="module")
-def table() -> dict[tuple[str, str], shaft.Row]:
-    rows = shaft.table_1_rows(spacing=0.5, rounds=1, say=lambda _: None)
+def table() -> dict[tuple[str, str], office_table.Row]:
+    rows = office_table.table_1_rows(spacing=0.5, rounds=1, say=lambda _: None)
     assert len(rows) == 16
     return {(row["scene"], row["strategy"]): row for row in rows}
 
 
-def test_table_1_has_the_papers_findings(table: dict[tuple[str, str], shaft.Row]) -> None:
+def test_table_1_has_the_papers_findings(table: dict[tuple[str, str], office_table.Row]) -> None:
     def tests(scene: str, strategy: str) -> float:
         return float(table[scene, strategy]["tests/ray"])
 
-    for scene in shaft.OFFICES:
+    for scene in office_table.OFFICES:
         assert tests(scene, "keep closed") < 0.7 * tests(scene, "baseline")  # always some gain
         assert tests(scene, "ratio open 0.4") <= tests(scene, "keep closed")
         assert tests(scene, "ratio open 0.4") < 0.6 * tests(scene, "baseline")  # the best in tests
@@ -31,12 +32,12 @@ def test_table_1_has_the_papers_findings(table: dict[tuple[str, str], shaft.Row]
             assert row["low µs"] > 0
 
 
-def test_the_papers_numbers_are_beside_ours(table: dict[tuple[str, str], shaft.Row]) -> None:
+def test_the_papers_numbers_are_beside_ours(table: dict[tuple[str, str], office_table.Row]) -> None:
     assert table["office-premesh", "ratio open 0.8"]["paper tests/ray"] == 21.1
 
 
 def test_the_cache_and_the_emitter_list_save_tests() -> None:
-    for row in shaft.savings_rows(spacing=0.5):
+    for row in office_table.savings_rows(spacing=0.5):
         assert 0.1 < row["cache saves"] < 0.6
         assert 0.02 < row["emitter list saves"] < 0.4
         assert row["cached of blocked"] > 0.5
@@ -69,9 +70,9 @@ def test_growth_is_below_proportional() -> None:
 
 def test_embree_sees_the_same_and_marks_are_named() -> None:
     pytest.importorskip("embreex")
-    where = shaft.office("office", spacing=1.0, side=2)
+    where = office_table.office("office", spacing=1.0, side=2)
     blocked = shaft._EmbreeRays(where)()
-    counts = shaft.shoot(shaft.Visibility(where.blockers, shaft.BEST, threads=1), where)()
+    counts = office_table.shoot(shaft.Visibility(where.blockers, shaft.BEST, threads=1), where)()
     assert abs(blocked - counts.blocked) < 2e-3 * counts.rays  # of 32 bits, other distances from the ends
     rows = [
         {"scene": "office", "program": p, "times ours": 2.0}

@@ -6,7 +6,7 @@ measured here. Series differ in marker as well as in colour (Okabe and Ito 2008,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -109,6 +109,66 @@ def _draw(axes: Axes, x: Axis, y: Axis, series: Sequence[Series]) -> None:
         axes.spines[side].set_color(GREY)
     if len(series) > 1:
         axes.legend(frameon=True, framealpha=0.9, edgecolor="none", fontsize=10, labelcolor=INK)
+
+
+def drawings(
+    title: str,
+    caption: str,
+    panels: Sequence[tuple[str, Callable[[Any], None], bool]],
+    columns: int,
+    size: tuple[int, int] = (360, 320),
+) -> UInt8:
+    """A page with drawings without axes: (title, what draws into a pair or triple of axes, whether in 3D) each.
+
+    size : (width, height) of one drawing, pixels
+    """
+    heading = 30
+    rows = -(-len(panels) // columns)
+    width = 2 * _MARGIN + columns * size[0]
+    body = rows * (size[1] + heading)
+    figure, bottom, height = _page(title, _wrapped(caption, width), width, body)
+    for i, (name, draw, solid) in enumerate(panels):
+        row, column = divmod(i, columns)
+        left = _MARGIN + column * size[0]
+        below = bottom + body - (row + 1) * (size[1] + heading)
+        box = (left / width, below / height, size[0] / width, size[1] / height)
+        if solid:
+            axes: Any = figure.add_axes(box, projection="3d", proj_type="ortho", computed_zorder=False)
+        else:
+            axes = figure.add_axes(box, aspect="equal")
+        axes.set_axis_off()
+        draw(axes)
+        figure.text(left / width, (below + size[1] + 8) / height, name, fontsize=11, color=INK, va="baseline")
+    return _rastered(figure)
+
+
+def table(title: str, caption: str, columns: Sequence[tuple[str, int]], lines: Sequence[Sequence[str]]) -> UInt8:
+    """A page with a table. A line of one text is a heading within it.
+
+    columns : (name, width in pixels) each; names may have two lines; the first column is set to the left
+    """
+    step, heading = 26, 56
+    width = 2 * _MARGIN + sum(w for _, w in columns)
+    body = heading + step * len(lines)
+    figure, bottom, height = _page(title, _wrapped(caption, width), width, body)
+    ends = _MARGIN + np.cumsum([w for _, w in columns])
+
+    def write(texts: Sequence[str], level: int, bold: bool) -> None:
+        for i, text in enumerate(texts):
+            x, side = (_MARGIN, "left") if i == 0 else (int(ends[i]) - 10, "right")
+            figure.text(
+                x / width, level / height, text, fontsize=10.5, color=INK, ha=side, va="baseline",
+                fontweight="bold" if bold else "normal", parse_math=False,
+            )  # fmt: skip
+
+    top = bottom + body
+    write([name for name, _ in columns], top - heading + 16, True)
+    _rule(figure, _MARGIN / width, 1 - _MARGIN / width, (top - heading + 7) / height)
+    for i, line in enumerate(lines):
+        level = top - heading - step * (i + 1) + 8
+        write(line, level, len(line) == 1)
+        _rule(figure, _MARGIN / width, 1 - _MARGIN / width, (level - 8) / height)
+    return _rastered(figure)
 
 
 def pictures(

@@ -1,0 +1,94 @@
+"""Convex polyhedra as faces, from the planes around them: what drawings of shafts are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.radiosity import Shaft
+
+Float64 = NDArray[np.float64]
+
+
+def box_planes(box: ArrayLike) -> Float64:
+    """(6, 4) planes of a box of six numbers, normals outwards: inside is where normal . x + distance <= 0."""
+    b = np.asarray(box, float)
+    return np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), np.concatenate([b[:3], -b[3:]])])
+
+
+def box_corners(box: ArrayLike) -> Float64:
+    """(8, 3)"""
+    b = np.asarray(box, float)
+    return np.array([[b[x], b[y], b[z]] for x in (0, 3) for y in (1, 4) for z in (2, 5)])
+
+
+def shaft_planes(shaft: Shaft) -> Float64:
+    """(6 + P, 4): the faces of the extent box, then the plane set."""
+    return np.concatenate([box_planes(shaft.extent), shaft.planes])
+
+
+def faces(planes: Float64) -> list[Float64]:
+    """The face in each plane, (n, 3) corners in order around it, no corner where the plane bounds nothing.
+
+    planes : (P, 4), together around a bounded volume
+    """
+    unit = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    return [_face(unit, i) for i in range(len(unit))]
+
+
+def _face(unit: Float64, i: int) -> Float64:
+    """A large square in the plane, cut by all others [Sutherland and Hodgman 1974]."""
+    normal, reach = unit[i, :3], 1e3
+    u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    polygon = [-unit[i, 3] * normal + reach * (x * u + y * v) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    for j, plane in enumerate(unit):
+        if j == i or not polygon:
+            continue
+        heights = [float(plane[:3] @ p + plane[3]) for p in polygon]
+        cut = []
+        for k, (p, h) in enumerate(zip(polygon, heights, strict=True)):
+            q, g = polygon[k - 1], heights[k - 1]
+            if (g <= 1e-9) != (h <= 1e-9):
+                cut.append(q + (p - q) * (g / (g - h)))
+            if h <= 1e-9:
+                cut.append(p)
+        polygon = cut
+    corners = np.array(polygon).reshape(-1, 3)
+    # One that only touches has no area, and the same corner may come twice.
+    apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-7
+    corners = corners[apart]
+    return corners if len(corners) >= 3 else np.zeros((0, 3))
+
+
+def volume(planes: Float64) -> float:
+    """Of what lies inside of all planes: pyramids from the origin over each face."""
+    total = 0.0
+    for plane, face in zip(planes, faces(planes), strict=True):
+        if len(face):
+            normal = plane[:3] / np.linalg.norm(plane[:3])
+            area = 0.5 * abs(normal @ np.cross(face, np.roll(face, -1, axis=0)).sum(axis=0))
+            total += area * float(normal @ face[0]) / 3
+    return total
+
+
+def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64:
+    """(N,) how far each centre (N, 3) is from the convex hull of points (P, 3), from below; 0 inside.
+
+    A point of the hull comes nearer step by step [Gilbert 1966]. From the way between the two follows a plane that
+    has all of the hull on one side: the distance of the centre from the best such plane is what is returned, so it
+    is never too large.
+    """
+    nearest = np.repeat(points.mean(axis=0, keepdims=True), len(centres), axis=0)
+    best = np.zeros(len(centres))
+    for _ in range(steps):
+        way = centres - nearest
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+        along = way @ points.T
+        support = points[along.argmax(axis=1)]
+        best = np.maximum(best, ((centres - support) * way).sum(axis=1) / length)
+        step = support - nearest
+        share = (way * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
+        nearest = nearest + np.clip(share, 0, 1)[:, None] * step
+    return best
