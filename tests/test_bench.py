@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from glpath.bench import embree_peer, path_buffer, t_buffer
+from glpath.bench import embree_peer, path_buffer, shaft, t_buffer
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
@@ -20,7 +20,7 @@ from glpath.scene.model import Camera
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
-    """Both benches, without their work; what they were asked for."""
+    """All benches, without their work; what they were asked for."""
     asked: list[tuple[object, ...]] = []
 
     def stand_in(name, holds):
@@ -35,6 +35,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
 
     monkeypatch.setattr(path_buffer, "bench_path_buffer", stand_in("path-buffer", True))
     monkeypatch.setattr(t_buffer, "bench_t_buffer", stand_in("t-buffer", False))
+    monkeypatch.setattr(shaft, "bench_shaft", stand_in("shaft", True))
     return asked
 
 
@@ -44,7 +45,8 @@ def run(*arguments: object) -> Result:
 
 def test_list_names_every_bench() -> None:
     result = run("--list")
-    assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES) == ["path-buffer", "t-buffer"]
+    assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
+    assert list(BENCHES) == ["path-buffer", "t-buffer", "shaft"]
 
 
 @pytest.mark.parametrize(
@@ -54,6 +56,8 @@ def test_list_names_every_bench() -> None:
         (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"))),
         (["t-buffer"], ("t-buffer", 1.0, 7)),
         (["t-buffer", "--rounds", "3", "--scale", "0.5"], ("t-buffer", 0.5, 3)),
+        (["shaft"], ("shaft", 1.0, 7)),
+        (["shaft", "--rounds", "3", "--scale", "0.5"], ("shaft", 0.5, 3)),
     ],
 )
 def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) -> None:
@@ -65,9 +69,10 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer, t-buffer"),
-        (["z-buffer"], "'z-buffer'; allowed are path-buffer, t-buffer"),
+        ([], "no name; allowed are path-buffer, t-buffer, shaft"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
+        (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
         (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
         (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),

@@ -79,3 +79,31 @@ def test_embree_sees_the_same_and_marks_are_named() -> None:
         for p in ("shafts, 1 thread", "baseline, 1 thread", "Embree, 1 thread", "Embree, 2 processes")
     ]
     assert set(shaft.measured(rows)) == {"vs_baseline_office", "vs_embree_1_office", "vs_embree_all_office"}
+
+
+def test_a_small_bench_measures_what_it_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a stand-in for the peers, whose processes take long to start."""
+    said: list[str] = []
+
+    def peers(spacing: float, rounds: int, say: shaft.Say) -> list[shaft.Row]:
+        say("embreex cannot be imported")
+        programs = {"shafts, 1 thread": 1.0, "shafts, 2 threads": 0.5, "baseline, 1 thread": 3.0}
+        if rounds == 2:
+            programs |= {"Embree, 1 thread": 2.0, "Embree, 2 processes": 0.9}
+        return [
+            {"scene": scene, "program": program, "million/s": 1 / time, "times ours": time}
+            for scene in office_table.OFFICES
+            for program, time in programs.items()
+        ]
+
+    monkeypatch.setattr(shaft, "peer_rows", peers)
+    alone = shaft.bench_shaft(scale=0.001, rounds=1, say=said.append)
+    assert (alone.holds, alone.measured["vs_baseline_premesh"]) == (None, 3.0)
+    assert alone.notes[0] == "without Embree: embreex cannot be imported"
+    assert "growth: 1,000,000 polygons" in said
+    report = shaft.bench_shaft(scale=0.001, rounds=2)
+    assert report.holds is False  # for want of what is above 1 in all processes
+    assert {f"growth_ns_{n}" for n in shaft.SIZES} < set(report.measured)
+    assert {condition.left for condition in shaft.RULE} < set(report.measured)
+    assert report.measured["million_samples_s_all_office"] == 2.0
+    assert [row["polygons"] for row in report.rows[-4:]] == [100, 100, 100, 1000]

@@ -21,6 +21,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
         ("--rounds", "--scale"),
     ),
+    "shaft": (
+        "visibility for radiosity: shafts beside a ray caster and Embree, and the cost of growth",
+        ("--rounds", "--scale"),
+    ),
 }
 
 
@@ -34,10 +38,11 @@ def bench(
         Path | None, typer.Option(metavar="FILE", help="path-buffer: a converged picture to take errors against.")
     ] = None,
     rounds: Annotated[
-        int | None, typer.Option(metavar="N", help="t-buffer: turns of each program, whose median counts; 7.")
+        int | None,
+        typer.Option(metavar="N", help="t-buffer, shaft: turns of each program, whose median counts; 7."),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(metavar="S", help="t-buffer: below 1, fewer objects and pixels; 1.")
+        float | None, typer.Option(metavar="S", help="t-buffer, shaft: below 1, smaller scenes and pictures; 1.")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -82,6 +87,10 @@ def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: 
         from glpath.bench.t_buffer import bench_t_buffer
 
         return bench_t_buffer(scale, rounds, say)
+    if name == "shaft":
+        from glpath.bench.shaft import bench_shaft
+
+        return bench_shaft(scale, rounds, say)
     from glpath.bench.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, say)

@@ -1,7 +1,7 @@
 """Figures 1 to 4 and table 1 of the shaft paper [SC]: how a shaft is formed, and what it saves.
 
-Figures 1 to 4 are lost in the text of the paper, and are drawn from what it says of them, in 2D (a section, in which
-all boxes are equally deep) and in 3D. All that is drawn is read off `Shaft` and `candidate_list`.
+Figures 1 to 4 are lost in the text of the paper, and are drawn from what it says of them: in 2D (a section, in
+which all boxes are equally deep) and in 3D. All that is drawn is read off `Shaft` and `candidate_list`.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
 1991.
@@ -66,7 +66,7 @@ def _flat_box(axes: Any, box: ArrayLike, colour: str, label: str = "", **style: 
     from matplotlib.patches import Rectangle
 
     b = np.asarray(box, float)
-    kind = {"facecolor": colour, "edgecolor": colour, "linewidth": 1.5, "alpha": 0.9, "zorder": 3} | style
+    kind: Any = {"facecolor": colour, "edgecolor": colour, "linewidth": 1.5, "alpha": 0.9, "zorder": 3} | style
     axes.add_patch(Rectangle((b[0], b[1]), b[3] - b[0], b[4] - b[1], **kind))
     if label:
         middle = (b[:3] + b[3:]) / 2
@@ -105,11 +105,14 @@ def _up(points: Float64) -> Float64:
 
 
 def _solid(axes: Any, planes: Float64, colour: str, alpha: float = 0.9, edge: str = "white", **style: Any) -> None:
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    _polygons(axes, faces(planes), colour, alpha=alpha, edgecolor=edge, **style)
 
-    polygons = [_up(f) for f in faces(planes) if len(f)]
-    kind = {"facecolor": colour, "edgecolor": edge, "linewidth": 0.8, "alpha": alpha} | style
-    axes.add_collection3d(Poly3DCollection(polygons, **kind))
+
+def _polygons(axes: Any, polygons: Sequence[Float64], colour: str, **style: Any) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    kind = {"facecolor": colour, "linewidth": 0.8} | style
+    axes.add_collection3d(Poly3DCollection([_up(f) for f in polygons if len(f)], **kind))
 
 
 def _wire(axes: Any, box: ArrayLike, colour: str = GREY, dashes: Any = (0, (4, 3)), width: float = 1.0) -> None:
@@ -121,7 +124,7 @@ def _wire(axes: Any, box: ArrayLike, colour: str = GREY, dashes: Any = (0, (4, 3
                 axes.plot(*ends.T, color=colour, linestyle=dashes, linewidth=width)
 
 
-def _look(axes: Any, boxes: Float64, zoom: float = 1.25, **view: float) -> None:
+def _look(axes: Any, boxes: Float64, zoom: float = 1.0, **view: float) -> None:
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[2], high[2])
@@ -130,7 +133,7 @@ def _look(axes: Any, boxes: Float64, zoom: float = 1.25, **view: float) -> None:
     axes.view_init(**(VIEW | view))
 
 
-def _draw_shaft(axes: Any, shaft: Shaft, zoom: float = 1.25, **view: float) -> None:
+def _draw_shaft(axes: Any, shaft: Shaft, zoom: float = 1.0, **view: float) -> None:
     """The two boxes, the extent box in dashes, the planes of the plane set, and between them the extent's faces."""
     planes = shaft_planes(shaft)
     _look(axes, shaft.extent[None], zoom, **view)
@@ -139,10 +142,7 @@ def _draw_shaft(axes: Any, shaft: Shaft, zoom: float = 1.25, **view: float) -> N
     _solid(axes, box_planes(shaft.box_b), GREEN)
     _solid(axes, box_planes(shaft.box_a), ORANGE)
     _solid(axes, planes[:6], PALE, 0.25, GREY, linewidth=0.4)
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    polygons = [_up(f) for f in faces(planes)[6:] if len(f)]
-    axes.add_collection3d(Poly3DCollection(polygons, facecolor=BLUE, edgecolor=BLUE, linewidth=1.2, alpha=0.28))
+    _polygons(axes, faces(planes)[6:], BLUE, edgecolor=BLUE, linewidth=1.2, alpha=0.28)
 
 
 # Numbers
@@ -217,10 +217,9 @@ def figure_1(scale: float, say: Say) -> Outcome:
             axes.plot(*corner, marker="x", color=PURPLE, markersize=11, markeredgewidth=3, zorder=7)
 
     def planes(axes: Any) -> None:
-        extent_box = {"facecolor": "none", "linestyle": (0, (4, 3)), "zorder": 2}
         _flat_shaft(axes, shaft)
         boxes(axes)
-        _flat_box(axes, shaft.extent, GREY, **extent_box)
+        _flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
 
     # [SC, Forming the Testing Structure]: MAX_Y of the emitter with MIN_X of the receiver.
     printed = np.array([receiver[4] - emitter[4], emitter[0] - receiver[0], 0.0, 0.0])
@@ -264,7 +263,6 @@ def figure_1(scale: float, say: Say) -> Outcome:
 
 PLATE_HIGH = ([0, 2.55, 0, 4, 2.75, 4], [1.5, 0, 1.5, 2.5, 3, 2.5])
 PLATE_MIDDLE = ([0, 1.4, 0, 4, 1.6, 4], [1.5, 0, 1.5, 2.5, 3, 2.5])
-CORNERS = ([0, 0, 1.2, 1, 1, 2.2], [0.6, 2.2, 0, 3, 3, 4])
 
 
 def _cut_shares(shaft: Shaft) -> Float64:
@@ -296,12 +294,12 @@ def figure_2(scale: float, say: Say) -> Outcome:
         for plane, share in zip(shaft.planes, cut, strict=True):
             if plane[2] == 0:
                 corner = np.where(plane[:2] > 0, shaft.extent[3:5], shaft.extent[:2])
-                at = corner + (np.array([0.25, 0.25]) * -np.sign(plane[:2]) * (0, 1))
+                out = 0.2 * np.sign(plane[1])
                 axes.text(
-                    corner[0], at[1], f"{100 * share:.1f} %", fontsize=10, color=BLUE, va="center",
+                    corner[0], corner[1] + out, f"{100 * share:.1f} %", fontsize=10, color=BLUE, va="center",
                     ha="left" if plane[0] < 0 else "right",
                 )  # fmt: skip
-        _frame(axes, shaft.extent[None], 0.2)
+        _frame(axes, shaft.extent[None], 0.35)
 
     measured = {
         "planes_left": float(len(shafts[0].planes)),
@@ -320,9 +318,9 @@ def figure_2(scale: float, say: Say) -> Outcome:
     )
     said = "at most eight planes; the left shaft's top four cut off little, all of the right one's a fair share"
     here = (
-        f"a plane at the left's top cuts {100 * top[0].mean():.1f} % off the extent box, one at its bottom "
-        f"{100 * bottom[0].mean():.1f} %; at the right none cuts less than {100 * cuts[1].min():.1f} %. Of random pairs "
-        f"of boxes none has more than {most} planes"
+        f"a plane at the left's top cuts {100 * top[0].mean():.1f} % off the extent box, "
+        f"one at its bottom {100 * bottom[0].mean():.1f} %; at the right none cuts less than "
+        f"{100 * cuts[1].min():.1f} %. Of random pairs of boxes none has more than {most} planes"
     )
     panels: list[Panel] = [
         (f"{side}: 8 planes", partial(_draw_shaft, shaft=s, elev=14), True)
@@ -427,7 +425,7 @@ def figure_3(scale: float, say: Say) -> Outcome:
         _frame(axes, boxes[:1], 0.25)
 
     def solid(axes: Any, listed: Sequence[str]) -> None:
-        _draw_shaft(axes, shaft, 1.3)
+        _draw_shaft(axes, shaft, 0.98)
         for node, box in zip(NODES[1:], boxes[1:], strict=True):
             if node in "AB":
                 taken = node in listed
@@ -503,7 +501,16 @@ def figure_4(scale: float, say: Say) -> Outcome:
         axes.plot([-1.6, 1.6], [3, 3], color=GREY, linestyle=(0, (4, 3)), linewidth=1)
         axes.text(-1.6, 3.06, "MAX_Y", color=INK, fontsize=9)
         if kind == "sphere":
-            axes.add_patch(Circle(centre[:2], radius, facecolor=PURPLE, alpha=0.45, edgecolor=PURPLE, zorder=3))
+            axes.add_patch(
+                Circle(
+                    (float(centre[0]), float(centre[1])),
+                    radius,
+                    facecolor=PURPLE,
+                    alpha=0.45,
+                    edgecolor=PURPLE,
+                    zorder=3,
+                )
+            )
         else:
             _flat_box(axes, above, PURPLE, alpha=0.5)
         axes.plot(0, 3, marker="o", color=ORANGE, markersize=8, markeredgecolor="white", zorder=8)
@@ -511,17 +518,14 @@ def figure_4(scale: float, say: Say) -> Outcome:
         axes.set_ylim(-0.15, 4.4)
 
     def solid(axes: Any, kind: str) -> None:
-        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
         _draw_shaft(axes, shaft)
         if kind == "sphere":
             _solid_sphere(axes, centre, radius)
         else:
             _solid(axes, box_planes(above), PURPLE, 0.55)
-        dot = box_planes(np.concatenate([light[:3] - 0.05, light[3:] + 0.05]))
-        axes.add_collection3d(Poly3DCollection([_up(f) for f in faces(dot)], facecolor=ORANGE, alpha=1))
-        seen = np.array([[*(shaft.extent[:3]), *(shaft.extent[3:] + (0.3, 0.9, 0.3))]])
-        _look(axes, seen, 1.15, elev=10, azim=-75)
+        _solid(axes, box_planes(np.concatenate([light[:3] - 0.05, light[3:] + 0.05])), ORANGE, 1)
+        seen = np.concatenate([shaft.extent[:3], shaft.extent[3:] + np.array([0.2, 1.4, 0.2])])[None]
+        _look(axes, seen, 1.1, elev=10, azim=-75)
 
     measured = {
         "called_overlapping": float(sphere == Place.OVERLAPPING),
@@ -539,8 +543,9 @@ def figure_4(scale: float, say: Say) -> Outcome:
     )
     said = "a sphere can be called overlapping though outside; of a box above the light MAX_Y alone tells"
     here = (
-        f"the sphere of radius {radius:g} is {gap:.3g} from the shaft, but reaches the extent box and every plane. Of "
-        f"{called:,} random spheres called overlapping here, {100 * false_spheres / max(called, 1):.1f} % are outside"
+        f"the sphere of radius {radius:g} is {gap:.3g} from the shaft, but reaches the extent box and "
+        f"every plane. Of {called:,} random spheres called overlapping here, "
+        f"{100 * false_spheres / max(called, 1):.1f} % are outside"
     )
     panels: list[Panel] = [
         ("A sphere: false positive", partial(flat, kind="sphere"), False),
@@ -571,7 +576,7 @@ def _solid_sphere(axes: Any, centre: Float64, radius: float) -> None:
 
 
 def _false_spheres(shaft: Shaft, count: int) -> tuple[int, int]:
-    """Of random spheres around a shaft: how many are called overlapping though outside, and how many overlapping."""
+    """Of random spheres around a shaft: how many are called overlapping though outside, and how many in all."""
     rng = np.random.default_rng(4)
     low, high = shaft.extent[:3] - 1, shaft.extent[3:] + 1
     centres, radii = rng.uniform(low, high, (count, 3)), rng.uniform(0.05, 1.0, count)
@@ -615,13 +620,14 @@ def table_1(scale: float, say: Say) -> Outcome:
     )
     said = "ratio open divides the tests by 2.0 (standard) and 3.8 (premesh), the time by 1.6 and 2.2"
     here = (
-        f"tests divided by {measured['tests_gain_office']:.2f} and {measured['tests_gain_premesh']:.2f}, time at high "
-        f"sampling by {measured['time_gain_office']:.2f} and {measured['time_gain_premesh']:.2f}"
+        f"tests divided by {measured['tests_gain_office']:.2f} and {measured['tests_gain_premesh']:.2f}, "
+        f"time at high sampling by {measured['time_gain_office']:.2f} and {measured['time_gain_premesh']:.2f}"
     )
     caption = (
-        f"Paper: {said}. Its times are of an HP 9000/433.\nHere: {here}. One thread, shafts included; rays that the last "
-        "blocker stopped are not counted. Low: 1 sample of each light, high: 4. Candidates, empty shafts and rays "
-        "without a test (free): at high sampling."
+        f"Paper: {said}. Its times are of an HP 9000/433.\nHere: {here}. One thread, shafts included; "
+        "rays that the last blocker stopped are not counted. Low: 1 sample of each light, high: 4. Candidates, "
+        "empty shafts and rays without a test (free): at high sampling. Walls and floor, with the "
+        "most rays, have far more candidates than the mean."
     )
     columns = (
         ("Strategy", 150), ("tests/ray\nhere", 88), ("\npaper", 68), ("low µs\nhere", 78), ("\npaper", 68),
