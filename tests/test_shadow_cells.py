@@ -26,6 +26,7 @@ from glpath.buffers.light_bounds import (
     sphere_rectangles_of_caps,
     sphere_rectangles_of_planes,
     sphere_rectangles_of_triangles,
+    spheres_around,
 )
 from glpath.gl.context import get_context
 from glpath.gl.passes import Pass
@@ -127,7 +128,7 @@ def rectangles(
     shape: str, size: int, light: Float64, triangles: Float64, spheres: Float64, planes: Float64
 ) -> tuple[CellRectangles, CellRectangles, CellRectangles]:
     """Of the triangles, the spheres and the planes."""
-    caps = sphere_caps(spheres, light)
+    caps = sphere_caps(spheres_around(spheres), light)
     if shape == "sphere":
         return (
             sphere_rectangles_of_triangles(triangles, light, size, 2 * size),
@@ -202,15 +203,15 @@ def test_few_rays_are_shot_in_vain(shape: str) -> None:
 def test_a_light_inside_an_object_sees_it_everywhere() -> None:
     sphere = np.concatenate([2.0 * np.eye(3), np.array([[0.3], [0.0], [0.0]])], axis=1)[None]
     light = np.zeros(3)
-    assert sphere_rectangles_of_caps(sphere_caps(sphere, light), 8, 16).cells == 8 * 16
-    assert cube_rectangles_of_caps(sphere_caps(sphere, light), 8).cells == 6 * 64
+    assert sphere_rectangles_of_caps(sphere_caps(spheres_around(sphere), light), 8, 16).cells == 8 * 16
+    assert cube_rectangles_of_caps(sphere_caps(spheres_around(sphere), light), 8).cells == 6 * 64
 
 
 def test_no_objects_no_rays() -> None:
     none = np.zeros((0, 3, 4))
     light = np.zeros(3)
-    assert sphere_rectangles_of_caps(sphere_caps(none, light), 8, 16).cells == 0
-    assert cube_rectangles_of_caps(sphere_caps(none, light), 8).cells == 0
+    assert sphere_rectangles_of_caps(sphere_caps(spheres_around(none), light), 8, 16).cells == 0
+    assert cube_rectangles_of_caps(sphere_caps(spheres_around(none), light), 8).cells == 0
     assert sphere_rectangles_of_planes(none, light, 8, 16).cells == 0
     assert cube_rectangles_of_planes(none, light, 8).cells == 0
     assert sphere_rectangles_of_triangles(np.zeros((0, 3, 3)), light, 8, 16).cells == 0

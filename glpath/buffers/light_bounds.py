@@ -64,11 +64,23 @@ class Caps(NamedTuple):
     angle: Float64
 
 
-def sphere_caps(world_from_unit: Float64, light: Float64) -> Caps:
-    """The caps that spheres (S, 3, 4) fill as seen from `light` (3,); an ellipsoid's is of the sphere around it."""
-    way = world_from_unit[:, :, 3] - light
-    distance = np.linalg.norm(way, axis=1)
-    radius = _longest_radius(world_from_unit[:, :, :3])
+class Spheres(NamedTuple):
+    """centre (S, 3) and radius (S,)."""
+
+    centre: Float64
+    radius: Float64
+
+
+def spheres_around(world_from_unit: Float64) -> Spheres:
+    """The spheres around spheres and ellipsoids (S, 3, 4): wherever the light is, so worth keeping."""
+    return Spheres(world_from_unit[:, :, 3], _longest_radius(world_from_unit[:, :, :3]))
+
+
+def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
+    """The caps that spheres fill as seen from `light` (3,)."""
+    way = spheres.centre - light
+    distance = np.sqrt(np.einsum("ij,ij->i", way, way))
+    radius = spheres.radius
     outside = distance > radius
     angle = np.where(outside, np.arcsin(np.minimum(radius / np.maximum(distance, _TINY), 1.0)), np.pi)
     return Caps(way / np.maximum(distance, _TINY)[:, None], angle)
@@ -117,7 +129,8 @@ def _latitude_longitude(
     return _without_empty(primitive, np.zeros_like(primitive), corner, opposite)
 
 
-_NOTHING = CellRectangles(
+#: No rectangle at all.
+NOTHING = CellRectangles(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64)
 )
 
@@ -163,6 +176,8 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
 
 def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
     """The cells of a sphere-buffer whose rays can meet each triangle of (T, 3, 3)."""
+    if not len(triangles):
+        return NOTHING
     d = triangles - light
     length = np.linalg.norm(d, axis=2)
     scale = np.maximum(length.max(axis=1, initial=0.0), _TINY)
@@ -297,7 +312,7 @@ def sphere_rectangles_of_planes(
     world_from_plane: Float64, light: Float64, rows: int, columns: int
 ) -> CellRectangles:
     """The cells of a sphere-buffer whose rays meet each plane of (P, 3, 4)."""
-    parts = [_NOTHING]
+    parts = [NOTHING]
     theta = ((np.arange(rows) + 0.5) / rows - 0.5) * np.pi
     for index, n in enumerate(_towards(world_from_plane, light)):
         # cos(theta) |n.xy| cos(phi - middle) + sin(theta) n.z > 0
@@ -317,7 +332,7 @@ def sphere_rectangles_of_planes(
 
 def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: int) -> CellRectangles:
     """The cells of a cube-buffer whose rays meet each plane of (P, 3, 4)."""
-    parts = [_NOTHING]
+    parts = [NOTHING]
     y = np.tan(((np.arange(side) + 0.5) / side - 0.5) * np.pi / 2)
     for index, world in enumerate(_towards(world_from_plane, light)):
         for face in range(FACES):

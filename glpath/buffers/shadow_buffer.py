@@ -35,6 +35,7 @@ from glpath.buffers.light_bounds import (
     Caps,
     CellRectangles,
     Int64,
+    Spheres,
     cube_rectangles_of_caps,
     cube_rectangles_of_planes,
     cube_rectangles_of_triangles,
@@ -42,6 +43,7 @@ from glpath.buffers.light_bounds import (
     sphere_rectangles_of_caps,
     sphere_rectangles_of_planes,
     sphere_rectangles_of_triangles,
+    spheres_around,
 )
 from glpath.errors import UsageError
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
@@ -177,6 +179,7 @@ class PointShadowBuffer:
         self.textures = {"shadow_buffer": self._entries}
         self._positions = np.zeros((lights, 3))
         self._keys: list[tuple[object, ...] | None] = [None] * lights
+        self._spheres: tuple[str, Spheres] | None = None  # those around round objects, and of which geometry
         self.intersection_tests = 0
         self._passes = []
         self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
@@ -218,7 +221,9 @@ class PointShadowBuffer:
     def _rectangles(self, light: Float64) -> list[CellRectangles]:
         """Where the primitives of each kind can be seen from a light (3,)."""
         scene, numbers = self.objects.scene, self.objects.numbering
-        caps = sphere_caps(scene.spheres[numbers.spheres], light)
+        if self._spheres is None or self._spheres[0] != self.objects.geometry_digest:
+            self._spheres = self.objects.geometry_digest, spheres_around(scene.spheres[numbers.spheres])
+        caps = sphere_caps(self._spheres[1], light)
         some = numbers.first_ellipsoid
         return [
             self._of_caps(Caps(caps.axis[:some], caps.angle[:some])),
