@@ -61,7 +61,7 @@ def test_table_1_has_all_rows_and_both_savings(tmp_path: Path) -> None:
     assert 0.02 < measured["emitter_list_saves_premesh"] < 0.4
     best = min(float(row["tests/ray"]) for row in rows[4:8])
     assert measured["tests_gain_office"] == pytest.approx(float(rows[0]["tests/ray"]) / best)
-    assert report["notes"] == ["at scale 0.02, receiver points 2 m apart"]
+    assert report["notes"] == ["at scale 0.02, receiver points 2 m apart and 1 of 10 lights"]
 
 
 # Polyhedra

@@ -263,8 +263,8 @@ def measured(rows: Sequence[Row]) -> dict[str, float]:
 def bench_shaft(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: None) -> Report:
     """Measure; takes about a minute on two cores.
 
-    `measured` holds what `measured` makes of `peer_rows`, visibility samples per second of ours, and for each size of
-    a growing scene the nanoseconds per ray: `growth_ns_1000` to `growth_ns_1000000`.
+    The report's numbers are those that `measured` makes of `peer_rows`, our visibility samples per second, and for
+    each size of a growing scene the nanoseconds per ray: `growth_ns_1000` to `growth_ns_1000000`.
 
     Parameters
     ----------

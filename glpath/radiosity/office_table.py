@@ -58,11 +58,13 @@ class Office:
     receivers: Receivers
 
 
-def office(name: str, spacing: float = 0.25, side: int = 4, whole: bool = False) -> Office:
+def office(
+    name: str, spacing: float = 0.25, side: int = 4, whole: bool = False, most_lights: int | None = None
+) -> Office:
     """A shipped scene with receiver points at most `spacing` apart and side x side samples on each light."""
     scene = load_scene(name)
     blockers = Blockers.of_scene(scene)
-    lights = [i for i in range(len(blockers)) if scene.shapes[blockers.shape[i]].emits]
+    lights = [i for i in range(len(blockers)) if scene.shapes[blockers.shape[i]].emits][:most_lights]
     emitters = tuple(Emitter.on(blockers, i, side, whole) for i in lights)
     return Office(scene, blockers, emitters, Receivers.on(blockers, spacing))
 
@@ -106,7 +108,11 @@ def strategies() -> dict[str, Options]:
 
 
 def table_1_rows(
-    hierarchy: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25, rounds: int = 3, say: Say = print
+    hierarchy: Literal["areas", "clusters"] = "clusters",
+    spacing: float = 0.25,
+    rounds: int = 3,
+    say: Say = print,
+    most_lights: int | None = None,
 ) -> list[Row]:
     """The paper's table 1: each strategy, low (1 sample of each light) and high (4), both offices, on one thread.
 
@@ -116,7 +122,7 @@ def table_1_rows(
     for name in OFFICES:
         timed: dict[str, dict[int, tuple[float, Statistics]]] = {}
         for side in (1, 2):
-            where = office(name, spacing, side, whole=True)
+            where = office(name, spacing, side, True, most_lights)
             runs = [shoot(Visibility(where.blockers, o, hierarchy, 1), where) for o in strategies().values()]
             seconds, counts = in_turns(runs, rounds)
             for label, second, count in zip(strategies(), seconds, counts, strict=True):
@@ -154,12 +160,14 @@ def _tests(counts: Statistics) -> float:
     return (counts.tests - counts.cached) / _uncached(counts)
 
 
-def savings_rows(hierarchy: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25) -> list[Row]:
+def savings_rows(
+    hierarchy: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25, most_lights: int | None = None
+) -> list[Row]:
     """What shadow coherency (paper: 31 %) and the emitter list (17 %, 12 %) save of the tests of rays."""
     plain = replace(PAPER, strategy="no shaft", coherency=False, emitter_list=False, behind_emitter=False)
     rows = []
     for name, paper in zip(OFFICES, (0.17, 0.12), strict=True):
-        where = office(name, spacing, 1, whole=True)
+        where = office(name, spacing, 1, True, most_lights)
 
         def tests(options: Options, where: Office = where) -> Statistics:
             return shoot(Visibility(where.blockers, options, hierarchy, 1), where)()
