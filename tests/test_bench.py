@@ -122,9 +122,9 @@ def test_a_crowd_shows_the_same_area_whatever_its_number(kind, count) -> None:
     assert np.all(high - low > 1.9)
 
 
+@pytest.mark.evidence  # needs the reference extra
 @pytest.mark.parametrize("kind", t_buffer.KINDS)
 def test_the_t_buffer_sees_what_embree_sees(kind) -> None:
-    pytest.importorskip("embreex")
     row = t_buffer._visibility(get_context(), t_buffer.crowd(kind, 300, (160, 96)), True, 1, lambda text: None)
     assert (row["kind"], row["objects"]) == (kind, 300)
     assert row["agreement"] > 0.999
@@ -133,8 +133,8 @@ def test_the_t_buffer_sees_what_embree_sees(kind) -> None:
     assert min(v for k, v in row.items() if k.endswith("_ms")) > 0
 
 
+@pytest.mark.evidence  # needs the reference extra
 def test_a_small_bench_measures_what_it_promises() -> None:
-    pytest.importorskip("embreex")
     report = t_buffer.bench_t_buffer(scale=0.02, rounds=1)
     names = {f"vs_embree{way}_{n}" for way in ("", "_packets") for n in t_buffer.COUNTS}
     assert set(report.measured) == names | {"agreement", "frame_ms_first", "frame_ms_kept"}

@@ -68,8 +68,8 @@ def test_growth_is_below_proportional() -> None:
     assert large["tests/ray"] < 16 * small["tests/ray"]
 
 
+@pytest.mark.evidence  # needs the reference extra
 def test_embree_sees_the_same_and_marks_are_named() -> None:
-    pytest.importorskip("embreex")
     where = office_table.office("office", spacing=1.0, side=2)
     blocked = shaft._EmbreeRays(where)()
     counts = office_table.shoot(shaft.Visibility(where.blockers, shaft.BEST, threads=1), where)()

@@ -7,17 +7,17 @@ import sys
 import numpy as np
 import pytest
 
+from glpath.bench import embree_peer as peer
 from glpath.errors import GlpathError
 from glpath.scene.model import Camera
 
 CAMERA = Camera(np.array([0.3, -4.0, 0.8]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 42.0, (32, 24))
 
-peer = pytest.importorskip("glpath.bench.embree_peer")
+pytestmark = pytest.mark.evidence  # needs the reference extra
 
 
 @pytest.fixture(scope="module")
 def rays():
-    pytest.importorskip("embreex")
     return peer.camera_rays(CAMERA)
 
 

@@ -24,6 +24,7 @@ Poor at:  shadows finer than a cell; more than some ten thousand objects that mo
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Literal, NamedTuple
 
 import moderngl
@@ -126,7 +127,7 @@ class Entries(NamedTuple):
     t: NDArray[np.float32]
 
 
-class PointShadowBuffer:
+class PointShadowBuffer(ABC):
     """What lights without extent see in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
     All lights share one texture, a tile for each, so that a shader can loop over them.
@@ -209,14 +210,14 @@ class PointShadowBuffer:
                 )
             )
 
-    def _of_caps(self, caps: Caps) -> CellRectangles:
-        raise NotImplementedError
+    @abstractmethod
+    def _of_caps(self, caps: Caps) -> CellRectangles: ...
 
-    def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles:
-        raise NotImplementedError
+    @abstractmethod
+    def _of_triangles(self, triangles: Float64, light: Float64) -> CellRectangles: ...
 
-    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles:
-        raise NotImplementedError
+    @abstractmethod
+    def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles: ...
 
     def _rectangles(self, light: Float64) -> list[CellRectangles]:
         """Where the primitives of each kind can be seen from a light (3,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.gl.context import get_context
 from glpath.image import encode_png, whole_file
-from glpath.measure import Report
+from glpath.measure import Condition, Report, judge, machine
+from glpath.versions import versions
 
 Say = Callable[[str], None]
+Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,27 @@ class Outcome:
 
     report: Report
     picture: NDArray[np.uint8]
+
+
+def judged(
+    name: str,
+    claim: str,
+    rule: tuple[Condition, ...],
+    measured: dict[str, float],
+    rows: Rows,
+    picture: NDArray[np.uint8],
+    notes: Sequence[str] = (),
+    *,
+    with_gl: bool,
+) -> Outcome:
+    """The outcome whose verdict follows from `measured` by `rule`; `with_gl` says whether the device had a part."""
+    said, holds = judge(claim, rule, measured)
+    where, programs = "none; on the CPU", versions("glpath", "numpy", "numba", "matplotlib")
+    if with_gl:
+        info = get_context().info
+        where = info.renderer
+        programs = versions("glpath", "moderngl", "numpy", "matplotlib") | {"driver": info.driver}
+    return Outcome(Report(name, said, measured, holds, rows, machine(where), programs, list(notes)), picture)
 
 
 def write(outcome: Outcome, folder: Path) -> list[Path]:

@@ -16,47 +16,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.figures.outcome import Outcome, Say
+from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
 from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, drawings, table
 from glpath.hierarchy import Hierarchy
-from glpath.measure import Condition, Report, judge, machine
+from glpath.measure import Condition
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.office_table import OFFICES, savings_rows, table_1_rows
 from glpath.radiosity.shaft import FACES
-from glpath.versions import versions
 
 Float64 = NDArray[np.float64]
-Rows = list[dict[str, Any]]
 Panel = tuple[str, Callable[[Any], None], bool]
 
 AXES = "XYZ"
 VIEW = {"elev": 20, "azim": -62}
 
 
-def _outcome(
-    name: str,
-    claim: str,
-    rule: tuple[Condition, ...],
-    measured: dict[str, float],
-    rows: Rows,
-    picture: NDArray[np.uint8],
-    notes: Sequence[str] = (),
-) -> Outcome:
-    said, holds = judge(claim, rule, measured)
-    return Outcome(
-        Report(
-            name=name,
-            claim=said,
-            measured=measured,
-            holds=holds,
-            rows=rows,
-            machine=machine("none; on the CPU"),
-            versions=versions("glpath", "numpy", "numba", "matplotlib"),
-            notes=list(notes),
-        ),
-        picture,
-    )
+_outcome = partial(judged, with_gl=False)
 
 
 # Drawing. In 3D the paper's Y is up, which is matplotlib's z.

@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.figures.outcome import Outcome, Say
+from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.style import Axis, Series, pictures, plot
 from glpath.figures.whitted_frame import Setup, WhittedFrame
-from glpath.gl.context import get_context
 from glpath.image import tonemap
-from glpath.measure import Condition, Report, in_turns, judge, machine
+from glpath.measure import Condition, in_turns
 from glpath.scene import Scene, load_scene
-from glpath.versions import versions
 
-Rows = list[dict[str, Any]]
 Float64 = NDArray[np.float64]
 
 COUNTS = (10, 30, 100, 300, 1000, 2000, 3000, 4500, 6000)
@@ -79,28 +77,7 @@ def _differing(a: Float64, b: Float64) -> float:
     return float((difference > VISIBLE).mean())
 
 
-def _outcome(
-    name: str,
-    claim: str,
-    rule: tuple[Condition, ...],
-    measured: dict[str, float],
-    rows: Rows,
-    picture: NDArray[np.uint8],
-    notes: Sequence[str] = (),
-) -> Outcome:
-    context = get_context()
-    said, holds = judge(claim, rule, measured)
-    report = Report(
-        name=name,
-        claim=said,
-        measured=measured,
-        holds=holds,
-        rows=rows,
-        machine=machine(context.info.renderer),
-        versions=versions("glpath", "moderngl", "numpy", "matplotlib") | {"driver": context.info.driver},
-        notes=list(notes),
-    )
-    return Outcome(report, picture)
+_outcome = partial(judged, with_gl=True)
 
 
 # Figures 9 to 11: the three configurations of one simple scene.

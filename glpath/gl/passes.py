@@ -21,6 +21,23 @@ BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
 }
 
 
+def _check_textures(name: str, program: Program, textures: Mapping[str, moderngl.Texture]) -> None:
+    """A program may use fewer textures than a family of passes offers, never more."""
+    missing = (set(program.samplers) | set(program.images)) - set(textures)
+    assert not missing, f"{name}: no texture for {sorted(missing)}"
+
+
+def _bind(
+    program: Program, textures: Mapping[str, moderngl.Texture], buffers: Mapping[int, moderngl.Buffer]
+) -> None:
+    for name, unit in program.samplers.items():
+        textures[name].use(unit)
+    for name, unit in program.images.items():
+        textures[name].bind_to_image(unit, read=True, write=False)
+    for binding, buffer in buffers.items():
+        buffer.bind_to_storage_buffer(binding)
+
+
 @dataclass
 class Pass:
     """One draw: a program and the target, blend, depth and viewport state it depends on.
@@ -53,9 +70,7 @@ class Pass:
     def __post_init__(self) -> None:
         self._vertex_array = self.gl.vertex_array(self.program.gl, [])
         self._flags = (moderngl.BLEND if self.blend else 0) | (moderngl.DEPTH_TEST if self.depth else 0)
-        # A program may use fewer textures than a family of passes offers, never more.
-        missing = (set(self.program.samplers) | set(self.program.images)) - set(self.textures)
-        assert not missing, f"{self.name}: no texture for {sorted(missing)}"
+        _check_textures(self.name, self.program, self.textures)
 
     def run(self, uniforms: Mapping[str, object]) -> None:
         """Set the whole state and draw."""
@@ -79,12 +94,7 @@ class Pass:
             target.depth_mask = True
         if self.clear is not None:
             target.clear(*self.clear, viewport=area)
-        for name, unit in self.program.samplers.items():
-            self.textures[name].use(unit)
-        for name, unit in self.program.images.items():
-            self.textures[name].bind_to_image(unit, read=True, write=False)
-        for binding, buffer in self.buffers.items():
-            buffer.bind_to_storage_buffer(binding)
+        _bind(self.program, self.textures, self.buffers)
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
             if self.indirect is None:
@@ -110,17 +120,11 @@ class Dispatch:
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        missing = (set(self.program.samplers) | set(self.program.images)) - set(self.textures)
-        assert not missing, f"{self.name}: no texture for {sorted(missing)}"
+        _check_textures(self.name, self.program, self.textures)
 
     def run(self, uniforms: Mapping[str, object], groups: tuple[int, int]) -> None:
         """Run so many work groups across and down."""
-        for name, unit in self.program.samplers.items():
-            self.textures[name].use(unit)
-        for name, unit in self.program.images.items():
-            self.textures[name].bind_to_image(unit, read=True, write=False)
-        for binding, buffer in self.buffers.items():
-            buffer.bind_to_storage_buffer(binding)
+        _bind(self.program, self.textures, self.buffers)
         self.program.set(uniforms)
         with self.gl.debug_scope(self.name):
             self.program.gl.run(*groups)  # type: ignore[union-attr]

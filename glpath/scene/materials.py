@@ -5,7 +5,6 @@ Image files are read as they are, without their rotation tags, transparency and 
 
 from __future__ import annotations
 
-import difflib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +19,7 @@ from glpath.scene import description
 from glpath.scene.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
 from glpath.scene.model import Material, Texture
 from glpath.scene.place import Place
-from glpath.scene.values import rgb, share, unknown
+from glpath.scene.values import nearby_files, rgb, share, unknown
 
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
@@ -83,7 +82,7 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32]:
     if not path.is_file():
         raise place.error(
             f"names the picture {path}, which {'is not a file' if path.exists() else 'does not exist'}.",
-            _nearby_pictures(path),
+            nearby_files("Pictures", path, FORMATS),
         )
     try:
         width, height = picture_size(path)
@@ -118,11 +117,3 @@ def _too_large(size: str, path: Path, place: Place) -> SceneError:
         f"{MAX_TEXTURE_PIXELS:,} in all.",
         "Make the picture smaller, or cut out what is needed.",
     )
-
-
-def _nearby_pictures(path: Path) -> str:
-    if not path.parent.is_dir():
-        return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
-    others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in FORMATS]
-    nearest = difflib.get_close_matches(path.name, others, 8, 0)
-    return f"Pictures in {path.parent}: {', '.join(nearest) or 'none'}."

@@ -6,7 +6,6 @@ The geometry and the texture coordinates of a file are used: its materials, pict
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from glpath.errors import SceneError
 from glpath.scene.model import Float64
 from glpath.scene.place import Place
 from glpath.scene.tessellate import Int64, split_faces
+from glpath.scene.values import nearby_files
 
 FORMATS = (".obj", ".ply", ".stl")
 
@@ -49,7 +49,7 @@ def read_mesh(path: Path, place: Place) -> tuple[Float64, Int64, Float64 | None]
     if not path.is_file():
         raise place.error(
             f"names the mesh file {path}, which {'is not a file' if path.exists() else 'does not exist'}.",
-            _nearby_meshes(path),
+            nearby_files("Mesh files", path, FORMATS),
         )
     try:
         vertices, faces, uv = _parse(path)
@@ -121,11 +121,3 @@ def _no_such_vertex(place: Place, vertex: int, count: int) -> SceneError:
         f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
         "Face indices count from 0; OBJ files count from 1.",
     )
-
-
-def _nearby_meshes(path: Path) -> str:
-    if not path.parent.is_dir():
-        return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
-    others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in FORMATS]
-    nearest = difflib.get_close_matches(path.name, others, 8, 0)
-    return f"Mesh files in {path.parent}: {', '.join(nearest) or 'none'}."

@@ -1,9 +1,10 @@
-"""Colours and directions of a scene file: what its types cannot check, with the place where it stands."""
+"""Colours, directions and file names of a scene file: what its types cannot check, with the place in the file."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,3 +52,12 @@ def unknown(kind: str, name: str, known: Sequence[str], place: Place, define: st
         f"names the {kind} {shown(name)}, but the file defines {listed}.",
         f'Did you mean "{near[0]}"?' if near else f"Define it: [{kind}s.{name}] with {define}.",
     )
+
+
+def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
+    """What lies where a file of these suffixes was not found, the most alike first; `kind` begins the sentence."""
+    if not path.parent.is_dir():
+        return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
+    others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
+    nearest = difflib.get_close_matches(path.name, others, 8, 0)
+    return f"{kind} in {path.parent}: {', '.join(nearest) or 'none'}."
