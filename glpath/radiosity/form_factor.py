@@ -1,7 +1,8 @@
 """Form factors by casting rays from points of the receivers to samples of an emitter (Wallace et al. 1989).
 
 F_ij, from receiver i to emitter j, is the share of what leaves i that reaches j, and so the share of j's radiosity
-that is irradiance of i. It is the mean over points of the receiver; of each point it is
+that is irradiance of i. It is the mean over points of the receiver, but for those that are buried in a solid, as is
+the floor under a box; of each point it is
 
     "polygon"  the form factor of the whole triangle by Lambert's formula, times the share of it that is visible
     "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
@@ -21,13 +22,14 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.mesh import Elements, Int64, blocker_of_triangle
+from glpath.radiosity.rays import in_the_open
 from glpath.radiosity.visibility import Emitter, Prepared, Receivers, Statistics, Visibility
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
@@ -156,15 +158,21 @@ class FormFactors:
         )
         number = np.repeat(np.arange(len(sides)), k * k)[order]
         prepared = self.visibility.prepare(receivers) if len(points) else None
-        return ReceiverPoints(receivers, prepared, number, len(sides), k * k)
+        solid = self.visibility.blockers.solid[self._polygon]
+        assert receivers.normals is not None
+        free = in_the_open(self.scene, solid, receivers.points, receivers.normals)
+        count = np.bincount(number, free, minlength=len(sides))
+        # Where all of a receiver is buried, it does not matter what it gets.
+        weight = np.where(count[number] > 0, free, 1.0) / np.where(count > 0, count, k * k)[number]
+        lit = _Lit(receivers.points, receivers.normals, number, weight)
+        return ReceiverPoints(receivers, prepared, lit, len(sides), count / (k * k))
 
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
         """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
         which = self.batches[batch]
         corners, normal, size = self._corners[which], self._normals[which[0]], self._size[which]
-        receivers = at.receivers
-        tier = np.empty((len(receivers.points), len(which)), np.int8)
-        _tiers(receivers.points, receivers.normals, corners, normal, size, self._tiers, tier)
+        tier = np.empty((len(at.lit.points), len(which)), np.int8)
+        _tiers(at.lit, corners, normal, size, self._tiers, tier)
         factors = np.zeros((len(which), at.count))
         took = Statistics()
         for t, k in enumerate(self._tiers):
@@ -180,10 +188,10 @@ class FormFactors:
                 visible, counts = self.visibility.step(source, at.some(some))
             took += counts
             _factors(
-                receivers.points, receivers.normals, some, tier, t, corners, normal, samples, self._areas[which],
-                visible, self.kind == "polygon", at.number, factors,
+                at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, self.kind == "polygon",
+                factors,
             )  # fmt: skip
-        return (factors / at.each).astype(np.float32), took
+        return factors.astype(np.float32), took
 
     def of_batches(
         self, batches: Sequence[int], at: ReceiverPoints
@@ -213,22 +221,36 @@ def _batches(middles: Float64, group: Int64, most: int) -> list[Int64]:
     return done
 
 
+class _Lit(NamedTuple):
+    """Points for the kernels.
+
+    points, normals : (P, 3)
+    number          : (P,) the receiver of each
+    weight          : (P,) share in its mean: 0 for points that are buried in a solid, where others are not
+    """
+
+    points: Float64
+    normals: Float64
+    number: Int64
+    weight: Float64
+
+
 @dataclass(frozen=True)
 class ReceiverPoints:
     """Points that stand for receivers, polygon by polygon.
 
     receivers : as `Visibility` wants them
     prepared  : the same, with what its shafts are made for
-    number    : (P,) the receiver of each
+    lit       : the same, with what they are part of
     count     : of receivers
-    each      : points of a receiver
+    open      : (R,) share of a receiver that is not buried
     """
 
     receivers: Receivers
     prepared: Prepared | None
-    number: Int64
+    lit: _Lit
     count: int
-    each: int
+    open: Float64
 
     def some(self, which: Int64) -> Receivers:
         r = self.receivers
@@ -239,8 +261,9 @@ class ReceiverPoints:
 
 
 @kernel
-def _tiers(points, normals, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
+def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
     """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
+    points, normals, _, _ = lit
     last = len(tiers) - 1
     for p in range(len(points)):
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -268,15 +291,16 @@ def _tiers(points, normals, corners, normal, sizes, tiers, tier):  # type: ignor
 
 
 @kernel
-def _factors(points, normals, some, tier, t, corners, normal, samples, areas, visible, polygon, number, factors):  # type: ignore[no-untyped-def]
+def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polygon, factors):  # type: ignore[no-untyped-def]
     """Add those of points `some` of tier t to factors (B, R); samples: (B, S, 3), visible: (len(some), B * S)."""
+    points, normals, number, weight = lit
     count = samples.shape[1]
     for w in range(len(some)):
         p = some[w]
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         for b in range(len(corners)):
-            if tier[p, b] != t:
+            if tier[p, b] != t or weight[p] == 0:
                 continue
             part = areas[b] / count
             total, seen = 0.0, 0.0
@@ -291,11 +315,11 @@ def _factors(points, normals, some, tier, t, corners, normal, samples, areas, vi
                 total += disc
                 seen += disc * visible[w, b * count + s]
             if not polygon:
-                factors[b, number[p]] += seen
+                factors[b, number[p]] += weight[p] * seen
             elif seen > 0 or total == 0:
                 # What rises over the horizon by less than a sample is taken for visible.
                 share = seen / total if total > 0 else 1.0
-                factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
+                factors[b, number[p]] += weight[p] * share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
 
 
 @inner_kernel

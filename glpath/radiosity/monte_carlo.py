@@ -21,34 +21,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glpath.hierarchy import build_hierarchy
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity import lattice
 from glpath.radiosity.form_factor import Sides
 from glpath.radiosity.mesh import Elements, Int64, Mesh
-from glpath.scene.model import Float64, Int32
+from glpath.radiosity.rays import nearest, rays_of
+from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
 BATCH = 1 << 14
-#: Distance along a ray, in the size of the scene, below which it is still at its start.
-_START = 1e-9
 
 
-class _Room(NamedTuple):
-    """A hierarchy of triangles, and the triangles; `begin` is where the elements of each begin."""
+class _Surfaces(NamedTuple):
+    """What a particle meets: normals, reflectance (2, T, 3), and lattices, each of which begins at `begin`."""
 
-    lower: Float64
-    upper: Float64
-    skip: Int32
-    first: Int32
-    count: Int32
-    order: Int32
-    corners: Float64
     normals: Float64
     reflectance: Float64
     divisions: Int64
     begin: Int64
-    start: float
 
 
 class _Lamps(NamedTuple):
@@ -80,10 +70,7 @@ class Shooting:
 
     def __post_init__(self) -> None:
         scene = self.mesh.scene
-        corners = np.ascontiguousarray(scene.triangles)
-        tree = build_hierarchy(corners.min(axis=1), corners.max(axis=1))
-        tree_arrays = (tree.lower, tree.upper, tree.skip, tree.first, tree.count, tree.order)
-        count = len(corners)
+        count = len(scene.triangles)
         ones = np.ones(count, np.int64)
         sides = Sides.of(scene, Elements.of_lattices(ones))
         self._reflectance = np.zeros((2, count, 3))
@@ -95,11 +82,10 @@ class Shooting:
         power = sides.emission[lamps] * scene.areas[sides.element[lamps], None]
         chance = power.mean(axis=1) / power.mean(axis=1).sum()
         self._lamps = _Lamps(sides.element[lamps], sides.back[lamps], np.cumsum(chance), power / chance[:, None])
-        low, high = scene.bounds
-        self._room = _Room(
-            *tree_arrays, corners, scene.normals, self._reflectance, divisions,
-            lattice.starts(lattice.element_count(divisions)), _START * float(np.max(high - low)),
-        )  # fmt: skip
+        self._rays = rays_of(scene)
+        self._surfaces = _Surfaces(
+            scene.normals, self._reflectance, divisions, lattice.starts(lattice.element_count(divisions))
+        )
         self.flux = np.zeros((2, len(self.mesh.elements), 3))
         self.square = np.zeros_like(self.flux)
 
@@ -119,7 +105,7 @@ class Shooting:
 
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)
-        hits = _shoot(number, self.seed, self._room, self._lamps, flux)
+        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, flux)
         return flux, int(hits)
 
     def irradiance(self) -> Float64:
@@ -152,9 +138,9 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shoot(number, seed, room, lamps, flux):  # type: ignore[no-untyped-def]
+def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untyped-def]
     """One batch of particles; adds to flux (2, E, 3) and returns the number of hits."""
-    corners, normals, reflectance = room.corners, room.normals, room.reflectance
+    corners, normals, reflectance = rays.corners, surfaces.normals, surfaces.reflectance
     hits = 0
     o, d, w = np.empty(3), np.empty(3), np.empty(3)
     found = np.empty(3)
@@ -168,13 +154,11 @@ def _shoot(number, seed, room, lamps, flux):  # type: ignore[no-untyped-def]
         state, v = _random(state)
         root = np.sqrt(u)
         for k in range(3):
-            o[k] = (1 - root) * corners[triangle, 0, k] + root * (
-                (1 - v) * corners[triangle, 1, k] + v * corners[triangle, 2, k]
-            )
+            o[k] = corners[triangle, k] + root * ((1 - v) * corners[triangle, 3 + k] + v * corners[triangle, 6 + k])
             w[k] = lamps.energy[which, k]
         while True:
             state = _leave(state, normals[triangle], back, d)
-            hit = _nearest(room, o, d, triangle, found)
+            hit = nearest(rays, o, d, triangle, found)
             if hit < 0:
                 break
             hits += 1
@@ -184,12 +168,12 @@ def _shoot(number, seed, room, lamps, flux):  # type: ignore[no-untyped-def]
                 along += normals[triangle, k] * d[k]
                 o[k] += found[0] * d[k]
             back = 1 if along > 0 else 0
-            n = room.divisions[triangle]
+            n = surfaces.divisions[triangle]
             x, y = n * found[1], n * found[2]
             i = min(int(x), n - 1)
             j = max(0, min(int(y), n - 1 - i))
             upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
-            at = room.begin[triangle] + j * (2 * n - j) + 2 * i + upper
+            at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
             survival = 0.0
             for k in range(3):
                 flux[back, at, k] += w[k]
@@ -217,44 +201,3 @@ def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
     for k in range(3):
         d[k] = d[k] / length if length > 1e-9 else sign * normal[k]
     return state
-
-
-@inner_kernel
-def _nearest(room, o, d, own, found):  # type: ignore[no-untyped-def]
-    """The first triangle along a ray, but for `own`; -1 for none. Fills found: distance and b1, b2 of the hit."""
-    lower, upper, skip, corners, start = room.lower, room.upper, room.skip, room.corners, room.start
-    nearest, hit = np.inf, -1
-    node = 0
-    while node < len(skip):
-        near, far = 0.0, nearest
-        for k in range(3):
-            if d[k] != 0:
-                a, b = (lower[node, k] - o[k]) / d[k], (upper[node, k] - o[k]) / d[k]
-                near, far = max(near, min(a, b) - start), min(far, max(a, b) + start)
-            elif o[k] < lower[node, k] or o[k] > upper[node, k]:
-                far = -1.0
-        if near > far:
-            node = skip[node]
-            continue
-        for item in range(room.first[node], room.first[node] + room.count[node]):
-            t = room.order[item]
-            if t == own:
-                continue
-            # Moeller & Trumbore 1997.
-            c0, c1, c2 = corners[t, 0], corners[t, 1], corners[t, 2]
-            e1x, e1y, e1z = c1[0] - c0[0], c1[1] - c0[1], c1[2] - c0[2]
-            e2x, e2y, e2z = c2[0] - c0[0], c2[1] - c0[1], c2[2] - c0[2]
-            px, py, pz = d[1] * e2z - d[2] * e2y, d[2] * e2x - d[0] * e2z, d[0] * e2y - d[1] * e2x
-            determinant = e1x * px + e1y * py + e1z * pz
-            if determinant == 0:
-                continue
-            sx, sy, sz = o[0] - c0[0], o[1] - c0[1], o[2] - c0[2]
-            b1 = (sx * px + sy * py + sz * pz) / determinant
-            qx, qy, qz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
-            b2 = (d[0] * qx + d[1] * qy + d[2] * qz) / determinant
-            distance = (e2x * qx + e2y * qy + e2z * qz) / determinant
-            if b1 >= 0 and b2 >= 0 and b1 + b2 <= 1 and start < distance < nearest:
-                nearest, hit = distance, t
-                found[0], found[1], found[2] = distance, b1, b2
-        node += 1
-    return hit

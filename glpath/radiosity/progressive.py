@@ -45,18 +45,21 @@ class Refinement:
         self.steps = 0
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
 
+    def _energy(self) -> Float64:
+        """(Q,) unshot."""
+        return np.asarray(_energy(self.unshot, self.transport.areas))
+
     @property
     def unshot_share(self) -> float:
         """Energy that has not been sent, as a share of all that is emitted."""
-        return float((np.abs(self.unshot).sum(axis=1) * self.transport.areas).sum()) / self._emitted
+        return float(self._energy().sum()) / self._emitted
 
-    def step(self) -> float:
+    def step(self, energy: Float64 | None = None) -> float:
         """Shoot the largest unshot patch; returns its share of received energy: 1 in a closed room."""
         t = self.transport
-        energy = np.abs(self.unshot).sum(axis=1) * t.areas
-        side = int(np.argmax(energy))
-        ahead = np.argpartition(-energy, min(_AHEAD, len(energy) - 1))[:_AHEAD]
-        column = t.column(side, ahead[np.argsort(-energy[ahead])].tolist())
+        unshot = self._energy() if energy is None else energy
+        side = int(np.argmax(unshot))
+        column = t.column(side, lambda: np.argsort(-unshot)[:_AHEAD].tolist())
         sent = self.unshot[side].copy()
         if self.overshoot:
             # What it will reflect if the rest spreads evenly, which it can send at once (Feda & Purgathofer 1992).
@@ -70,11 +73,12 @@ class Refinement:
         self.steps += 1
         return float(received / t.areas[side])
 
-    def run(self, until: float, most: int, on_step: Callable[[], None]) -> None:
-        """Shoot until so small a share is left, or so many steps were taken in all."""
-        while self.steps < most and self.unshot_share > until:
-            self.step()
-            on_step()
+    def run(self, until: float, most: int, on_step: Callable[[float], None]) -> None:
+        """Shoot until so small a share is left, or so many steps were taken in all; `on_step` is told the share."""
+        while self.steps < most and (energy := self._energy()).sum() > until * self._emitted:
+            self.step(energy)
+            on_step(float(energy.sum()) / self._emitted)
+        on_step(self.unshot_share)
 
     def ambient(self) -> Float64:
         """(3,) irradiance that the unshot energy will be, spread evenly over all surfaces [Cohen et al. 1988].
@@ -118,6 +122,14 @@ class Refinement:
         found = np.zeros((2, len(self.transport.mesh.elements), 3))
         found[elements.back, elements.element] = np.maximum(elements.reflectance * irradiance, 0.0)
         return found
+
+
+@kernel
+def _energy(unshot, areas):  # type: ignore[no-untyped-def]
+    energy = np.empty(len(areas))
+    for q in range(len(areas)):
+        energy[q] = areas[q] * (abs(unshot[q, 0]) + abs(unshot[q, 1]) + abs(unshot[q, 2]))
+    return energy
 
 
 @kernel

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from glpath.errors import SceneError, UsageError
+from glpath.errors import UsageError
 from glpath.radiosity import matrix, monte_carlo
 from glpath.radiosity.form_factor import KINDS, Kind, Sides
 from glpath.radiosity.memory import available_bytes, require_memory
@@ -47,8 +47,8 @@ class RadiosityProgress:
 
     stage       : "form factors", "shooting", "refining" or "particles"
     steps       : patches that shot, or particles
-    unshot      : share of all emitted energy that has not been sent; of a Monte Carlo solution the share of particles
-                  yet to come; None of a matrix
+    unshot      : share of all emitted energy that has not been sent; of a Monte Carlo solution the share of
+                  particles yet to come; None of a matrix
     until       : the share at which it ends
     elements    : how many there are
     """
@@ -138,8 +138,8 @@ def solve_radiosity(
     ----------
     scene      : a file, the name of a shipped scene, or a `Scene`; what path tracing takes: diffuse surfaces of one
                  colour, lit by shapes with an emission
-    method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes; "monte-carlo",
-                 stochastic shooting, for many elements
+    method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes;
+                 "monte-carlo", stochastic shooting, for many elements
     patches    : about so many patches, which shoot; at least one per triangle. By default 1000
     size       : instead: the longest edge of a patch, scene units
     splits     : each patch is split in four so many times, for elements, which receive
@@ -157,15 +157,15 @@ def solve_radiosity(
     seed       : of "monte-carlo"
     on_progress: called with a `RadiosityProgress` now and then
 
-    Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more, or
-    of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into memory;
-    RadiosityInterrupted, with what was solved, on Ctrl-C.
+    Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
+    or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
+    memory; RadiosityInterrupted, with what was solved, on Ctrl-C.
 
     Poor at: glossy surfaces, which it does not know; small or thin shadows on coarse elements; lamps that nearly
     touch a surface.
     """
     loaded = load_scene(scene)
-    options = {
+    options: dict[str, object] = {
         "method": method, "patches": patches, "size": size, "splits": splits, "adaptive": adaptive,
         "threshold": threshold, "unshot": unshot, "max_steps": max_steps, "overshoot": overshoot,
         "ambient": ambient, "form_factors": form_factors, "emitter_samples": emitter_samples,
@@ -204,9 +204,8 @@ def _progressive(
     ambient: bool,
     per_element: float,
 ) -> RadiositySolution:
-    def report() -> None:
-        elements = len(refinement.transport.mesh.elements)
-        run.report("shooting", refinement.steps, refinement.unshot_share, until, elements)
+    def report(share: float) -> None:
+        run.report("shooting", refinement.steps, share, until, len(refinement.transport.mesh.elements))
 
     def solution() -> RadiositySolution:
         took = refinement.transport.statistics
@@ -371,4 +370,4 @@ def _check_memory(scene: Scene, divisions: Int64, size: float, splits: int, poin
     if method == "matrix":
         remedy += ' Method "progressive" needs no matrix.'
     require_memory(need, what, remedy)
-    return need / max(elements, 1.0)
+    return float(need / max(elements, 1.0))

@@ -6,7 +6,7 @@ What progressive refinement and the full matrix have in common.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ Float32 = NDArray[np.float32]
 #: Points of receivers times emitters that a call is worth: fewer, and calling costs more than what is done.
 _WORTH_A_CALL = 100_000
 _MOST_TOGETHER = 64
+#: Share of an element that counts where all of it is buried: next to nothing.
+_BURIED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Transport:
     Attributes
     ----------
     sides    : Q sides of patches, which shoot
-    areas    : (Q,) of them
+    areas    : (Q,) of them, what is buried in solids left out
     elements : R sides of elements, which receive
     patch    : (R,) the side of a patch that an element's is part of
     share    : (R,) of its area
@@ -62,7 +64,7 @@ class Transport:
         self.cache = cache
         self.statistics = Statistics()
         self.sides = Sides.of(scene, mesh.patches)
-        self.areas = mesh.patch_areas[self.sides.element]
+        self.areas: Float64 = np.zeros(len(self.sides))
         self.elements = Sides.of(scene, mesh.elements)
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
@@ -84,8 +86,11 @@ class Transport:
         self.elements = Sides.of(mesh.scene, mesh.elements)
         number = self.sides.number(len(mesh.patches))
         self.patch = number[mesh.patch[self.elements.element], self.elements.back]
-        self.share = mesh.areas[self.elements.element] / self.areas[self.patch]
-        return self.form_factors.receivers(mesh.elements, self.elements)
+        at = self.form_factors.receivers(mesh.elements, self.elements)
+        areas = mesh.areas[self.elements.element] * np.maximum(at.open, _BURIED)
+        self.areas = np.bincount(self.patch, areas, minlength=len(self.sides)).astype(np.float64)
+        self.share = areas / self.areas[self.patch]
+        return at
 
     def mean_of_patches(self, values: Float64) -> Float64:
         """(Q, 3): the mean over each patch of values (R, 3) of its elements."""
@@ -94,19 +99,19 @@ class Transport:
             axis=1,
         )
 
-    def column(self, side: int, next_ones: Iterable[int] = ()) -> Float32:
+    def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
         """(R,) float32, form factors from all elements to a side of a patch.
 
-        next_ones : sides that will be asked for soon. Where this one has to be found, other cores find theirs
+        next_ones : gives sides that will be asked for soon: where this one has to be found, other cores find theirs
         """
         found = self._columns.get(side)
         return found if found is not None else self._find(side, next_ones)
 
-    def _find(self, side: int, next_ones: Iterable[int]) -> Float32:
+    def _find(self, side: int, next_ones: Callable[[], list[int]]) -> Float32:
         f = self.form_factors
         cores = len(os.sched_getaffinity(0))
         batches = [int(f.batch_of[side])]
-        for other in next_ones:
+        for other in next_ones():
             if len(batches) == cores:
                 break
             batch = int(f.batch_of[other])
