@@ -41,6 +41,8 @@ KINDS: tuple[Kind, ...] = ("polygon", "disc")
 FIVE_TIMES = 5.0
 #: Share of all points above which their shafts, made once for all of them, are worth it for some.
 _MOST = 0.4
+#: Parts of an edge of an element that is partly buried, for its points and its area.
+_FINE = 8
 #: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
 _LEVEL = 1e-9
 
@@ -145,27 +147,45 @@ class FormFactors:
             self.batch_of[batch] = i
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
-        """Sides of elements as points, for `columns`."""
-        k = round(self.points**0.5)
-        points = elements.points(self.scene, sub_triangles(k))[sides.element].reshape(-1, 3)
-        normals = np.repeat(sides.normal, k * k, axis=0)
-        polygon = np.repeat(self._polygon[elements.triangle[sides.element]], k * k)
+        """Sides of elements as points, for `of_batch`."""
+        points, is_open = self._points(elements, sides)
+        each = points.shape[1]
+        polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
         # A receiver for shafts is one side of one polygon.
-        key = 2 * polygon + np.repeat(sides.back, k * k)
+        key = 2 * polygon + np.repeat(sides.back, each)
         order = np.argsort(key, kind="stable")
-        receivers = Receivers(
-            points[order], key[order].astype(np.int32), np.ascontiguousarray(normals[order]), polygon[order]
-        )
-        number = np.repeat(np.arange(len(sides)), k * k)[order]
-        prepared = self.visibility.prepare(receivers) if len(points) else None
-        solid = self.visibility.blockers.solid[self._polygon]
-        assert receivers.normals is not None
-        free = in_the_open(self.scene, solid, receivers.points, receivers.normals)
-        count = np.bincount(number, free, minlength=len(sides))
-        # Where all of a receiver is buried, it does not matter what it gets.
-        weight = np.where(count[number] > 0, free, 1.0) / np.where(count > 0, count, k * k)[number]
-        lit = _Lit(receivers.points, receivers.normals, number, weight)
-        return ReceiverPoints(receivers, prepared, lit, len(sides), count / (k * k))
+        normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
+        receivers = Receivers(points.reshape(-1, 3)[order], key[order].astype(np.int32), normals, polygon[order])
+        prepared = self.visibility.prepare(receivers) if len(order) else None
+        number = np.repeat(np.arange(len(sides)), each)[order]
+        return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
+
+    def _points(self, elements: Elements, sides: Sides) -> tuple[Float64, Float64]:
+        """(R, k, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is."""
+        scene, solid = self.scene, self.visibility.blockers.solid[self._polygon]
+        points = elements.points(scene, sub_triangles(round(self.points**0.5)))[sides.element]
+        is_open = np.ones(len(sides))
+        if not (solid.any() and len(sides)):
+            return points, is_open
+
+        def free(places: Float64, normal: Float64) -> NDArray[np.bool_]:
+            normals = np.repeat(normal, places.shape[1], axis=0)
+            return in_the_open(scene, solid, places.reshape(-1, 3), normals).reshape(places.shape[:2])
+
+        # A closer look at triangles of which something is buried.
+        triangle = elements.triangle[sides.element]
+        buried = ~free(points, sides.normal).all(axis=1)
+        near = np.flatnonzero(np.isin(triangle, triangle[buried]))
+        fine = elements[sides.element[near]].points(scene, sub_triangles(_FINE))
+        is_free = free(fine, sides.normal[near])
+        count = is_free.sum(axis=1)
+        is_open[near] = count / _FINE**2
+        some = (count > 0) & (count < _FINE**2)
+        order = np.argsort(~is_free[some], axis=1, kind="stable")
+        spread = ((np.arange(self.points) + 0.5) / self.points * count[some, None]).astype(np.int64)
+        chosen = np.take_along_axis(order, spread, axis=1)
+        points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
+        return points, is_open
 
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
         """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
@@ -173,7 +193,7 @@ class FormFactors:
         corners, normal, size = self._corners[which], self._normals[which[0]], self._size[which]
         tier = np.empty((len(at.lit.points), len(which)), np.int8)
         _tiers(at.lit, corners, normal, size, self._tiers, tier)
-        factors = np.zeros((len(which), at.count))
+        factors = np.zeros((len(which), len(at.open)))
         took = Statistics()
         for t, k in enumerate(self._tiers):
             some = np.flatnonzero((tier == t).any(axis=1))
@@ -189,7 +209,7 @@ class FormFactors:
             took += counts
             exact = self.kind == "polygon"
             _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
-        return factors.astype(np.float32), took
+        return (factors / at.each).astype(np.float32), took
 
     def of_batches(
         self, batches: Sequence[int], at: ReceiverPoints
@@ -220,17 +240,11 @@ def _batches(middles: Float64, group: Int64, most: int) -> list[Int64]:
 
 
 class _Lit(NamedTuple):
-    """Points for the kernels.
-
-    points, normals : (P, 3)
-    number          : (P,) the receiver of each
-    weight          : (P,) share in its mean: 0 for points that are buried in a solid, where others are not
-    """
+    """Points for the kernels: (P, 3), their normals (P, 3), and the receiver of each (P,)."""
 
     points: Float64
     normals: Float64
     number: Int64
-    weight: Float64
 
 
 @dataclass(frozen=True)
@@ -240,15 +254,15 @@ class ReceiverPoints:
     receivers : as `Visibility` wants them
     prepared  : the same, with what its shafts are made for
     lit       : the same, with what they are part of
-    count     : of receivers
-    open      : (R,) share of a receiver that is not buried
+    open      : (R,) share of a receiver that is not buried in a solid
+    each      : points of a receiver
     """
 
     receivers: Receivers
     prepared: Prepared | None
     lit: _Lit
-    count: int
     open: Float64
+    each: int
 
     def some(self, which: Int64) -> Receivers:
         r = self.receivers
@@ -261,7 +275,7 @@ class ReceiverPoints:
 @kernel
 def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
     """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
-    points, normals, _, _ = lit
+    points, normals, _ = lit
     last = len(tiers) - 1
     for p in range(len(points)):
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -291,14 +305,14 @@ def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped
 @kernel
 def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polygon, factors):  # type: ignore[no-untyped-def]
     """Add those of points `some` of tier t to factors (B, R); samples: (B, S, 3), visible: (len(some), B * S)."""
-    points, normals, number, weight = lit
+    points, normals, number = lit
     count = samples.shape[1]
     for w in range(len(some)):
         p = some[w]
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         for b in range(len(corners)):
-            if tier[p, b] != t or weight[p] == 0:
+            if tier[p, b] != t:
                 continue
             part = areas[b] / count
             total, seen = 0.0, 0.0
@@ -313,11 +327,11 @@ def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polyg
                 total += disc
                 seen += disc * visible[w, b * count + s]
             if not polygon:
-                factors[b, number[p]] += weight[p] * seen
+                factors[b, number[p]] += seen
             elif seen > 0 or total == 0:
                 # What rises over the horizon by less than a sample is taken for visible.
                 share = seen / total if total > 0 else 1.0
-                factors[b, number[p]] += weight[p] * share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
+                factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
 
 
 @inner_kernel
