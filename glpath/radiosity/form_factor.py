@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.mesh import Elements, Int64, blocker_of_triangle
-from glpath.radiosity.rays import in_the_open
+from glpath.radiosity.sides import Sides, open_points, sub_triangles
 from glpath.radiosity.visibility import Emitter, Prepared, Receivers, Statistics, Visibility
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
@@ -41,64 +41,8 @@ KINDS: tuple[Kind, ...] = ("polygon", "disc")
 FIVE_TIMES = 5.0
 #: Share of all points above which their shafts, made once for all of them, are worth it for some.
 _MOST = 0.4
-#: Parts of an edge of an element that is partly buried, for its points and its area.
-_FINE = 8
 #: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
 _LEVEL = 1e-9
-
-
-@dataclass(frozen=True)
-class Sides:
-    """Sides of elements that reflect or emit: (R,) each.
-
-    element     : its number
-    back        : 0 the front, 1 the back
-    normal      : (R, 3) away from this side
-    reflectance : (R, 3)
-    emission    : (R, 3), radiosity pi Le, W m^-2
-    """
-
-    element: Int64
-    back: Int64
-    normal: Float64
-    reflectance: Float64
-    emission: Float64
-
-    def __len__(self) -> int:
-        return len(self.element)
-
-    @classmethod
-    def of(cls, scene: Scene, elements: Elements) -> Sides:
-        """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
-        shape = scene.triangle_shape[elements.triangle]
-        reflectance = np.array([scene.materials[s.material].reflectance for s in scene.shapes]).reshape(-1, 3)
-        two_sided = np.array([scene.materials[s.material].two_sided for s in scene.shapes], bool)
-        emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)
-        both = np.array([s.emission_two_sided for s in scene.shapes], bool)
-        normal = scene.normals[elements.triangle]
-        parts = []
-        for back in (0, 1):
-            reflects = reflectance[shape] * (two_sided[shape, None] if back else 1.0)
-            emits = emission[shape] * (both[shape, None] if back else 1.0)
-            some = np.flatnonzero(reflects.any(axis=1) | emits.any(axis=1))
-            parts.append(
-                (some, np.full(len(some), back), normal[some] * (1 - 2 * back), reflects[some], emits[some])
-            )
-        return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
-
-    def number(self, count: int) -> Int64:
-        """(count, 2): which of these an element's front and back are; -1 for none."""
-        found = np.full((count, 2), -1, np.int64)
-        found[self.element, self.back] = np.arange(len(self))
-        return found
-
-
-def sub_triangles(k: int) -> Float64:
-    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
-    cells = [(i + (1 + up) / 3, j + (1 + up) / 3) for j in range(k) for i in range(k - j) for up in (0, 1)
-             if i + j + up < k]  # fmt: skip
-    b1, b2 = np.array(cells).T / k
-    return np.stack([1 - b1 - b2, b1, b2], axis=1)
 
 
 class FormFactors:
@@ -148,7 +92,8 @@ class FormFactors:
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
         """Sides of elements as points, for `of_batch`."""
-        points, is_open = self._points(elements, sides)
+        solid = self.visibility.blockers.solid[self._polygon]
+        points, is_open = open_points(self.scene, solid, elements, sides, self.points)
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
         # A receiver for shafts is one side of one polygon.
@@ -159,33 +104,6 @@ class FormFactors:
         prepared = self.visibility.prepare(receivers) if len(order) else None
         number = np.repeat(np.arange(len(sides)), each)[order]
         return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
-
-    def _points(self, elements: Elements, sides: Sides) -> tuple[Float64, Float64]:
-        """(R, k, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is."""
-        scene, solid = self.scene, self.visibility.blockers.solid[self._polygon]
-        points = elements.points(scene, sub_triangles(round(self.points**0.5)))[sides.element]
-        is_open = np.ones(len(sides))
-        if not (solid.any() and len(sides)):
-            return points, is_open
-
-        def free(places: Float64, normal: Float64) -> NDArray[np.bool_]:
-            normals = np.repeat(normal, places.shape[1], axis=0)
-            return in_the_open(scene, solid, places.reshape(-1, 3), normals).reshape(places.shape[:2])
-
-        # A closer look at triangles of which something is buried.
-        triangle = elements.triangle[sides.element]
-        buried = ~free(points, sides.normal).all(axis=1)
-        near = np.flatnonzero(np.isin(triangle, triangle[buried]))
-        fine = elements[sides.element[near]].points(scene, sub_triangles(_FINE))
-        is_free = free(fine, sides.normal[near])
-        count = is_free.sum(axis=1)
-        is_open[near] = count / _FINE**2
-        some = (count > 0) & (count < _FINE**2)
-        order = np.argsort(~is_free[some], axis=1, kind="stable")
-        spread = ((np.arange(self.points) + 0.5) / self.points * count[some, None]).astype(np.int64)
-        chosen = np.take_along_axis(order, spread, axis=1)
-        points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
-        return points, is_open
 
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
         """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
