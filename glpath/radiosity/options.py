@@ -77,7 +77,7 @@ class Options:
     group: int = 512
     nested: bool = True
     order: OrderName = "found"
-    least_cut: float | None = None
+    least_cut: float | None = 0.02
     longest: int = 1500
     no_shaft_below: int = 0
     keep_closed_below: int = 0
@@ -103,6 +103,7 @@ PAPER = Options(
     clump=0,
     group=0,
     nested=False,
+    least_cut=None,
     longest=0,
 )
 
