@@ -27,7 +27,8 @@ from glpath.film import BLOCK, Film, FilmMetadata, blocks
 from glpath.gl.context import Context, get_context
 from glpath.gl.gpu_objects import GpuObjects
 from glpath.gl.gpu_scene import GpuScene
-from glpath.integrators.path_trace import Directions, PathTracer, PathTraceSettings
+from glpath.integrators.path_stages import Directions
+from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings, WhittedTracer
 from glpath.sampling import Sampling
 from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene, path_traceable

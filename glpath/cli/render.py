@@ -220,7 +220,7 @@ def render(
     from glpath import rendering
     from glpath.buffers.shadow_buffer import ShadowTest
     from glpath.film import check_suffix
-    from glpath.integrators.path_trace import Directions
+    from glpath.integrators.path_stages import Directions
     from glpath.integrators.whitted import Secondary, Shadows
     from glpath.sampling import Sampling
     from glpath.scene import load_scene, parameters_from_options
