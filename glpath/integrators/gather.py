@@ -16,13 +16,46 @@ Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively 
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import moderngl
+import numpy as np
 
 from glpath.gl.gpu_radiosity import GpuRadiosity
 from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
+from glpath.scene.model import Scene
+
+if TYPE_CHECKING:
+    from glpath.radiosity.solution import RadiositySolution
+
+Lookup = Literal["interpolated", "constant"]
+
+
+def gpu_radiosity(gl: moderngl.Context, scene: Scene, solution: RadiositySolution, lookup: Lookup) -> GpuRadiosity:
+    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
+    from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
+
+    interpolated = lookup == "interpolated"
+    count = lattice.vertex_count if interpolated else lattice.element_count
+    return GpuRadiosity(
+        gl,
+        scene.triangles,
+        solution.divisions,
+        solution.vertices if interpolated else solution.elements,
+        lattice.starts(count(solution.divisions))[:-1],
+        interpolated=interpolated,
+    )
+
+
+def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
+    """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
+    h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
+    h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
+    h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
+    return h.hexdigest()
 
 
 @dataclass(frozen=True)
