@@ -159,7 +159,7 @@ def test_a_dark_solution_leaves_direct_light() -> None:
 
 
 def test_emission_is_not_looked_up() -> None:
-    """A two-sided lamp in the room: what it emits is found by the direction and by the light sample, never twice."""
+    """A two-sided lamp in the room: found by the direction and by the light sample, it counts once."""
     scene = room(size=16, lamp=True)
     film = gather(scene, even(scene, 0.0), spp=256)
     direct = glpath.render(scene, max_depth=1, spp=256)
