@@ -32,6 +32,7 @@ def engine(scene: Scene, resolution: int = 256) -> HemicubeFormFactors:
     return HemicubeFormFactors(gl, GpuScene(gl, scene), resolution)
 
 
+UP = np.array([0.0, 1.0, 0.0])
 FLOOR = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
 
 
@@ -61,7 +62,7 @@ def test_parallel_rectangles_are_howells_c_11() -> None:
     """1.5 x 1 at distance 0.7, within half a per cent at 256 texels and 64 points a triangle."""
     a, b, c = 1.5, 1.0, 0.7
     lower = np.array([[-a / 2, 0, b / 2], [a / 2, 0, b / 2], [a / 2, 0, -b / 2], [-a / 2, 0, -b / 2]])
-    scene = quads(lower, (lower + [0, c, 0])[::-1])
+    scene = quads(lower, (lower + np.array([0, c, 0]))[::-1])
     factors = engine(scene).from_triangles(scene.triangles[:2], samples=64)
     assert factors.sum(axis=1).mean() == pytest.approx(facing_rectangles_form_factor(a, b, c), rel=5e-3)
     assert np.all(factors[:, :2] == 0.0)
@@ -77,17 +78,20 @@ def test_rectangles_at_an_angle_are_lamberts_formula(degrees: float) -> None:
     scene = quads(FLOOR, wall)
     g, weight = np.polynomial.legendre.leggauss(12)
     points = np.array([[x, 0, z] for x in g for z in g])
-    found = engine(scene).rows(points, np.broadcast_to([0.0, 1.0, 0.0], points.shape))[:, 2:].sum(axis=1)
+    rows = engine(scene).rows(points, np.broadcast_to([0.0, 1.0, 0.0], points.shape))
+    # The floor passes through the eye of each hemicube; nothing of it is seen.
+    assert np.all(rows[:, :2] == 0.0)
+    found = rows[:, 2:].sum(axis=1)
     truth = np.array([polygon_irradiance(p, (0, 1, 0), wall) for p in points]) / np.pi
     w = np.outer(weight, weight).ravel() / 4
-    assert found @ w == pytest.approx(truth @ w, rel=5e-3)
-    np.testing.assert_allclose(found, truth, atol=0.01 * truth.max())
+    assert found @ w == pytest.approx(truth @ w, rel=1e-3)
+    np.testing.assert_allclose(found, truth, atol=3e-3 * truth.max())
 
 
 def test_what_stands_between_hides() -> None:
-    lamp, shade = (FLOOR + [0, 2, 0])[::-1], (0.4 * FLOOR + [0, 1, 0])[::-1]
+    lamp, shade = (FLOOR + UP * 2)[::-1], (0.4 * FLOOR + UP)[::-1]
     factors = engine(quads(lamp, shade)).rows([0, 0, 0], [0, 1, 0])[0]
-    corners = [tuple(c) for c in 0.8 * FLOOR + [0, 2, 0]][::-1]  # the shade's shadow on the lamp
+    corners = [tuple(c) for c in 0.8 * FLOOR + UP * 2][::-1]  # the shade's shadow on the lamp
     hidden = polygon_irradiance((0, 0, 0), (0, 1, 0), corners) / np.pi
     whole = polygon_irradiance((0, 0, 0), (0, 1, 0), [tuple(c) for c in lamp]) / np.pi
     assert factors[2:].sum() == pytest.approx(hidden, rel=5e-3)
