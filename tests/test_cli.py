@@ -86,6 +86,8 @@ def test_the_public_names_are_these() -> None:
         "GlpathError",
         "ImageError",
         "Progress",
+        "RadiosityInterrupted",
+        "RadiosityProgress",
         "RadiositySolution",
         "RenderInterrupted",
         "Scene",
@@ -99,6 +101,7 @@ def test_the_public_names_are_these() -> None:
         "relative_mse",
         "render",
         "render_frames",
+        "solve_radiosity",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None

@@ -300,7 +300,7 @@ def render(
     if quiet and progress == "auto":
         progress = "none"
     interrupted = False
-    with _sigterm_as_interrupt():
+    with sigterm_as_interrupt():
         try:
             with reporting(progress, sys.stderr) as report:
                 film = rendering.render(
@@ -347,7 +347,7 @@ def render(
 
 
 @contextmanager
-def _sigterm_as_interrupt() -> Iterator[None]:
+def sigterm_as_interrupt() -> Iterator[None]:
     """SIGTERM does what Ctrl-C does. Only the main thread may set this up; elsewhere SIGTERM stays as it is."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -187,10 +187,8 @@ class FormFactors:
             else:
                 visible, counts = self.visibility.step(source, at.some(some))
             took += counts
-            _factors(
-                at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, self.kind == "polygon",
-                factors,
-            )  # fmt: skip
+            exact = self.kind == "polygon"
+            _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
         return factors.astype(np.float32), took
 
     def of_batches(
