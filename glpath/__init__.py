@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     )
     from glpath.film import Film
     from glpath.image import read_image
+    from glpath.radiosity.solution import RadiositySolution
+    from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
     from glpath.rendering import Progress, RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
@@ -38,6 +40,9 @@ _HOME = {
     "GlpathError": "errors",
     "ImageError": "errors",
     "Progress": "rendering",
+    "RadiosityInterrupted": "radiosity.solve",
+    "RadiosityProgress": "radiosity.solve",
+    "RadiositySolution": "radiosity.solution",
     "RenderInterrupted": "rendering",
     "Scene": "scene",
     "SceneError": "errors",
@@ -49,6 +54,7 @@ _HOME = {
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",
+    "solve_radiosity": "radiosity.solve",
 }
 
 __all__ = [
@@ -57,6 +63,9 @@ __all__ = [
     "GlpathError",
     "ImageError",
     "Progress",
+    "RadiosityInterrupted",
+    "RadiosityProgress",
+    "RadiositySolution",
     "RenderInterrupted",
     "Scene",
     "SceneError",
@@ -69,6 +78,7 @@ __all__ = [
     "relative_mse",
     "render",
     "render_frames",
+    "solve_radiosity",
 ]
 
 

@@ -86,6 +86,9 @@ def test_the_public_names_are_these() -> None:
         "GlpathError",
         "ImageError",
         "Progress",
+        "RadiosityInterrupted",
+        "RadiosityProgress",
+        "RadiositySolution",
         "RenderInterrupted",
         "Scene",
         "SceneError",
@@ -98,6 +101,7 @@ def test_the_public_names_are_these() -> None:
         "relative_mse",
         "render",
         "render_frames",
+        "solve_radiosity",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None
@@ -210,7 +214,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert call.pop("scene").shapes[0].emission.tolist() == [2, 2, 2]
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
-    assert [call.pop(name) for name in unused] == [None] * 5
+    unused += ("radiosity", "radiosity_lookup")
+    assert [call.pop(name) for name in unused] == [None] * 7
     assert call == {
         "integrator": "path",
         "spp": 32,
@@ -229,6 +234,14 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "require_gpu": True,
         "timings": False,
     }
+
+
+def test_render_hands_on_what_a_gather_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
+    options = "--integrator gather --radiosity solution.npz --radiosity-lookup constant"
+    run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
+    (call,) = renderer.calls
+    names = ("integrator", "radiosity", "radiosity_lookup", "max_depth", "ambient")
+    assert [call[name] for name in names] == ["gather", Path("solution.npz"), "constant", None, None]
 
 
 def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
@@ -250,9 +263,9 @@ def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp
 def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
     run("render", "furnace", "-o", tmp_path / "a.png")
     (call,) = renderer.calls
-    assert (call["integrator"], call["max_depth"], call["seed"], call["count_tests"]) == ("path", 5, 0, False)
+    assert (call["integrator"], call["seed"], call["count_tests"]) == ("path", 0, False)
     others = ("spp", "sampling", "ambient", "directions", "roulette", "shadows", "shadow_filter", "secondary")
-    others += ("resolution", "crop", "camera", "device")
+    others += ("resolution", "crop", "camera", "device", "max_depth", "radiosity", "radiosity_lookup")
     assert all(call[name] is None for name in others)
 
 
