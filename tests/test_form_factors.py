@@ -15,9 +15,9 @@ from rooms import cuboid, part, rectangle, room
 
 from glpath.radiosity import Blockers, Visibility
 from glpath.radiosity.blockers import visible_by_all
-from glpath.radiosity.form_factor import KINDS, FormFactors, Sides, sub_triangles, triangle_factor
+from glpath.radiosity.form_factor import KINDS, FormFactors, triangle_factor
 from glpath.radiosity.mesh import Elements, Mesh, divisions_of_size, surfaces
-from glpath.radiosity.rays import in_the_open
+from glpath.radiosity.sides import Sides, in_the_open, sub_triangles
 
 
 def matrix(scene, size, **options):

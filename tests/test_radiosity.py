@@ -14,6 +14,7 @@ from glpath.radiosity import memory
 from glpath.radiosity.mesh import Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.progressive import Refinement
 from glpath.radiosity.reconstruct import resample
+from glpath.radiosity.sides import sub_triangles
 from glpath.radiosity.transport import FormFactorOptions, Transport
 from glpath.scene import path_traceable
 
@@ -24,7 +25,7 @@ def lit_box():
     return room(
         part(cuboid((-1, -1, -1), (1, 1, 1), inside=True), (0.7, 0.5, 0.3)),
         part(cuboid((-0.6, -1, -0.5), (0.1, 0.1, 0.3)), (0.2, 0.6, 0.4)),
-        part(rectangle((-0.3, 0.95, -0.3), (0.6, 0, 0), (0, 0, 0.6)), 0.3, (10.0, 8.0, 5.0)),
+        part(rectangle((-0.3, 0.8, -0.3), (0.6, 0, 0), (0, 0, 0.6)), 0.3, (10.0, 8.0, 5.0), two_sided=True),
     )
 
 
@@ -108,21 +109,21 @@ def test_monte_carlo_is_progressive_within_its_error(lit_box):
     particles = solve_radiosity(lit_box, method="monte-carlo", size=size, particles=400_000, seed=3)
     again = solve_radiosity(lit_box, method="monte-carlo", size=size, particles=400_000, seed=3)
     np.testing.assert_array_equal(particles.elements, again.elements)
-    exact = solve_radiosity(lit_box, size=size, unshot=1e-4, receiver_points=16, splits=1)
-    # Sums over the shapes, but for the box's bottom and the floor, of which a part is buried.
-    triangles = path_traceable(lit_box)
-    covered = triangles.normals[:, 1] * np.where(triangles.triangle_shape == 0, 1, -1) > 0.9
-    for shape in range(3):
-        which = (triangles.triangle_shape == shape) & ~covered
-        of_mc, of_exact = (_total(triangles, s, which) for s in (particles, exact))
-        np.testing.assert_allclose(of_mc, of_exact, rtol=0.015)
+    exact = solve_radiosity(lit_box, size=size, unshot=1e-4, splits=1)
+    # Point by point, but for the dark beneath the box.
+    front, expected = (s.lookup(*_middles(exact, 8)) for s in (particles, exact))
+    seen = (expected > 0.02 * expected.max(axis=0)).all(axis=1)
+    assert seen.mean() > 0.75
+    np.testing.assert_allclose(front[seen].mean(axis=0), expected[seen].mean(axis=0), rtol=0.01)
+    assert np.abs(front[seen] / expected[seen] - 1).mean() < 0.05
     assert 0 < particles.statistics["error_of_mean"] < 0.002
 
 
-def _total(triangles, solution, which):
-    of = np.repeat(which, solution.divisions**2)
-    areas = np.repeat(triangles.areas / solution.divisions**2, solution.divisions**2)
-    return (solution.elements[0] * areas[:, None])[of].sum(axis=0)
+def _middles(solution, parts):
+    """Triangles and barycentric coordinates of points that cover each triangle evenly."""
+    places = sub_triangles(parts)[:, 1:]
+    count = len(solution.divisions)
+    return np.repeat(np.arange(count), len(places)), np.tile(places, (count, 1))
 
 
 def test_monte_carlo_says_how_far_it_is_off():
@@ -131,11 +132,11 @@ def test_monte_carlo_says_how_far_it_is_off():
     scene = load_scene("furnace", {"reflectance": 0.5, "subdivisions": 0})
     surface = surfaces(scene)
     shooting = Shooting(Mesh.uniform(scene, np.full(12, 2), surface), seed=1)
-    shooting.shoot(8, lambda: None)
-    assert shooting.particles == 8 * BATCH
+    shooting.shoot(32, lambda: None)
+    assert shooting.particles == 32 * BATCH
     irradiance, error = shooting.irradiance()[0], shooting.standard_error()[0]
     off = (irradiance - 2 * np.pi) / error
-    assert 0.6 < np.sqrt(np.mean(off**2)) < 1.6
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     # Of equal numbers of hits; each survives by a half.
     assert shooting.hits == pytest.approx(2 * shooting.particles, rel=0.02)
 
@@ -147,7 +148,7 @@ def test_the_ambient_estimate_makes_an_early_end_right_in_the_mean(lit_box):
     )
     areas = areas_of(lit_box, exact)
     mean = [float((s.elements[0] * areas[:, None]).sum()) for s in (exact, early, with_ambient)]
-    assert mean[1] < 0.75 * mean[0]
+    assert mean[1] < 0.85 * mean[0]
     assert mean[2] == pytest.approx(mean[0], rel=0.05)
 
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.mesh import Elements, Int64, blocker_of_triangle
-from glpath.radiosity.rays import in_the_open
+from glpath.radiosity.sides import Sides, open_points, sub_triangles
 from glpath.radiosity.visibility import Emitter, Prepared, Receivers, Statistics, Visibility
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
@@ -43,60 +43,6 @@ FIVE_TIMES = 5.0
 _MOST = 0.4
 #: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
 _LEVEL = 1e-9
-
-
-@dataclass(frozen=True)
-class Sides:
-    """Sides of elements that reflect or emit: (R,) each.
-
-    element     : its number
-    back        : 0 the front, 1 the back
-    normal      : (R, 3) away from this side
-    reflectance : (R, 3)
-    emission    : (R, 3), radiosity pi Le, W m^-2
-    """
-
-    element: Int64
-    back: Int64
-    normal: Float64
-    reflectance: Float64
-    emission: Float64
-
-    def __len__(self) -> int:
-        return len(self.element)
-
-    @classmethod
-    def of(cls, scene: Scene, elements: Elements) -> Sides:
-        """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
-        shape = scene.triangle_shape[elements.triangle]
-        reflectance = np.array([scene.materials[s.material].reflectance for s in scene.shapes]).reshape(-1, 3)
-        two_sided = np.array([scene.materials[s.material].two_sided for s in scene.shapes], bool)
-        emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)
-        both = np.array([s.emission_two_sided for s in scene.shapes], bool)
-        normal = scene.normals[elements.triangle]
-        parts = []
-        for back in (0, 1):
-            reflects = reflectance[shape] * (two_sided[shape, None] if back else 1.0)
-            emits = emission[shape] * (both[shape, None] if back else 1.0)
-            some = np.flatnonzero(reflects.any(axis=1) | emits.any(axis=1))
-            parts.append(
-                (some, np.full(len(some), back), normal[some] * (1 - 2 * back), reflects[some], emits[some])
-            )
-        return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
-
-    def number(self, count: int) -> Int64:
-        """(count, 2): which of these an element's front and back are; -1 for none."""
-        found = np.full((count, 2), -1, np.int64)
-        found[self.element, self.back] = np.arange(len(self))
-        return found
-
-
-def sub_triangles(k: int) -> Float64:
-    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
-    cells = [(i + (1 + up) / 3, j + (1 + up) / 3) for j in range(k) for i in range(k - j) for up in (0, 1)
-             if i + j + up < k]  # fmt: skip
-    b1, b2 = np.array(cells).T / k
-    return np.stack([1 - b1 - b2, b1, b2], axis=1)
 
 
 class FormFactors:
@@ -145,27 +91,19 @@ class FormFactors:
             self.batch_of[batch] = i
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
-        """Sides of elements as points, for `columns`."""
-        k = round(self.points**0.5)
-        points = elements.points(self.scene, sub_triangles(k))[sides.element].reshape(-1, 3)
-        normals = np.repeat(sides.normal, k * k, axis=0)
-        polygon = np.repeat(self._polygon[elements.triangle[sides.element]], k * k)
-        # A receiver for shafts is one side of one polygon.
-        key = 2 * polygon + np.repeat(sides.back, k * k)
-        order = np.argsort(key, kind="stable")
-        receivers = Receivers(
-            points[order], key[order].astype(np.int32), np.ascontiguousarray(normals[order]), polygon[order]
-        )
-        number = np.repeat(np.arange(len(sides)), k * k)[order]
-        prepared = self.visibility.prepare(receivers) if len(points) else None
+        """Sides of elements as points, for `of_batch`."""
         solid = self.visibility.blockers.solid[self._polygon]
-        assert receivers.normals is not None
-        free = in_the_open(self.scene, solid, receivers.points, receivers.normals)
-        count = np.bincount(number, free, minlength=len(sides))
-        # Where all of a receiver is buried, it does not matter what it gets.
-        weight = np.where(count[number] > 0, free, 1.0) / np.where(count > 0, count, k * k)[number]
-        lit = _Lit(receivers.points, receivers.normals, number, weight)
-        return ReceiverPoints(receivers, prepared, lit, len(sides), count / (k * k))
+        points, is_open = open_points(self.scene, solid, elements, sides, self.points)
+        each = points.shape[1]
+        polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
+        # A receiver for shafts is one side of one polygon.
+        key = 2 * polygon + np.repeat(sides.back, each)
+        order = np.argsort(key, kind="stable")
+        normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
+        receivers = Receivers(points.reshape(-1, 3)[order], key[order].astype(np.int32), normals, polygon[order])
+        prepared = self.visibility.prepare(receivers) if len(order) else None
+        number = np.repeat(np.arange(len(sides)), each)[order]
+        return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
 
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
         """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
@@ -173,7 +111,7 @@ class FormFactors:
         corners, normal, size = self._corners[which], self._normals[which[0]], self._size[which]
         tier = np.empty((len(at.lit.points), len(which)), np.int8)
         _tiers(at.lit, corners, normal, size, self._tiers, tier)
-        factors = np.zeros((len(which), at.count))
+        factors = np.zeros((len(which), len(at.open)))
         took = Statistics()
         for t, k in enumerate(self._tiers):
             some = np.flatnonzero((tier == t).any(axis=1))
@@ -189,7 +127,7 @@ class FormFactors:
             took += counts
             exact = self.kind == "polygon"
             _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
-        return factors.astype(np.float32), took
+        return (factors / at.each).astype(np.float32), took
 
     def of_batches(
         self, batches: Sequence[int], at: ReceiverPoints
@@ -220,17 +158,11 @@ def _batches(middles: Float64, group: Int64, most: int) -> list[Int64]:
 
 
 class _Lit(NamedTuple):
-    """Points for the kernels.
-
-    points, normals : (P, 3)
-    number          : (P,) the receiver of each
-    weight          : (P,) share in its mean: 0 for points that are buried in a solid, where others are not
-    """
+    """Points for the kernels: (P, 3), their normals (P, 3), and the receiver of each (P,)."""
 
     points: Float64
     normals: Float64
     number: Int64
-    weight: Float64
 
 
 @dataclass(frozen=True)
@@ -240,15 +172,15 @@ class ReceiverPoints:
     receivers : as `Visibility` wants them
     prepared  : the same, with what its shafts are made for
     lit       : the same, with what they are part of
-    count     : of receivers
-    open      : (R,) share of a receiver that is not buried
+    open      : (R,) share of a receiver that is not buried in a solid
+    each      : points of a receiver
     """
 
     receivers: Receivers
     prepared: Prepared | None
     lit: _Lit
-    count: int
     open: Float64
+    each: int
 
     def some(self, which: Int64) -> Receivers:
         r = self.receivers
@@ -261,7 +193,7 @@ class ReceiverPoints:
 @kernel
 def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
     """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
-    points, normals, _, _ = lit
+    points, normals, _ = lit
     last = len(tiers) - 1
     for p in range(len(points)):
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -291,14 +223,14 @@ def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped
 @kernel
 def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polygon, factors):  # type: ignore[no-untyped-def]
     """Add those of points `some` of tier t to factors (B, R); samples: (B, S, 3), visible: (len(some), B * S)."""
-    points, normals, number, weight = lit
+    points, normals, number = lit
     count = samples.shape[1]
     for w in range(len(some)):
         p = some[w]
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         for b in range(len(corners)):
-            if tier[p, b] != t or weight[p] == 0:
+            if tier[p, b] != t:
                 continue
             part = areas[b] / count
             total, seen = 0.0, 0.0
@@ -313,11 +245,11 @@ def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polyg
                 total += disc
                 seen += disc * visible[w, b * count + s]
             if not polygon:
-                factors[b, number[p]] += weight[p] * seen
+                factors[b, number[p]] += seen
             elif seen > 0 or total == 0:
                 # What rises over the horizon by less than a sample is taken for visible.
                 share = seen / total if total > 0 else 1.0
-                factors[b, number[p]] += weight[p] * share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
+                factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
 
 
 @inner_kernel

@@ -23,9 +23,10 @@ import numpy as np
 
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity import lattice
-from glpath.radiosity.form_factor import Sides
-from glpath.radiosity.mesh import Elements, Int64, Mesh
+from glpath.radiosity.blockers import Blockers
+from glpath.radiosity.mesh import Elements, Int64, Mesh, blocker_of_triangle
 from glpath.radiosity.rays import nearest, rays_of
+from glpath.radiosity.sides import Sides, open_points
 from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
@@ -59,6 +60,8 @@ class Shooting:
     particles : that were shot
     flux      : (2, E, 3) energy that arrived at the elements' fronts and backs in all, W times `particles`
     hits      : of particles on surfaces
+
+    open_areas : (2, E) of what is not buried in solids, of both sides
     """
 
     mesh: Mesh
@@ -86,6 +89,7 @@ class Shooting:
         self._surfaces = _Surfaces(
             scene.normals, self._reflectance, divisions, lattice.starts(lattice.element_count(divisions))
         )
+        self.open_areas = _open_areas(self.mesh)
         self.flux = np.zeros((2, len(self.mesh.elements), 3))
         self.square = np.zeros_like(self.flux)
 
@@ -110,7 +114,7 @@ class Shooting:
 
     def irradiance(self) -> Float64:
         """(2, E, 3) W m^-2, the estimate so far."""
-        return self.flux / max(self.particles, 1) / self.mesh.areas[:, None]
+        return self.flux / max(self.particles, 1) / self.open_areas[..., None]
 
     def standard_error(self) -> Float64:
         """(2, E, 3) of `irradiance`, from how the batches differ; infinite while there are less than two."""
@@ -119,11 +123,22 @@ class Shooting:
             return np.full_like(self.flux, np.inf)
         mean = self.flux / batches
         variance = np.maximum(self.square / batches - mean**2, 0.0) / (batches - 1)
-        return np.sqrt(variance) / BATCH / self.mesh.areas[:, None]
+        return np.sqrt(variance) / BATCH / self.open_areas[..., None]
 
     def reflected(self) -> Float64:
         """(2, E, 3): reflected radiosity of the elements, both sides."""
         return self._reflectance[:, self.mesh.elements.triangle] * self.irradiance()
+
+
+def _open_areas(mesh: Mesh) -> Float64:
+    """(2, E) areas of what particles can reach; all of an element where they can reach nothing."""
+    blockers = Blockers.of_scene(mesh.scene)
+    sides = Sides.of(mesh.scene, mesh.elements)
+    solid = blockers.solid[blocker_of_triangle(blockers.parallelogram)]
+    _, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
+    share = np.ones((2, len(mesh.elements)))
+    share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
+    return share * mesh.areas
 
 
 @inner_kernel

@@ -1,14 +1,13 @@
-"""Rays through a hierarchy of triangles, on the CPU: the nearest hit, and whether a point is out in the open."""
+"""Rays through a hierarchy of triangles, on the CPU: the nearest hit."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glpath.hierarchy import build_hierarchy
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 
@@ -45,35 +44,6 @@ def rays_of(scene: Scene) -> Rays:
         [triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], 1
     )
     return Rays(boxes, tree.skip, tree.first, tree.count, tree.order, np.ascontiguousarray(corners), start)
-
-
-def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64) -> NDArray[np.bool_]:
-    """(P,) bool: False for points of surfaces that are buried in a solid, such as a floor under a box.
-
-    solid           : (T,) which triangles belong to closed surfaces
-    points, normals : (P, 3), on surfaces and away from them
-
-    Buried is what sees the inside of a closed surface straight ahead and to three sides.
-    """
-    return np.asarray(_in_the_open(rays_of(scene), np.ascontiguousarray(solid), scene.normals, points, normals))
-
-
-@kernel
-def _in_the_open(rays, solid, face, points, normals):  # type: ignore[no-untyped-def]
-    free = np.zeros(len(points), np.bool_)
-    o, d, found = np.empty(3), np.empty(3), np.empty(3)
-    for p in range(len(points)):
-        for way in range(4):
-            for k in range(3):
-                o[k] = points[p, k]
-                d[k] = normals[p, k]
-            if way > 0:
-                d[way - 1] += 0.7 if normals[p, way - 1] > 0 else -0.7
-            hit = nearest(rays, o, d, -1, found)
-            if hit < 0 or not solid[hit] or d[0] * face[hit, 0] + d[1] * face[hit, 1] + d[2] * face[hit, 2] < 0:
-                free[p] = True
-                break
-    return free
 
 
 @inner_kernel

@@ -16,11 +16,12 @@ import numpy as np
 
 from glpath.errors import UsageError
 from glpath.radiosity import matrix, monte_carlo
-from glpath.radiosity.form_factor import KINDS, Kind, Sides
+from glpath.radiosity.form_factor import KINDS, Kind
 from glpath.radiosity.memory import available_bytes, require_memory
 from glpath.radiosity.mesh import Elements, Int64, Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.progressive import Refinement
 from glpath.radiosity.reconstruct import resample
+from glpath.radiosity.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.transport import FormFactorOptions, Transport
 from glpath.scene import Scene, load_scene, path_traceable
@@ -262,8 +263,9 @@ def _monte_carlo(run: _Run, mesh: Mesh, particles: int, seed: int) -> RadiosityS
         run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
 
     def solution() -> RadiositySolution:
-        mean = float((shooting.irradiance() * mesh.areas[:, None]).sum())
-        noise = float((shooting.standard_error() ** 2 * mesh.areas[:, None] ** 2).sum() ** 0.5)
+        areas = shooting.open_areas[..., None]
+        mean = float((shooting.irradiance() * areas).sum())
+        noise = float((shooting.standard_error() ** 2 * areas**2).sum() ** 0.5)
         error = noise / mean if mean > 0 and math.isfinite(noise) else None
         return run.solution(
             mesh, shooting.reflected(), particles=shooting.particles, hits=shooting.hits, error_of_mean=error

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.form_factor import FormFactors, Kind, ReceiverPoints, Sides
+from glpath.radiosity.form_factor import FormFactors, Kind, ReceiverPoints
 from glpath.radiosity.mesh import Int64, Mesh
+from glpath.radiosity.sides import Sides
 from glpath.radiosity.visibility import Statistics, Visibility
 from glpath.scene.model import Float64
 
