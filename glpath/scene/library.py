@@ -22,6 +22,7 @@ from glpath.scene.load import read_scene_file, scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.office import office, office_premesh
 from glpath.scene.place import Place, shown
+from glpath.scene.room import room
 from glpath.scene.stacked import stacked
 
 
@@ -126,6 +127,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
     "furnace": furnace,
     "office": office,
     "office-premesh": office_premesh,
+    "room": room,
     "stacked": stacked,
 }
 
