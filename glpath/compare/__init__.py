@@ -1,8 +1,8 @@
 """Comparing pictures: numbers, verdicts, and what a picture must carry to be compared.
 
-    measures   relative_mse, psnr ...: how far apart, as numbers; the difference in false colours
-    picture    a picture with its noise and its provenance, to and from one EXR
-    modes      exact, fuzzy, stat, flip: whether two pictures count as the same
+measures   relative_mse, psnr ...: how far apart, as numbers; the difference in false colours
+picture    a picture with its noise and its provenance, to and from one EXR
+modes      exact, fuzzy, stat, flip: whether two pictures count as the same
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from glpath.compare.measures import (
     max_difference,
     mean_ratio,
     mse,
+    percent_beyond,
     psnr,
     relative_mse,
 )
-from glpath.compare.modes import MODES, Mode, compare, default_mode, read_limits
+from glpath.compare.modes import MODES, Mode, check_limits, compare, default_mode, read_limits
 from glpath.compare.perceptual import flip_map, flip_picture
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture
 from glpath.compare.verdict import Verdict
@@ -29,6 +30,7 @@ __all__ = [
     "Noise",
     "Picture",
     "Verdict",
+    "check_limits",
     "compare",
     "default_mode",
     "difference_image",
@@ -37,6 +39,7 @@ __all__ = [
     "max_difference",
     "mean_ratio",
     "mse",
+    "percent_beyond",
     "psnr",
     "read_limits",
     "relative_mse",

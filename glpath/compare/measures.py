@@ -58,6 +58,12 @@ def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
     return float(np.max(np.abs(a - b)))
 
 
+def percent_beyond(image: ArrayLike, reference: ArrayLike, limit: float) -> float:
+    """Per cent of the pixels of which a channel differs by more than `limit`. Raises ImageError."""
+    a, b = matching_pair(image, reference)
+    return 100 * float(np.mean((np.abs(a - b) > limit).any(axis=-1)))
+
+
 def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
     """mean(image) / mean(reference): energy gained or lost. NaN if both are black. Raises ImageError."""
     a, b = matching_pair(image, reference)

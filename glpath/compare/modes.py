@@ -27,20 +27,20 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
     """Whether two pictures count as the same.
 
     mode   : "exact", "fuzzy", "stat" or "flip"; None: `default_mode` of the reference
-    limits : of the mode, see the function of its name: `threshold`, `edge`, `failpercent` of fuzzy; `alpha`, `tolerance`
-             of stat; `mean`, `ppd` of flip
+    limits : of the mode, see the function of its name: `threshold`, `edge`, `failpercent` of fuzzy; `alpha`,
+             `tolerance` of stat; `mean`, `ppd` of flip
 
-    Raises ImageError for pictures that cannot be compared (shapes, NaN); UsageError for a mode or a limit that is not
-    there, or a mode that this picture does not allow.
+    Raises ImageError for pictures that cannot be compared (shapes, NaN); UsageError for a mode or a limit that is
+    not there, or a mode that this picture does not allow.
     """
     matching_pair(picture.mean, reference.mean)
     mode = default_mode(picture, reference) if mode is None else mode
-    _check_limits(mode, limits)
+    check_limits(mode, limits)
     return _COMPARISONS[mode](picture, reference, **limits)
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
-    """"stat" where both are path traced and their noise is known, else "fuzzy"."""
+    """ "stat" where both are path traced and their noise is known, else "fuzzy"."""
     for side in (picture, reference):
         if side.noise is None or len(side.noise.batch_counts) < LEAST_BATCHES:
             return "fuzzy"
@@ -58,11 +58,12 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
             limits[name.strip()] = float(value)
         except ValueError:
             raise UsageError(f"limit {text}: expected NAME=NUMBER.") from None
-    _check_limits(mode, limits)
+    check_limits(mode, limits)
     return limits
 
 
-def _check_limits(mode: str, limits: Mapping[str, Any]) -> None:
+def check_limits(mode: str, limits: Mapping[str, Any]) -> None:
+    """Raise UsageError for a mode, or a limit of it, that is not there or is no number."""
     if mode not in _COMPARISONS:
         raise UsageError(f"mode: there is no {mode!r}. Allowed: {', '.join(MODES)}.")
     known = [p.name for p in inspect.signature(_COMPARISONS[mode]).parameters.values() if p.kind == p.KEYWORD_ONLY]

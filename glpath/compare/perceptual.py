@@ -52,15 +52,17 @@ def flip(picture: Picture, reference: Picture, *, mean: float = MEAN, ppd: float
 def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64:
     """(H, W) float64 in [0, 1], how visible the difference is, of two (H, W, 3) pictures in linear Rec. 709.
 
-    Raises ImageError for pictures that cannot be compared; UsageError where flip-evaluator is not installed, or for a
-    `ppd` not above 0.
+    Raises ImageError for pictures that cannot be compared; UsageError where flip-evaluator is not installed, or for
+    a `ppd` not above 0.
     """
-    found: Float64 = _evaluated(image, reference, ppd, colours=False).reshape(np.shape(image)[:2]).astype(np.float64)
+    found: Float64 = (
+        _evaluated(image, reference, ppd, colours=False).reshape(np.shape(image)[:2]).astype(np.float64)
+    )
     return found
 
 
 def flip_picture(image: Float64, reference: Float64, *, ppd: float = PPD) -> UInt8:
-    """The map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow as different as can be. Raises as `flip_map`."""
+    """The map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow most different. Raises as `flip_map`."""
     coloured = _evaluated(image, reference, ppd, colours=True)
     return np.asarray(np.clip(coloured, 0, 1) * 255 + 0.5).astype(np.uint8)
 

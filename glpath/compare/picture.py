@@ -1,8 +1,8 @@
 """A picture with its noise and its provenance: what is compared, and what a baseline file holds.
 
-Noise is kept so that it can be told from a change: the variance of every pixel between batches of path sets, and, as
-the paths of a set share their directions so that pixels err together, the mean of every batch over blocks of 16 x 16
-pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
+Noise is kept so that it can be told from a change: the variance of every pixel between batches of path sets, and,
+as the paths of a set share their directions so that pixels err together, the mean of every batch over blocks of 16
+x 16 pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
 
 The file is one EXR that any viewer opens: R, G, B are the mean; `variance.R`, ... its variance; `batch0.R`, ... the
 batches, constant over each block, which compresses to next to nothing. All else stands in the header.
@@ -53,8 +53,8 @@ class Noise:
     """How much a picture varies from batch to batch.
 
     variance      : (H, W, 3) float64, of the mean of each pixel, see `Film.variance_of_mean`
-    block_batches : (B, h, w, 3) float64, the mean of each batch over blocks of 16 x 16 pixels, those at the right and
-                    the lower border smaller
+    block_batches : (B, h, w, 3) float64, the mean of each batch over blocks of 16 x 16 pixels, those at the right
+                    and the lower border smaller
     batch_counts  : (B,) int64, path sets in each
     """
 
@@ -89,7 +89,10 @@ class Picture:
 
     @classmethod
     def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
-        """(H, W, 3), (H, W, 4) (alpha is left out) or (H, W): radiance, or sRGB where it is uint8. Raises ImageError."""
+        """Radiance, or sRGB where it is uint8: (H, W, 3), (H, W), or (H, W, 4), of which alpha is left out.
+
+        Raises ImageError.
+        """
         given = np.asarray(array)
         if given.dtype.kind not in "biuf" or given.ndim not in (2, 3) or given.size == 0:
             raise ImageError(
@@ -103,7 +106,9 @@ class Picture:
         mean = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values[..., :3]
         broken = int(np.count_nonzero(~np.isfinite(mean).all(axis=-1)))
         if broken:
-            raise ImageError(f"picture: {broken} of its {mean.shape[0] * mean.shape[1]} pixels are NaN or infinite.")
+            raise ImageError(
+                f"picture: {broken} of its {mean.shape[0] * mean.shape[1]} pixels are NaN or infinite."
+            )
         return cls(mean, None, {"glpath.kind": "array", **(provenance or {})})
 
     def save(self, path: str | Path) -> None:
@@ -123,7 +128,9 @@ class Picture:
         """Read what `save` has written. Raises ImageError."""
         channels, header = read_exr_channels(path)
         if header.get(_FORMAT) != _VERSION:
-            found = f"version {header[_FORMAT]}" if _FORMAT in header else "another program's EXR, or a plain picture"
+            found = (
+                f"version {header[_FORMAT]}" if _FORMAT in header else "another program's EXR, or a plain picture"
+            )
             raise ImageError(
                 f"{path}: is not a baseline of this version of glpath, but {found}.",
                 "Make it again: pytest --glpath-update all.",
@@ -141,11 +148,10 @@ class Picture:
             raise ImageError(f"{path}: holds pixels that are NaN or infinite.", "Make it again.")
         return cls(mean, noise, {key: value for key, value in header.items() if key.startswith("glpath.")})
 
-    @property
-    def path_sets(self) -> int | None:
-        """Path sets in the mean; None where there are none to count."""
-        stated = self.provenance.get("glpath.path_sets")
-        return None if stated is None else int(stated)
+    @staticmethod
+    def is_baseline(header: Mapping[str, str]) -> bool:
+        """Whether an EXR of this header is what `save` writes, of any version."""
+        return _FORMAT in header
 
     def shares_samples_with(self, other: Picture) -> bool:
         """Whether both were made from the same random numbers, so that they may be compared batch by batch."""
@@ -163,7 +169,7 @@ class Picture:
         found = []
         for key, word in _DECIDES.items():
             ours, theirs = self.provenance.get(key), reference.provenance.get(key)
-            if ours == theirs:
+            if ours == theirs or not (self.provenance and reference.provenance):
                 continue
             if key == "glpath.settings" and ours and theirs:
                 found += _differing_settings(json.loads(ours), json.loads(theirs))
@@ -176,7 +182,9 @@ class Picture:
 
 def _differing_settings(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
     names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
-    return [f"{name} is {_said(ours.get(name))} here and {_said(theirs.get(name))} in the reference" for name in names]
+    return [
+        f"{name} is {_said(ours.get(name))} here and {_said(theirs.get(name))} in the reference" for name in names
+    ]
 
 
 def _said(value: object) -> str:

@@ -1,19 +1,21 @@
 """Whether two noisy pictures can have one expectation: tests on the variance between batches.
 
-Three scales, as each sees what the others miss: every pixel (a wrong pixel), every block of 16 x 16 (an object moved, a
-shadow gone) and the whole picture (a little darker all over). On each, every channel is a t-test, and the level is
-divided among them all by Šidák's rule, so that `alpha` is the chance that noise alone fails the comparison.
+Three scales, as each sees what the others miss: every pixel (a wrong pixel), every block of 16 x 16 (an object
+moved, a shadow gone) and the whole picture (a little darker all over). On each, every channel is a t-test, and the
+level is divided among them all by Šidák's rule, so that `alpha` is the chance that noise alone fails the
+comparison.
 
-Two renders of other random numbers are compared by Welch's test. Of the same random numbers (seed and path sets equal)
-blocks and the whole picture are compared batch by batch: noise that both share cancels, so that a bias of 1 % is seen
-after 64 path sets. Between pictures of other seeds it is seen when noise allows; `smallest_bias` says what was.
+Two renders of other random numbers are compared by Welch's test. Of the same random numbers (seed and path sets
+equal) blocks and the whole picture are compared batch by batch: noise that both share cancels, so that a bias of 1
+% is seen after 64 path sets. Between pictures of other seeds it is seen when noise allows; `smallest_bias` says
+what was.
 
-The tests hold for independent batches. Batches of one Sobol sequence complement each other: their spread overstates the
-error (see `Film.variance_of_mean`), so that false alarms are rarer than `alpha`, and `smallest_bias` is larger than it
-could be. Pixels that err together make Šidák's rule careful, never wrong.
+The tests hold for independent batches. Batches of one Sobol sequence complement each other: their spread overstates
+the error (see `Film.variance_of_mean`), so that false alarms are rarer than `alpha`, and `smallest_bias` is larger
+than it could be. Pixels that err together make Šidák's rule careful, never wrong.
 
-Sources: Welch 1947, "The generalization of Student's problem"; Šidák 1967, "Rectangular confidence regions"; Subr & Arvo
-2007, "Statistical hypothesis testing for assessing Monte Carlo estimators"; the tests of Mitsuba 3 do alike.
+Sources: Welch 1947, "The generalization of Student's problem"; Šidák 1967, "Rectangular confidence regions"; Subr &
+Arvo 2007, "Statistical hypothesis testing for assessing Monte Carlo estimators"; the tests of Mitsuba 3 do alike.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ from glpath.image import luminance
 
 Float64 = NDArray[np.float64]
 
-#: Chance that two pictures that differ by noise alone fail, and the share of the radiance that is let pass as rounding
-#: of another device.
+#: Chance that two pictures that differ by noise alone fail, and the share of the radiance that is let pass as
+#: rounding of another device.
 ALPHA = 1e-4
 TOLERANCE = 0.002
 
@@ -186,8 +188,8 @@ def _noise(picture: Picture, which: str) -> Noise:
 def _smallest_bias(
     image: _Scale, ours: Noise, picture: Picture, paired: bool, alpha_scale: float, tolerance: float
 ) -> float | None:
-    """The share by which all of the picture may be darker and be found out, in the channel that sees most; None where
-    there is no such share below 1."""
+    """The share by which all of the picture may be darker and be found out, in the channel that sees most; None
+    where there is no such share below 1."""
     alpha_test = -math.expm1(math.log1p(-alpha_scale) / image.difference.size)
     reach = (stats.t.isf(alpha_test / 2, image.dof) + _MARGIN) * image.error
     brightness = picture.mean.mean(axis=(0, 1))
@@ -228,7 +230,9 @@ def _sentence(name: str, found: object, tests: int) -> str:
     way = "brighter" if relative > 0 else "darker"
     by = f"{way} by {100 * abs(relative):.2g} % in {found['channel']}" if abs(relative) < 10 else f"much {way}"
     errors = found["standard_errors"]
-    strength = f"{errors:.1f} standard errors, {found['limit']:.1f} allowed" if errors < _ENDLESS else "without noise"
+    strength = (
+        f"{errors:.1f} standard errors, {found['limit']:.1f} allowed" if errors < _ENDLESS else "without noise"
+    )
     if name == "image":
         return f"the whole picture is {by} ({strength})"
     kind = "16 x 16 blocks" if name == "block" else "pixels"

@@ -49,7 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--glpath-report",
         choices=REPORTS,
-        help="Write the report also when nothing fails, for people or for programs. Without it: html, after a failure.",
+        help="Write a report also when nothing fails, for people or for programs. Default: html, after a failure.",
     )
     group.addoption(
         "--glpath-device",
@@ -67,8 +67,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def render_regression(request: pytest.FixtureRequest) -> RenderRegression:
     """Compare a picture with its baseline: `render_regression(subject, **options)`.
 
-    subject : a scene (name, file or `glpath.Scene`, rendered with the options of `glpath.render`), a `glpath.Film`, an
-              array, or a function that returns one of these. See `glpath.pytest_plugin.regression.RenderRegression`
+    subject : a scene (name, file or `glpath.Scene`, rendered with the options of `glpath.render`), a `glpath.Film`,
+              an array, or a function that returns one of these. See
+              `glpath.pytest_plugin.regression.RenderRegression`
     """
     from glpath.pytest_plugin.regression import RenderRegression, Settings
 
@@ -80,7 +81,7 @@ def render_regression(request: pytest.FixtureRequest) -> RenderRegression:
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     # Attributes of plain values travel from a worker to the controller with the report.
-    report.glpath = list(item.stash.get(_RECORDS, []))  # type: ignore[attr-defined]
-    if report.glpath:  # type: ignore[attr-defined]
-        item.stash[_RECORDS].clear()
+    records = item.stash.setdefault(_RECORDS, [])
+    report.glpath = list(records)  # type: ignore[attr-defined]
+    records.clear()
     return report

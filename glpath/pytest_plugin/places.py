@@ -16,8 +16,8 @@ _LONGEST = 120
 def baseline_folder(config: pytest.Config, test_file: Path) -> Path:
     """The folder of the baselines of a file of tests: `baseline/<its name>/` beside it.
 
-    --glpath-baseline-path: a relative one takes the place of `baseline`; under an absolute one stands the path that the
-    file has in pytest's rootdir.
+    --glpath-baseline-path: a relative one takes the place of `baseline`; under an absolute one stands the path that
+    the file has in pytest's rootdir.
     """
     root = Path(config.getoption("--glpath-baseline-path") or "baseline")
     if not root.is_absolute():
@@ -26,7 +26,7 @@ def baseline_folder(config: pytest.Config, test_file: Path) -> Path:
 
 
 def results_root(config: pytest.Config) -> Path:
-    """Where pictures of failures and the report go; a relative --glpath-results-path counts from where pytest began."""
+    """Where pictures of failures and the report go; a relative option counts from where pytest began."""
     given = config.getoption("--glpath-results-path")
     if given is None:
         return config.rootpath / "glpath-results"
@@ -41,8 +41,8 @@ def results_folder(config: pytest.Config, test_file: Path, stem: str) -> Path:
 def baseline_name(nodeid: str, name: str = "") -> str:
     """The stem of a baseline's file: the test's class, name and parameters, and the picture's own name.
 
-    Signs that a file name had better not have become "-"; where parameters have such, a checksum keeps apart what would
-    look alike.
+    Signs that a file name had better not have become "-"; where parameters have such, a checksum keeps apart what
+    would look alike.
     """
     test = ".".join(nodeid.split("::")[1:])
     plain = re.sub(r"[^\w.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")

@@ -1,11 +1,12 @@
 """The fixture's work: make the picture, find its baseline, compare, keep what a person needs to see.
 
-A baseline is replaced by a file written whole beside it and moved, after the new picture is there: a render that fails,
-or a full disk, leaves the old one.
+A baseline is replaced by a file written whole beside it and moved, after the new picture is there: a render that
+fails, or a full disk, leaves the old one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shlex
@@ -18,7 +19,16 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from glpath.compare import Mode, Picture, Verdict, compare, difference_image, flip_picture
+from glpath.compare import (
+    Mode,
+    Picture,
+    Verdict,
+    check_limits,
+    compare,
+    default_mode,
+    difference_image,
+    flip_picture,
+)
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film import Film
 from glpath.image import tonemap, write_png
@@ -74,14 +84,14 @@ class RenderRegression:
 
         Parameters
         ----------
-        subject : a scene (the name of a shipped one, a file, also one beside the test, or a `Scene`), which is rendered;
-                  a `Film`; an array (H, W), (H, W, 3) or (H, W, 4), radiance in linear Rec. 709, or sRGB where it is
-                  uint8; or a function without parameters that returns one of these
+        subject : a scene (the name of a shipped one, a file, also one beside the test, or a `Scene`), which is
+                  rendered; a `Film`; an array (H, W), (H, W, 3) or (H, W, 4), radiance in linear Rec. 709, or sRGB
+                  where it is uint8; or a function without parameters that returns one of these
         name    : of the picture, where a test has several
         mode    : "exact", "fuzzy", "stat" or "flip"; by itself "stat" for path-traced films, "fuzzy" for all else
         limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`
-        render_options : of `glpath.render`, where a scene is rendered. The seed is 0 unless it is among them; a fixed
-                  one lets "stat" see small changes
+        render_options : of `glpath.render`, where a scene is rendered. The seed is 0 unless it is among them; a
+                  fixed one lets "stat" see small changes
 
         Returns the verdict, None where a baseline was written instead.
         """
@@ -89,6 +99,7 @@ class RenderRegression:
         try:
             stem = self._stem(name)
             picture = self._picture(subject, render_options)
+            check_limits(mode or default_mode(picture, picture), limits or {})
             return self._check(picture, stem, mode, dict(limits or {}))
         except GlpathError as error:
             pytest.fail(f"glpath: {error}", pytrace=False)
@@ -135,6 +146,7 @@ class RenderRegression:
             "test": self._item.nodeid,
             "picture": stem,
             "baseline": str(baseline),
+            "outcome": "failed",
             "mode": mode or "",
             "severity": 0.0,
             "summary": "",
@@ -170,8 +182,11 @@ class RenderRegression:
                 "measured": dict(verdict.measured),
                 "limits": dict(verdict.limits),
             }
-        except ImageError as error:  # a broken baseline, or one of another size: a failure like any other
+        except GlpathError as error:
             record |= {"severity": _INCOMPARABLE, "summary": str(error)}
+            if not isinstance(error, ImageError):
+                raise
+            # A broken baseline, or one of another size: a failure like any other, which an update may end.
         if verdict is not None and verdict.passed:
             record["outcome"] = "passed"
             _forget(results)
@@ -181,7 +196,6 @@ class RenderRegression:
             record["outcome"] = "updated"
             _forget(results)
             return verdict
-        record["outcome"] = "failed"
         record["files"] = _keep(results, picture, reference)
         self._fail(record, results, f"{stem} differs from its baseline" + (f" ({verdict.mode})" if verdict else ""))
         return verdict
@@ -201,10 +215,14 @@ class RenderRegression:
                 lines.append(f"  {kind:<10}  {shown_path(record['files'][kind])}")
         if record["mode"] and not missing:
             limits = "".join(f" --limit {name}={value:g}" for name, value in record["limits"].items())
-            files = f"{shlex.quote(shown_path(results / 'result.exr'))} {shlex.quote(shown_path(record['baseline']))}"
+            files = (
+                f"{shlex.quote(shown_path(results / 'result.exr'))} {shlex.quote(shown_path(record['baseline']))}"
+            )
             lines.append(f"  again       glpath diff --mode {record['mode']}{limits} {files}")
         wanted = "missing" if missing else "failed"
-        lines.append(f"  accept      pytest --glpath-update {wanted} {shlex.quote(record['test'])}")
+        # Ids count from pytest's rootdir, but a path on its command line from here.
+        test = "::".join([shown_path(self._item.path), *record["test"].split("::")[1:]])
+        lines.append(f"  accept      pytest --glpath-update {wanted} {shlex.quote(test)}")
         pytest.fail("\n".join(lines), pytrace=False)
 
 
@@ -228,9 +246,7 @@ def _device(text: str | None) -> dict[str, Any]:
         return {"require_gpu": True}
     if text in ("egl", "osmesa"):
         return {"backend": text}
-    raise pytest.UsageError(
-        f"--glpath-device {text}: expected a number of `glpath devices`, gpu, egl or osmesa."
-    )
+    raise pytest.UsageError(f"--glpath-device {text}: expected a number of `glpath devices`, gpu, egl or osmesa.")
 
 
 def _as_array(subject: object) -> ArrayLike:
@@ -240,8 +256,8 @@ def _as_array(subject: object) -> ArrayLike:
         array = None
     if array is None or array.dtype.kind not in "biuf":
         raise UsageError(
-            f"render_regression: found {type(subject).__name__}, expected a scene, a Film, an array or a function that "
-            "returns one of these."
+            f"render_regression: found {type(subject).__name__}, expected a scene, a Film, an array or a function "
+            "that returns one of these."
         )
     return array
 
@@ -261,10 +277,8 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None) -> dict[str
         shown["reference"] = tonemap(reference.mean)
         if reference.mean.shape == picture.mean.shape:
             shown["difference"], _ = difference_image(picture.mean, reference.mean)
-            try:
+            with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
                 shown["flip"] = flip_picture(picture.mean, reference.mean)
-            except UsageError:
-                pass  # flip-evaluator is optional; the report says that it is missing
     files = {}
     for kind, image in shown.items():
         path = folder / f"{kind}.png"
@@ -278,9 +292,5 @@ def _forget(folder: Path) -> None:
     for kind in ("result", "reference", "difference", "flip"):
         for suffix in (".png", ".exr"):
             (folder / f"{kind}{suffix}").unlink(missing_ok=True)
-    try:
+    with contextlib.suppress(OSError):  # it was not there, or holds something of somebody else
         folder.rmdir()
-    except OSError:
-        pass  # it was not there, or holds something of somebody else
-
-

@@ -18,9 +18,7 @@ from glpath.versions import versions
 _PLACE = "/*RECORDS*/"
 
 
-def write_report(
-    folder: Path, kind: str, records: Sequence[Mapping[str, Any]], unused: Sequence[str]
-) -> Path:
+def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], unused: Sequence[str]) -> Path:
     """Write report.html or report.json into `folder`, the worst failure first, and return its path.
 
     A .gitignore that ignores the folder comes with it. Raises ImageError when the system refuses.
