@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import glpath.pytest_plugin.report  # loaded here once: pytester unloads what a run of its own has loaded
-import glpath.rendering
+import glpath.rendering  # noqa: F401
 from glpath.compare import Picture
 from glpath.image import read_image, write_exr
 
@@ -275,14 +275,14 @@ class TestGrey:
 
 def test_paths_are_options(run: Run, suite, pytester: pytest.Pytester, tmp_path: Path) -> None:
     suite(GREY.format(level=0.5))
-    options = ("--glpath-baseline-path", tmp_path / "kept", "--glpath-results-path", "shown")
+    options = (f"--glpath-baseline-path={tmp_path / 'kept'}", "--glpath-results-path=shown")
     run(*options).assert_outcomes(passed=1)
     assert (tmp_path / "kept/test_a/test_grey.exr").exists()
     suite(GREY.format(level=0.7))
     run(*options).assert_outcomes(failed=1)
     assert (pytester.path / "shown/test_a/test_grey/result.png").exists()
     assert (pytester.path / "shown/report.html").exists()
-    run("--glpath-baseline-path", "beside").assert_outcomes(passed=1)
+    run("--glpath-baseline-path=beside").assert_outcomes(passed=1)
     assert (pytester.path / "beside/test_a/test_grey.exr").exists()
     assert not (pytester.path / "baseline").exists()
 

@@ -39,7 +39,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--glpath-baseline-path",
         metavar="DIR",
-        help="Where baselines are; a relative one is beside each test file. Default: baseline.",
+        help="Where baselines are; a relative one is beside each test file. Default: baseline. Write folders with "
+        "a =, as pytest takes one that stands alone for a place of tests.",
     )
     group.addoption(
         "--glpath-results-path",
