@@ -90,8 +90,6 @@ def test_the_mode_follows_from_the_picture(make_film: MakeFilm) -> None:
     traced = Picture.of_film(make_film([(0, 64)]))
     assert default_mode(traced, traced) == "stat"
     assert default_mode(traced, Picture.of_array(traced.mean)) == "fuzzy"
-    few = Picture.of_film(make_film([(0, 16)]))
-    assert default_mode(few, few) == "fuzzy"
     whitted = Picture.of_film(make_film([(0, 64)], integrator="t-buffer"))
     assert default_mode(whitted, whitted) == "fuzzy"
 

@@ -102,10 +102,10 @@ def test_rounding_of_another_device_passes_where_there_is_no_noise() -> None:
 def test_too_few_batches_and_limits_out_of_range_are_refused(make_film: MakeFilm) -> None:
     short, film = Picture.of_film(make_film([(0, 16)])), Picture.of_film(make_film([(0, 64)]))
     with pytest.raises(
-        UsageError, match="the picture has 2 batches of path sets, and noise is known from at least 4"
+        UsageError, match="the picture has 16 path sets; noise is told from a change with 32 or more"
     ):
         compare(short, film, "stat")
-    with pytest.raises(UsageError, match="the reference has no batches"):
+    with pytest.raises(UsageError, match="the reference has no path sets"):
         compare(film, Picture.of_array(film.mean), "stat")
     for limits, message in (({"alpha": 0}, "alpha: found 0"), ({"tolerance": -1}, "tolerance: found -1")):
         with pytest.raises(UsageError, match=message):

@@ -97,7 +97,7 @@ def test_a_difference_fails_and_leaves_what_a_person_wants_to_see(
             "  result      glpath-results/test_a/test_grey/result.png",
             "  difference  glpath-results/test_a/test_grey/difference.png",
             "  flip        glpath-results/test_a/test_grey/flip.png",
-            "  again       glpath diff --mode fuzzy * glpath-results/test_a/test_grey/result.exr baseline/*",
+            "  again       glpath diff --mode fuzzy glpath-results/test_a/test_grey/result.exr baseline/*",
             "  accept      pytest --glpath-update failed test_a.py::test_grey",
             "report: glpath-results/report.html",
         ]
@@ -170,6 +170,11 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
         ("np.zeros((4, 4)), spp=4", "spp: options of a render, but this is a picture already"),
         ("np.zeros((4, 4)), mode='fuzy'", "there is no 'fuzy'. Allowed: exact, fuzzy, stat, flip"),
         ("np.zeros((4, 4)), limits={'thresh': 1}, mode='fuzzy'", "has no limit 'thresh'. Allowed: threshold, edge"),
+        ("np.zeros((4, 4)), limits={'threshold': -1}", "threshold: found -1, expected a number of at least 0"),
+        (
+            "'cornell-box', spp=8, resolution=(8, 8)",
+            "the picture has 8 path sets; noise is told from a change with 32",
+        ),
         ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected letters"),
     ],
 )
@@ -227,7 +232,7 @@ def test_a_scene_is_rendered_and_a_missing_bounce_is_found_by_stat(run: Run, sui
             "glpath: test_box differs from its baseline (stat)",
             "  more than noise (batch by batch): *the whole picture is darker by *",
             "  made otherwise: max_depth is 2 here and 3 in the reference",
-            "*--mode stat --limit alpha=0.0001 --limit tolerance=0.002 *",
+            "*glpath diff --mode stat glpath-results/test_a/test_box/result.exr baseline/test_a/test_box.exr",
         ]
     )
 
@@ -330,22 +335,22 @@ def test_the_json_report_has_the_worst_first(failed: Callable[..., Path]) -> Non
     assert report["records"][0]["limits"] == {"threshold": 2.0, "edge": 0.25, "failpercent": 0.0}
 
 
-def test_workers_of_xdist_are_merged_into_one_report(failed: Callable[..., Path], suite, run: Run) -> None:
+def test_workers_of_xdist_are_merged_into_one_report(run: Run, suite, pytester: pytest.Pytester) -> None:
     pytest.importorskip("xdist")
-    folder = failed("-n", "2", "--glpath-report", "json")
-    report = json.loads((folder / "report.json").read_text())
+    baselines = suite(MANY.format(step=0))
+    run()
+    shutil.copy(baselines / "test_grey-0.exr", baselines / "test_gone.exr")
+    suite(MANY.format(step=0.005))
+    result = run("-n", "2", "--glpath-report", "json")
+    result.assert_outcomes(passed=3, failed=3)
+    result.stdout.fnmatch_lines(
+        ["6 pictures compared, 3 failed", "no test uses this baseline: baseline/test_a/test_gone.exr"]
+    )
+    report = json.loads((pytester.path / "glpath-results/report.json").read_text())
     assert len(report["records"]) == 6
     for record in report["records"][:3]:
         assert Path(record["files"]["difference"]).exists()
-    assert report["unused_baselines"] == []
-
-
-def test_unused_baselines_are_found_with_xdist(run: Run, suite) -> None:
-    pytest.importorskip("xdist")
-    baselines = suite(GREY.format(level=0.5))
-    run()
-    shutil.copy(baselines / "test_grey.exr", baselines / "test_gone.exr")
-    run("-n", "1").stdout.fnmatch_lines(["no test uses this baseline: baseline/test_a/test_gone.exr"])
+    assert report["unused_baselines"] == [str(baselines / "test_gone.exr")]
 
 
 def test_the_plugin_loads_nothing_until_a_picture_is_compared(pytester: pytest.Pytester) -> None:
@@ -381,6 +386,17 @@ def test_without_flip_evaluator_all_else_works(run: Run, suite, monkeypatch: pyt
     result.stdout.no_fnmatch_line("  flip  *")
     suite(GREY.format(level=0.5).replace("})", "").replace("0.5))", "0.5), mode='flip')"))
     run().stdout.fnmatch_lines(["glpath: flip: the package flip-evaluator is not installed.", "*glpath?flip?*"])
+
+
+def test_the_example_project_passes_and_finds_a_change(run: Run, pytester: pytest.Pytester) -> None:
+    shutil.copytree(Path(__file__).parent / "example_project", pytester.path, dirs_exist_ok=True)
+    run().assert_outcomes(passed=4)
+    assert len(list((pytester.path / "baseline/test_room").glob("*.exr"))) == 5
+    scene = pytester.path / "room.toml"
+    scene.write_text(scene.read_text().replace("min = [-0.6, 0, -0.5]", "min = [-0.5, 0, -0.5]"))
+    result = run()
+    result.assert_outcomes(passed=1, failed=3)
+    result.stdout.fnmatch_lines(["  made otherwise: the scene's content * is another one"])
 
 
 # ---- the page

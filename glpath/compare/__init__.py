@@ -17,7 +17,7 @@ from glpath.compare.measures import (
     psnr,
     relative_mse,
 )
-from glpath.compare.modes import MODES, Mode, check_limits, compare, default_mode, read_limits
+from glpath.compare.modes import MODES, Mode, compare, default_mode, read_limits
 from glpath.compare.perceptual import flip_map, flip_picture
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture
 from glpath.compare.verdict import Verdict
@@ -30,7 +30,6 @@ __all__ = [
     "Noise",
     "Picture",
     "Verdict",
-    "check_limits",
     "compare",
     "default_mode",
     "difference_image",

@@ -10,7 +10,7 @@ from glpath.compare.measures import matching_pair
 from glpath.compare.perceptual import flip
 from glpath.compare.picture import Picture
 from glpath.compare.pixels import exact, fuzzy
-from glpath.compare.statistical import LEAST_BATCHES, stat
+from glpath.compare.statistical import stat
 from glpath.compare.verdict import Verdict
 from glpath.errors import UsageError
 
@@ -35,18 +35,14 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
     """
     matching_pair(picture.mean, reference.mean)
     mode = default_mode(picture, reference) if mode is None else mode
-    check_limits(mode, limits)
+    _check_limits(mode, limits)
     return _COMPARISONS[mode](picture, reference, **limits)
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
-    """ "stat" where both are path traced and their noise is known, else "fuzzy"."""
-    for side in (picture, reference):
-        if side.noise is None or len(side.noise.batch_counts) < LEAST_BATCHES:
-            return "fuzzy"
-        if side.provenance.get("glpath.integrator") in _DETERMINISTIC:
-            return "fuzzy"
-    return "stat"
+    """ "stat" where both are films of an engine that has noise, else "fuzzy"."""
+    made_by = [side.provenance.get("glpath.integrator") for side in (picture, reference)]
+    return "fuzzy" if any(name is None or name in _DETERMINISTIC for name in made_by) else "stat"
 
 
 def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
@@ -58,11 +54,11 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
             limits[name.strip()] = float(value)
         except ValueError:
             raise UsageError(f"limit {text}: expected NAME=NUMBER.") from None
-    check_limits(mode, limits)
+    _check_limits(mode, limits)
     return limits
 
 
-def check_limits(mode: str, limits: Mapping[str, Any]) -> None:
+def _check_limits(mode: str, limits: Mapping[str, Any]) -> None:
     """Raise UsageError for a mode, or a limit of it, that is not there or is no number."""
     if mode not in _COMPARISONS:
         raise UsageError(f"mode: there is no {mode!r}. Allowed: {', '.join(MODES)}.")

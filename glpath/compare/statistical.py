@@ -175,12 +175,11 @@ def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Flo
 
 def _noise(picture: Picture, which: str) -> Noise:
     if picture.noise is None or len(picture.noise.batch_counts) < LEAST_BATCHES:
-        batches = 0 if picture.noise is None else len(picture.noise.batch_counts)
+        sets = picture.provenance.get("glpath.path_sets")
+        found = "has no path sets" if sets is None else f"has {sets} path sets"
         raise UsageError(
-            f"stat: the {which} has {batches or 'no'} batches of path sets, and noise is known from at least "
-            f"{LEAST_BATCHES}.",
-            f"Render {LEAST_BATCHES * BLOCK} path sets or more and compare films (.npz) or baselines (.exr); "
-            "of arrays and of deterministic pictures take the mode fuzzy.",
+            f"stat: the {which} {found}; noise is told from a change with {LEAST_BATCHES * BLOCK} or more.",
+            "Render more of them, and compare films (.npz) or baselines (.exr); or take the mode fuzzy.",
         )
     return picture.noise
 
