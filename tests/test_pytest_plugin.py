@@ -292,6 +292,18 @@ def test_paths_are_options(run: Run, suite, pytester: pytest.Pytester, tmp_path:
     assert not (pytester.path / "baseline").exists()
 
 
+def test_results_that_cannot_be_written_do_not_hide_the_difference(run: Run, suite, tmp_path: Path) -> None:
+    suite(GREY.format(level=0.5))
+    run()
+    suite(GREY.format(level=0.75))
+    (tmp_path / "file").write_text("not a folder")
+    result = run(f"--glpath-results-path={tmp_path / 'file' / 'results'}")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*64 of 64 pixels*", "  the pictures are not kept: *", "the report is not written: *"]
+    )
+
+
 def test_a_device_that_cannot_be_is_wrong_usage(run: Run, suite) -> None:
     suite(GREY.format(level=0.5))
     result = run("--glpath-device", "quantum")

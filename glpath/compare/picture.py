@@ -7,7 +7,7 @@ x 16 pixels. The variance of a block or of the whole picture cannot be had from 
 The file is one EXR that any viewer opens: R, G, B are the mean; `variance.R`, ... its variance; `batch0.R`, ... the
 batches, constant over each block, which compresses to next to nothing. All else stands in the header.
 
-Cost:     about 20 bytes per pixel on disk where there is noise, 10 where there is none.
+Cost:     about 25 bytes per pixel on disk where there is noise, at most 12 where there is none.
 Poor at:  pixels that err together within a block: their batches are not kept singly.
 """
 

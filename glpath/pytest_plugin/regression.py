@@ -149,7 +149,7 @@ class RenderRegression:
         if not baseline.exists():
             if update == "none":
                 record |= {"outcome": "missing", "severity": _INCOMPARABLE, "summary": "there is no baseline"}
-                record["files"] = _keep(results, picture, None)
+                record["files"] = _keep(results, picture, None, record)
                 self._fail(record, results, limits, f"there is no baseline {shown_path(baseline)}")
             compare(
                 picture, picture, mode, **limits
@@ -190,7 +190,7 @@ class RenderRegression:
             record["outcome"] = "updated"
             _forget(results)
             return verdict
-        record["files"] = _keep(results, picture, reference)
+        record["files"] = _keep(results, picture, reference, record)
         self._fail(
             record, results, limits, f"{stem} differs from its baseline" + (f" ({verdict.mode})" if verdict else "")
         )
@@ -201,8 +201,7 @@ class RenderRegression:
         __tracebackhide__ = True
         lines = [f"glpath: {headline}"]
         missing = record["outcome"] == "missing"
-        if not missing:
-            lines += [f"  {line}" for line in record["summary"].splitlines()]
+        lines += [f"  {line}" for line in record["summary"].splitlines()[missing:]]
         lines += [f"  made otherwise: {text}" for text in record["made_otherwise"]]
         if not missing:
             lines.append(f"  baseline    {shown_path(record['baseline'])}")
@@ -264,10 +263,11 @@ def _write_baseline(path: Path, picture: Picture) -> None:
     picture.save(path)
 
 
-def _keep(folder: Path, picture: Picture, reference: Picture | None) -> dict[str, str]:
-    """Write what there is to see into the folder of this picture's results; kind to path."""
-    _forget(folder)
-    picture.save(folder / "result.exr")
+def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dict[str, Any]) -> dict[str, str]:
+    """Write what there is to see into the folder of this picture's results; kind to path.
+
+    Where the system refuses, the summary of the record says so: the difference is what the test fails by.
+    """
     shown = {"result": tonemap(picture.mean)}
     if reference is not None:
         shown["reference"] = tonemap(reference.mean)
@@ -276,10 +276,15 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None) -> dict[str
             with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
                 shown["flip"] = flip_picture(picture.mean, reference.mean)
     files = {}
-    for kind, image in shown.items():
-        path = folder / f"{kind}.png"
-        write_png(path, image)
-        files[kind] = str(path)
+    try:
+        _forget(folder)
+        picture.save(folder / "result.exr")
+        for kind, image in shown.items():
+            path = folder / f"{kind}.png"
+            write_png(path, image)
+            files[kind] = str(path)
+    except (ImageError, OSError) as error:
+        record["summary"] += f"\nthe pictures are not kept: {error}"
     return files
 
 
