@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     )
     from glpath.film import Film
     from glpath.image import read_image
+    from glpath.radiosity.solution import RadiositySolution
     from glpath.rendering import Progress, RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
@@ -38,6 +39,7 @@ _HOME = {
     "GlpathError": "errors",
     "ImageError": "errors",
     "Progress": "rendering",
+    "RadiositySolution": "radiosity.solution",
     "RenderInterrupted": "rendering",
     "Scene": "scene",
     "SceneError": "errors",
@@ -57,6 +59,7 @@ __all__ = [
     "GlpathError",
     "ImageError",
     "Progress",
+    "RadiositySolution",
     "RenderInterrupted",
     "Scene",
     "SceneError",

@@ -86,6 +86,7 @@ def test_the_public_names_are_these() -> None:
         "GlpathError",
         "ImageError",
         "Progress",
+        "RadiositySolution",
         "RenderInterrupted",
         "Scene",
         "SceneError",
@@ -210,7 +211,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert call.pop("scene").shapes[0].emission.tolist() == [2, 2, 2]
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
-    assert [call.pop(name) for name in unused] == [None] * 5
+    unused += ("radiosity", "radiosity_lookup")
+    assert [call.pop(name) for name in unused] == [None] * 7
     assert call == {
         "integrator": "path",
         "spp": 32,
@@ -229,6 +231,14 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "require_gpu": True,
         "timings": False,
     }
+
+
+def test_render_hands_on_what_a_gather_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
+    options = "--integrator gather --radiosity solution.npz --radiosity-lookup constant"
+    run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
+    (call,) = renderer.calls
+    names = ("integrator", "radiosity", "radiosity_lookup", "max_depth", "ambient")
+    assert [call[name] for name in names] == ["gather", Path("solution.npz"), "constant", None, None]
 
 
 def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from glpath.image import TONEMAPS, check_writable
 if TYPE_CHECKING:
     from glpath.film import Film
 
-INTEGRATORS = ("path", "t-buffer", "classic")
+INTEGRATORS = ("path", "gather", "t-buffer", "classic")
 INTERRUPTED = 130
 
 Vector = tuple[float, float, float]
@@ -39,7 +39,8 @@ _TESTS = {
 }
 
 _PICTURE, _CAMERA, _SAMPLING, _MACHINE, _OUTPUT = "Picture", "Camera", "Sampling", "Machine", "What is printed"
-_PATH, _RAYS = "Path tracing (--integrator path)", "Ray tracing (--integrator t-buffer or classic)"
+_PATHS, _PATH = "Paths (--integrator path or gather)", "Path tracing (--integrator path)"
+_GATHER, _RAYS = "Gather (--integrator gather)", "Ray tracing (--integrator t-buffer or classic)"
 
 
 def register(app: typer.Typer) -> None:
@@ -63,14 +64,20 @@ def render(
     spp: Annotated[
         int | None,
         typer.Option(
-            help="Path sets: samples per pixel. By default 256, of a ray tracer 16.",
+            help="Path sets: samples per pixel; by default 256, of a ray tracer 16.",
             show_default=False,
             rich_help_panel=_SAMPLING,
         ),
     ] = None,
     max_depth: Annotated[
-        int, typer.Option(help="1 is direct light only, 3 two bounces.", rich_help_panel=_SAMPLING)
-    ] = 5,
+        int | None,
+        typer.Option(
+            help="1 is direct light only, 3 two bounces; by default 5. Of a gather, the vertex that looks up the "
+            "solution; by default 2.",
+            show_default=False,
+            rich_help_panel=_SAMPLING,
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option(help="Another seed is an independent render.", rich_help_panel=_SAMPLING)
     ] = 0,
@@ -112,7 +119,8 @@ def render(
         str,
         typer.Option(
             metavar="|".join(INTEGRATORS),
-            help="Global illumination; or ray tracing with point lights and mirrors, by T-buffer or ray by ray.",
+            help="Global illumination, by paths alone or from a radiosity solution; or ray tracing with point "
+            "lights and mirrors, by T-buffer or ray by ray.",
             rich_help_panel=_SAMPLING,
         ),
     ] = "path",
@@ -121,7 +129,7 @@ def render(
         typer.Option(
             metavar="sobol|random",
             help="Where random numbers come from; random is the paper's. [default: sobol]",
-            rich_help_panel=_PATH,
+            rich_help_panel=_PATHS,
         ),
     ] = None,
     directions: Annotated[
@@ -129,7 +137,7 @@ def render(
         typer.Option(
             metavar="pair|hemisphere|sphere",
             help="The shared directions of a bounce; sphere is the paper's. [default: pair]",
-            rich_help_panel=_PATH,
+            rich_help_panel=_PATHS,
         ),
     ] = None,
     ambient: Annotated[
@@ -143,6 +151,22 @@ def render(
     roulette: Annotated[
         int | None,
         typer.Option(metavar="DEPTH", help="From here on paths end by chance.", rich_help_panel=_PATH),
+    ] = None,
+    radiosity: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A solution of `glpath radiosity`, of this scene. [default: the scene is solved first]",
+            rich_help_panel=_GATHER,
+        ),
+    ] = None,
+    radiosity_lookup: Annotated[
+        str | None,
+        typer.Option(
+            metavar="interpolated|constant",
+            help="Between an element's vertices, or one value for all of it. [default: interpolated]",
+            rich_help_panel=_GATHER,
+        ),
     ] = None,
     shadows: Annotated[
         str | None,
@@ -220,8 +244,10 @@ def render(
     from glpath import rendering
     from glpath.buffers.shadow_buffer import ShadowTest
     from glpath.film import check_suffix
-    from glpath.integrators.path_trace import Directions
+    from glpath.integrators.gather import Lookup
+    from glpath.integrators.path_stages import Directions
     from glpath.integrators.whitted import Secondary, Shadows
+    from glpath.plans import DEFAULT_SPP, Integrator
     from glpath.sampling import Sampling
     from glpath.scene import load_scene, parameters_from_options
 
@@ -234,6 +260,7 @@ def render(
         ("--integrator", integrator, INTEGRATORS),
         ("--sampling", sampling, get_args(Sampling)),
         ("--directions", directions, get_args(Directions)),
+        ("--radiosity-lookup", radiosity_lookup, get_args(Lookup)),
         ("--shadows", shadows, get_args(Shadows)),
         ("--shadow-test", shadow_test, get_args(ShadowTest)),
         ("--secondary", secondary, get_args(Secondary)),
@@ -243,7 +270,7 @@ def render(
             _check_choice(option, found, allowed)
     for option, count, least in (
         ("--spp", spp, 1),
-        ("--max-depth", max_depth, 1),
+        ("--max-depth", max_depth, 2 if integrator == "gather" else 1),
         ("--seed", seed, 0),
         ("--roulette", roulette, 1),
         ("--shadow-resolution", shadow_resolution, 1),
@@ -278,7 +305,7 @@ def render(
             with reporting(progress, sys.stderr) as report:
                 film = rendering.render(
                     loaded,
-                    integrator=cast("rendering.Integrator", integrator),
+                    integrator=cast("Integrator", integrator),
                     spp=spp,
                     max_depth=max_depth,
                     seed=seed,
@@ -289,6 +316,8 @@ def render(
                     directions=cast("Directions | None", directions),
                     ambient=ambient_rgb,
                     roulette=roulette,
+                    radiosity=radiosity,
+                    radiosity_lookup=cast("Lookup | None", radiosity_lookup),
                     shadows=cast("Shadows | None", shadows),
                     shadow_resolution=shadow_resolution,
                     shadow_test=cast("ShadowTest | None", shadow_test),
@@ -313,7 +342,7 @@ def render(
         for line in _summary(film, written, verbose):
             typer.echo(line, err=True)
     if interrupted:
-        _say_interrupted(film, spp or rendering.DEFAULT_SPP[integrator], written)
+        _say_interrupted(film, spp or DEFAULT_SPP[integrator], written)
         raise typer.Exit(INTERRUPTED)
 
 

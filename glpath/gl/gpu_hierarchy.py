@@ -11,7 +11,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from glpath.gl.gpu_objects import GpuObjects, texel_store
+from glpath.gl.gpu_objects import GpuObjects, texel_store_glsl
 from glpath.hierarchy import build_hierarchy
 
 #: What a node's texels hold, and a leaf's.
@@ -29,7 +29,7 @@ _PAD = 2e-6
 
 def hierarchy_glsl() -> str:
     """The layout as GLSL."""
-    return "\n".join(["uniform int node_count;", *texel_store("hierarchy", LAYOUT)])
+    return "\n".join(["uniform int node_count;", *texel_store_glsl("hierarchy", LAYOUT)])
 
 
 class GpuHierarchy:

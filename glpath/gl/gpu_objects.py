@@ -66,7 +66,7 @@ LAYOUT: dict[str, dict[str, str]] = {
 LIGHT_KINDS = ("point", "spot", "directional")
 #: A program defines it that fetches in its fragment shader alone: texels.glsl then finds the quicker way.
 STORES_ARE_TEXELS = "STORES_ARE_TEXELS"
-_WIDTH = 4096
+STORE_WIDTH = 4096  # texels in a row
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
 _ROUND = 1e-12
 
@@ -85,9 +85,9 @@ def store_glsl(sampler: str) -> list[str]:
     ]
 
 
-def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[str]:
+def texel_store_glsl(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Lines of GLSL for a texture with sections: constants, and the one way to fetch from each."""
-    shift = _WIDTH.bit_length() - 1
+    shift = STORE_WIDTH.bit_length() - 1
     lines = store_glsl(sampler)
     for section, texels in layout.items():
         lines.append(f"uniform int {section}_base;")
@@ -97,16 +97,35 @@ def texel_store(sampler: str, layout: Mapping[str, Mapping[str, str]]) -> list[s
             f"vec4 {section}_texel(int {section}_number, int what)",
             "{",
             f"    int i = {section}_base + {section}_number * {len(texels)} + what;",
-            f"    return fetch_{sampler}(ivec2(i & {_WIDTH - 1}, i >> {shift}));",
+            f"    return fetch_{sampler}(ivec2(i & {STORE_WIDTH - 1}, i >> {shift}));",
             "}",
         ]
     return lines
 
 
+def texel_store(
+    gl: moderngl.Context, sections: Mapping[str, Float64], layout: Mapping[str, Mapping[str, str]]
+) -> tuple[moderngl.Texture, dict[str, object]]:
+    """A texture of all sections' tables (n, texels, 4), and the uniforms that say where each begins."""
+    bases: dict[str, object] = {}
+    total = 0
+    for name, table in sections.items():
+        assert table.shape[1:] == (len(layout[name]), 4), f"{name}: a table of {table.shape}"
+        bases[f"{name}_base"] = total
+        total += len(table) * len(layout[name])
+    store = np.zeros((max(1, -(-total // STORE_WIDTH)), STORE_WIDTH, 4), np.float32)
+    flat, start = store.reshape(-1, 4), 0
+    for table in sections.values():
+        stop = start + table.shape[0] * table.shape[1]
+        flat[start:stop] = table.reshape(-1, 4)
+        start = stop
+    return _texture(gl, store), bases
+
+
 def objects_glsl() -> str:
     """The layout as GLSL."""
-    lines = texel_store("objects", LAYOUT)
-    lines += [*store_glsl("picture_texels"), f"const int PICTURE_WIDTH = {_WIDTH};"]
+    lines = texel_store_glsl("objects", LAYOUT)
+    lines += [*store_glsl("picture_texels"), f"const int PICTURE_WIDTH = {STORE_WIDTH};"]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const int LIGHT_{kind.upper()} = {i};" for i, kind in enumerate(LIGHT_KINDS)]
@@ -228,20 +247,8 @@ class GpuObjects:
         self, sections: Mapping[str, Float64], layout: Mapping[str, Mapping[str, str]]
     ) -> tuple[moderngl.Texture, dict[str, object]]:
         """A texture of all sections' tables (n, texels, 4), and the uniforms that say where each begins."""
-        bases: dict[str, object] = {}
-        total = 0
-        for name, table in sections.items():
-            assert table.shape[1:] == (len(layout[name]), 4), f"{name}: a table of {table.shape}"
-            bases[f"{name}_base"] = total
-            total += len(table) * len(layout[name])
-        self._check_size(total)
-        store = np.zeros((max(1, -(-total // _WIDTH)), _WIDTH, 4), np.float32)
-        flat, start = store.reshape(-1, 4), 0
-        for table in sections.values():
-            stop = start + table.shape[0] * table.shape[1]
-            flat[start:stop] = table.reshape(-1, 4)
-            start = stop
-        return _texture(self.gl, store), bases
+        self._check_size(sum(table.shape[0] * table.shape[1] for table in sections.values()))
+        return texel_store(self.gl, sections, layout)
 
     @property
     def positional_lights(self) -> int:
@@ -279,22 +286,22 @@ class GpuObjects:
         for texture in self.scene.textures:
             first_rows.append(rows)
             height, width = texture.image.shape[:2]
-            rows += -(-height * width // _WIDTH)
+            rows += -(-height * width // STORE_WIDTH)
         limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"])
         if rows > limit:
             raise SceneError(
-                f"{self.scene.source or self.scene.name}: textures of {rows * _WIDTH:,} texels in all; this device "
-                f"holds at most {limit * _WIDTH:,}",
+                f"{self.scene.source or self.scene.name}: textures of {rows * STORE_WIDTH:,} texels in all; this "
+                f"device holds at most {limit * STORE_WIDTH:,}",
                 "Make the pictures smaller.",
             )
-        store = np.zeros((max(rows, 1), _WIDTH, 4), np.float32)
+        store = np.zeros((max(rows, 1), STORE_WIDTH, 4), np.float32)
         for texture, first in zip(self.scene.textures, first_rows, strict=True):
             texels = texture.image.reshape(-1, 3)
             store[first:].reshape(-1, 4)[: len(texels), :3] = texels
         return store, first_rows
 
     def _check_size(self, texels: int) -> None:
-        limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"]) * _WIDTH
+        limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"]) * STORE_WIDTH
         # A float holds a primitive's number + 1.
         if texels > limit or self.count >= 1 << 24:
             raise SceneError(

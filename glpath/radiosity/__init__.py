@@ -3,6 +3,7 @@
 from glpath.radiosity.blockers import Blockers
 from glpath.radiosity.clusters import cluster
 from glpath.radiosity.shaft import Place, Shaft, Strategy, candidate_list
+from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.visibility import (
     PAPER,
     Emitter,
@@ -20,6 +21,7 @@ __all__ = [
     "Emitter",
     "Options",
     "Place",
+    "RadiositySolution",
     "Receivers",
     "Shaft",
     "Statistics",

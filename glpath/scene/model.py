@@ -221,10 +221,12 @@ class Scene:
         """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
         return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
 
-    def digest(self) -> str:
+    def digest(self, camera: bool = True) -> str:
         """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.
 
         Names do not, nor whether triangles were written as a box or as a mesh.
+
+        camera : False leaves it out: what is left decides the light, wherever it is seen from
         """
         h = hashlib.sha256()
 
@@ -235,8 +237,9 @@ class Scene:
                 h.update(f"{array.dtype}{array.shape}".encode())
                 h.update(np.ascontiguousarray(array).data)
 
-        c = self.camera
-        add(c.position, c.target, c.up, c.fov, c.resolution)
+        if camera:
+            c = self.camera
+            add(c.position, c.target, c.up, c.fov, c.resolution)
         add(self.triangles, self.triangle_uv, self.spheres, self.planes)
         kinds = get_args(Primitive)
         add([[kinds.index(s.primitive), s.first, s.count, s.material, s.subdivisions] for s in self.shapes])

@@ -1,0 +1,99 @@
+"""A radiosity solution on the device, looked up at a point of a triangle [PB A.4].
+
+Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.lattice`. A point's place in it is
+an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of its
+element or three of the vertices around.
+
+Cost:     48 bytes a triangle, 32 bytes an element or vertex.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError
+from glpath.gl.gpu_objects import STORE_WIDTH, STORES_ARE_TEXELS, texel_store, texel_store_glsl
+from glpath.scene.model import Float64
+
+#: What an entry's texels hold, in order, by section; each is an RGBA float32 texel.
+LAYOUT: dict[str, dict[str, str]] = {
+    "lattice": {
+        "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
+        "Y": "the same for y",
+        "RANGE": "n; number of the first of its values",
+    },
+    "radiosity": {"RADIANCE": "that leaves by reflection: radiosity / pi; front and back of a place in turns"},
+}
+# A float holds the number of a value.
+_MOST = 1 << 24
+
+
+def radiosity_glsl() -> str:
+    """The layout as GLSL."""
+    return "\n".join(texel_store_glsl("radiosity", LAYOUT))
+
+
+class GpuRadiosity:
+    """Reflected radiosity in a texture.
+
+    Parameters
+    ----------
+    corners   : (T, 3, 3) of the scene's triangles, world space
+    divisions : (T,) n of each triangle
+    values    : (2, N, 3) W m^-2, front and back, of the elements or of the vertices, triangle after triangle
+    starts    : (T,) number of each triangle's first value
+    interpolated : are `values` those of the vertices?
+
+    Attributes
+    ----------
+    textures, uniforms, defines, generated : for programs that include radiosity.glsl
+    brightest : the greatest radiance in it
+
+    Raises SceneError for more values than the device holds.
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        corners: Float64,
+        divisions: NDArray[np.int32],
+        values: NDArray[np.float32],
+        starts: NDArray[np.int64],
+        *,
+        interpolated: bool,
+    ) -> None:
+        count, places = len(corners), values.shape[1]
+        assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
+        limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * STORE_WIDTH - 3 * count
+        most = max(0, min(_MOST, limit // 2))
+        if places > most:
+            raise SceneError(
+                f"radiosity: the solution has {places:,} {'vertices' if interpolated else 'elements'}; this device "
+                f"looks up at most {most:,}",
+                "Solve the scene on a coarser mesh.",
+            )
+        lattice = np.zeros((count, 3, 4))
+        lattice[:, :2] = _lattice_rows(corners, divisions)
+        lattice[:, 2, 0] = divisions
+        lattice[:, 2, 1] = starts
+        radiance = np.zeros((2 * places, 1, 4))
+        radiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3) / np.pi
+        self.brightest = float(radiance.max(initial=0.0))
+        texture, self.uniforms = texel_store(gl, {"lattice": lattice, "radiosity": radiance}, LAYOUT)
+        self.textures = {"radiosity": texture}
+        self.defines: dict[str, object] = {STORES_ARE_TEXELS: 1, **({"INTERPOLATED": 1} if interpolated else {})}
+        self.generated = {"RADIOSITY": radiosity_glsl()}
+
+
+def _lattice_rows(corners: Float64, divisions: NDArray[np.int32]) -> Float64:
+    """(T, 2, 4): gradient and offset of the lattice coordinates of triangles (T, 3, 3)."""
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    square = np.einsum("ti,ti->t", normal, normal)
+    # The barycentric coordinates are 1 at their own corner and 0 along the edge opposite.
+    gradient = np.stack([np.cross(e2, normal), np.cross(normal, e1)], axis=1)
+    gradient *= (divisions / square)[:, None, None]
+    offset = -np.einsum("tki,ti->tk", gradient, corners[:, 0])
+    return np.concatenate([gradient, offset[..., None]], axis=2)

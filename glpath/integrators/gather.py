@@ -1,0 +1,125 @@
+"""The image gather from a radiosity solution by the path-buffer: the local pass of a two-pass method [PB 4, A.4].
+
+A path is that of the path tracer up to its second vertex; what leaves there by reflection is looked up in the
+solution instead of traced on. So each path carries light of any number of bounces, and a coarse mesh will do: what
+the eye sees is an integral over it, and direct light is not from the solution at all. Stages and sampling are the
+path tracer's, see `path_stages`; direct light and emission are weighed as there.
+
+Cost:     a path set of depth two, less the direct light at the second vertex, plus the lookup; whatever the solver
+          took. A camera that moves needs no new solution.
+Poor at:  corners and contacts, nearer than an element is large: the light that an element smears over a shadow's
+          edge comes back from so near by that it shows. `max_depth` 3 looks up one bounce later, at the cost of a
+          scan. Materials that are not Lambertian.
+Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
+          A two-pass radiosity method driven by lights and viewer position.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import moderngl
+import numpy as np
+
+from glpath.gl.gpu_radiosity import GpuRadiosity
+from glpath.gl.gpu_scene import GpuScene
+from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
+from glpath.scene.model import Scene
+
+if TYPE_CHECKING:
+    from glpath.radiosity.solution import RadiositySolution
+
+Lookup = Literal["interpolated", "constant"]
+
+
+def gpu_radiosity(gl: moderngl.Context, scene: Scene, solution: RadiositySolution, lookup: Lookup) -> GpuRadiosity:
+    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
+    from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
+
+    interpolated = lookup == "interpolated"
+    count = lattice.vertex_count if interpolated else lattice.element_count
+    return GpuRadiosity(
+        gl,
+        scene.triangles,
+        solution.divisions,
+        solution.vertices if interpolated else solution.elements,
+        lattice.starts(count(solution.divisions))[:-1],
+        interpolated=interpolated,
+    )
+
+
+def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
+    """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
+    h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
+    h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
+    h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
+    return h.hexdigest()
+
+
+@dataclass(frozen=True)
+class GatherSettings(PathSetSettings):
+    """What decides the picture besides the scene.
+
+    max_depth : the vertex at which the solution is looked up; 2 is the paper's, and the least
+    radiosity : SHA-256 (hex) of the solution, and of how it is looked up
+    """
+
+    max_depth: int = 2
+    radiosity: str = ""
+
+
+class GatherTracer(PathStages):
+    """Gathers path sets of one window of the image; see `PathStages` for the other parameters.
+
+    radiosity : the solution, of the scene's own triangles
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: GpuScene,
+        radiosity: GpuRadiosity,
+        settings: GatherSettings,
+        window: tuple[int, int, int, int],
+        *,
+        hardware: bool,
+        timings: bool = False,
+    ) -> None:
+        assert settings.max_depth >= 2, f"a gather of depth {settings.max_depth}"
+        self.settings = settings
+        super().__init__(
+            gl, scene, settings, window, brightest=radiosity.brightest, hardware=hardware, timings=timings
+        )
+        self._advance_passes = self._vertex_passes(
+            "advance", "path_advance.frag", inner=settings.max_depth > 2, last=False
+        )
+        self._gather_passes = self._vertex_passes(
+            "look up",
+            "path_gather.frag",
+            inner=False,
+            last=True,
+            textures=radiosity.textures,
+            generated=radiosity.generated,
+            defines=radiosity.defines,
+        )
+        self._lookup = radiosity.uniforms
+
+    def trace_path_set(self, index: int) -> None:
+        """One path for every pixel, ended by the solution [PB table 3, A.4]."""
+        sample = self._sampler[index]
+        light = self.light_from(index, sample.light)
+        self.start_at_eye(index, sample, light)
+        for depth in range(1, self.settings.max_depth):
+            scan = self.scan_positions(index, depth, sample)  # z0 of every live path
+            self.scan_scene(scan)  # the nearest surface beyond z0
+            if depth < self.settings.max_depth - 1:
+                self.advance(index, depth, sample, light | scan, last=False)
+            else:
+                self.look_up(scan)  # what the solution says of the surface found
+
+    def look_up(self, scan: Uniforms) -> None:
+        """Emission found and radiosity reflected at the vertex that the scan found; then the sums."""
+        with self.stopwatch.stage("look up"):
+            self._end_paths(self._gather_passes, self._lookup | scan)

@@ -1,0 +1,369 @@
+"""The stages that a path set is made of, whoever puts them in order [PB 3, appendix B].
+
+A path set is one path for every pixel. Its paths share their directions and one light point, so that a bounce is
+one scan of the path-buffer and direct light one shadow-buffer. `PathTracer` and `GatherTracer` are frames made of
+these stages; they differ in what becomes of a path's last vertex.
+
+What is done otherwise than in the paper, and why:
+
+- A set has two directions a bounce. Each serves both hemispheres, a path turning it to the side that it can see,
+  and a path takes the one nearer to its normal: its density is then the cosine over pi, importance sampling that
+  needs no more than a comparison. `directions="hemisphere"` has one direction, density 1/(2 pi); `"sphere"` is the
+  paper's, 1/(4 pi), which loses every other path.
+- Directions and light points come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
+- An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
+  so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
+  alone, as in the paper's equation 5.
+- With "hemisphere", a path that leaves at a flat angle goes on with a chance of the cosine, else it would crowd the
+  cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Literal, NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.buffers.path_buffer import PathBuffer, ScanView, vectors
+from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
+from glpath.gl.gpu_scene import GpuScene, triangle_glsl
+from glpath.gl.passes import Pass, Stopwatch
+from glpath.gl.program import Program, load_program
+from glpath.gl.sums import PixelSums
+from glpath.sampling import (
+    PathSetSample,
+    PathSetSampler,
+    Sampling,
+    counter_hash,
+    uniform_hemisphere,
+    uniform_sphere,
+)
+from glpath.scene.model import Camera
+
+Directions = Literal["pair", "hemisphere", "sphere"]
+Uniforms = dict[str, object]
+
+
+@dataclass(frozen=True)
+class PathSetSettings:
+    """What decides the picture besides the scene.
+
+    max_depth  : vertices of a path; 1 is direct light only, 3 two bounces
+    seed       : another seed is another, independent render
+    sampling   : "sobol" or "random"
+    directions : "pair" (each path the better of two), "hemisphere" (one, for both sides), "sphere" (the paper's)
+    light_resolution : texels along a hemicube's side
+    cell_share : the root of the path-buffer's number of cells, in that of the window's pixels
+    cosine_roulette  : with "hemisphere", paths whose cosine is below 1 / this are thinned
+    """
+
+    max_depth: int = 5
+    seed: int = 0
+    sampling: Sampling = "sobol"
+    directions: Directions = "pair"
+    light_resolution: int = 256
+    cell_share: float = 1.25
+    cosine_roulette: float = 3.0
+
+    def as_dict(self) -> dict[str, object]:
+        return asdict(self)
+
+
+class VertexPasses(NamedTuple):
+    """One stage of the frame, from each of the two sets of states into the other, or into the sums.
+
+    inner : [from states]; empty where no path goes on
+    last  : [from states][from sums]; empty where no path ends
+    """
+
+    inner: list[Pass]
+    last: list[list[Pass]]
+
+
+class PathStages:
+    """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
+
+    Parameters
+    ----------
+    window    : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
+    brightest : radiance that a path may bring home besides emission, for the quantum of the sums
+    """
+
+    _advance_passes: VertexPasses  # made by who derives
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: GpuScene,
+        settings: PathSetSettings,
+        window: tuple[int, int, int, int],
+        *,
+        brightest: float,
+        hardware: bool,
+        timings: bool = False,
+    ) -> None:
+        self.gl = gl
+        self.scene = scene
+        self._settings = settings
+        self.camera = scene.scene.camera
+        self.window = window
+        self.stopwatch = Stopwatch(gl, hardware, timings)
+        self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
+        # Which of the two sets of path states, and of sums, holds the present ones.
+        self._current = 0
+        self._sum = 0
+        self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
+        size = window[2:]
+        views = 2 if settings.directions == "pair" else 1
+        share = settings.cell_share * views**-0.5
+        cells = (max(1, round(share * size[0])), max(1, round(share * size[1])))
+        self.path_buffer = PathBuffer(gl, scene, size, cells, views)
+        self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
+        self._sums = PixelSums(gl, size, max(scene.brightest, brightest))
+        self._make_states(size)
+        self.look_at(window)
+
+    def look_at(self, window: tuple[int, int, int, int]) -> None:
+        """Go on with another window of the same size."""
+        assert window[2:] == self.path_buffer.paths, f"a window of {window[2:]}, made for {self.path_buffer.paths}"
+        self.window = window
+        self._constant = self._constant_uniforms()
+
+    def move_camera(self, camera: Camera) -> None:
+        """Go on with another camera of the same resolution."""
+        assert camera.resolution == self.camera.resolution, f"a camera of {camera.resolution} pixels"
+        self.camera = camera
+
+    def forget_statistics(self) -> None:
+        """Begin to count anew."""
+        self._counts[:] = 0
+        self.stopwatch.milliseconds.clear()
+
+    # The stages, in the order of a frame.
+
+    def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
+        """A light point and its shadow-buffer [PB 3.3]."""
+        emitters = self.scene.emitters
+        if emitters is None:
+            frame = self.shadow_buffer.frame(self.scene.centre, np.array([0.0, 0.0, 1.0]), 0.0)
+            return frame | {"light_radiance": (0.0, 0.0, 0.0), "light_density": 1.0}
+        position, normal, radiance, density = emitters.sample(u)
+        roll = 2.0 * np.pi * counter_hash(self._settings.seed, index, 0, 1) / 2**32
+        frame = self.shadow_buffer.frame(position, normal, roll)
+        with self.stopwatch.stage("shadow-buffer"):
+            self.shadow_buffer.scan(frame)
+        return frame | {"light_radiance": tuple(radiance), "light_density": density}
+
+    def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
+        """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
+        eye = self._eye_uniforms(sample.pixel)
+        with self.stopwatch.stage("eye"):
+            self._eye_pass.run(eye)
+        with self.stopwatch.stage("first vertex"):
+            self._run_vertex(self._start_passes, index, 0, sample, eye | light, self._settings.max_depth == 1)
+
+    def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Uniforms:
+        """z0 of every live path."""
+        counter = [counter_hash(self._settings.seed, index, depth, use) for use in range(3)]
+        view = ScanView(
+            directions=self._directions(sample, depth - 1),
+            jitter=(counter[0] / 2**32, counter[1] / 2**32),
+            seed=counter[2],
+        )
+        with self.stopwatch.stage("scan positions"):
+            return self.path_buffer.scan_positions(self._state[self._current][0], view)
+
+    def scan_scene(self, scan: Uniforms) -> None:
+        """The nearest surface beyond z0."""
+        with self.stopwatch.stage("scan scene"):
+            self.path_buffer.scan_scene(scan)
+
+    def advance(self, index: int, depth: int, sample: PathSetSample, uniforms: Uniforms, last: bool) -> None:
+        """Radiance, throughput and new positions from what the scan found [PB table 6]; at last, the sums."""
+        with self.stopwatch.stage("advance"):
+            self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
+
+    def take(self) -> NDArray[np.float64]:
+        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
+
+        Multiples of one power of two, so that float64 adds them without rounding.
+        """
+        taken = self._sums.take(self._sum)
+        cast, lost, dropped = taken.low.sum(), (taken.high & 0xFFFFF).sum(), (taken.high >> 20).sum()
+        self._counts += np.array([cast, lost, dropped], dtype=np.int64)
+        return taken.radiance
+
+    def statistics(self) -> dict[str, object]:
+        """What was counted in the path sets taken so far.
+
+        paths_cast      : rays cast through the path-buffer
+        paths_lost      : of these, how many lost the roulette of their cell
+        dropped_samples : not finite, and counted as 0
+        stage_ms        : milliseconds by stage, where timed
+        """
+        names = ("paths_cast", "paths_lost", "dropped_samples")
+        counts: dict[str, object] = {name: int(n) for name, n in zip(names, self._counts, strict=True)}
+        if self.stopwatch.enabled:
+            counts["stage_ms"] = dict(self.stopwatch.milliseconds)
+        return counts
+
+    # What the frame is made of.
+
+    def _directions(self, sample: PathSetSample, bounce: int) -> tuple[NDArray[np.float64], ...]:
+        u = sample.directions[bounce]
+        if self._settings.directions == "sphere":
+            return (uniform_sphere(u[0]),)
+        return tuple(uniform_hemisphere(u[: self.path_buffer.views]))
+
+    def _plays_roulette(self, depth: int) -> bool:
+        """Do paths end by chance at vertex number `depth`, the one that the eye sees being 0?"""
+        return False
+
+    def _run_vertex(
+        self,
+        passes: VertexPasses,
+        index: int,
+        depth: int,
+        sample: PathSetSample,
+        uniforms: Uniforms,
+        last: bool,
+    ) -> None:
+        """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
+        if last:
+            self._end_paths(passes, uniforms)
+            return
+        passes.inner[self._current].run(
+            self._constant
+            | uniforms
+            | {
+                "next_directions": vectors(self._directions(sample, depth)),
+                "roulette": self._plays_roulette(depth + 1),
+                "random_seed": counter_hash(self._settings.seed, index, depth, 5),
+            }
+        )
+        self._current = 1 - self._current
+
+    def _end_paths(self, passes: VertexPasses, uniforms: Uniforms) -> None:
+        passes.last[self._current][self._sum].run(self._constant | uniforms)
+        self._sum = 1 - self._sum
+
+    def _constant_uniforms(self) -> Uniforms:
+        width, height = self.camera.resolution
+        x, y, _, h = self.window
+        return {
+            "quanta": self._sums.quanta,
+            "cosine_roulette": self._settings.cosine_roulette,
+            "image_window": (x, height - y - h, width, height),
+        }
+
+    def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
+        camera = self.camera
+        right, up, forward = camera.frame()
+        width, height = camera.resolution
+        x, y, w, h = self.window
+        tangent = np.tan(np.radians(camera.fov) / 2)
+        # The point `pixel` of each pixel comes to lie on the centre of its fragment.
+        jx, jy = pixel[0] - 0.5, 0.5 - pixel[1]
+        reach = float(np.linalg.norm(self.scene.centre - camera.position)) + self.scene.radius
+        return {
+            "eye_position": tuple(camera.position),
+            "eye_right": tuple(right),
+            "eye_up": tuple(up),
+            "eye_forward": tuple(forward),
+            "eye_window": (
+                height / (w * tangent),
+                height / (h * tangent),
+                (width - 2 * (x + jx)) / w - 1,
+                (height - 2 * (height - y - h + jy)) / h - 1,
+            ),
+            "eye_size": (float(w), float(h)),
+            "eye_range": (1e-5 * self.scene.radius, 1.01 * reach),
+        }
+
+    def _texture(self, size: tuple[int, int], components: int, dtype: str) -> moderngl.Texture:
+        texture = self.gl.texture(size, components, dtype=dtype)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def _make_states(self, size: tuple[int, int]) -> None:
+        gl = self.gl
+        eye_buffer = self._texture(size, 1, "f4")
+        # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
+        self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
+        self._state_targets = [gl.framebuffer(state) for state in self._state]
+        self._textures = {
+            "triangles": self.scene.texture,
+            "light_buffer": self.shadow_buffer.texture,
+            "eye_buffer": eye_buffer,
+            **self.path_buffer.textures,
+        }
+        self._eye_pass = Pass(
+            "eye",
+            gl,
+            self._program("eye.frag", vertex="eye.vert"),
+            gl.framebuffer([eye_buffer], gl.depth_texture(size)),
+            vertices=3 * self.scene.count,
+            depth=True,
+            clear=(0.0, 0.0, 0.0, 0.0),
+            textures=self._textures,
+        )
+        depth = self._settings.max_depth
+        self._start_passes = self._vertex_passes(
+            "first vertex", "path_start.frag", inner=depth > 1, last=depth == 1
+        )
+
+    def _program(
+        self,
+        fragment: str,
+        *,
+        vertex: str = "fullscreen.vert",
+        generated: Mapping[str, str] | None = None,
+        defines: Mapping[str, object] | None = None,
+    ) -> Program:
+        sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
+        return load_program(
+            self.gl,
+            vertex=vertex,
+            fragment=fragment,
+            generated={"TRIANGLE": triangle_glsl(), **(generated or {})},
+            defines={**self.path_buffer.defines, **sphere, **(defines or {})},
+        )
+
+    def _vertex_passes(
+        self,
+        name: str,
+        fragment: str,
+        *,
+        inner: bool,
+        last: bool,
+        textures: Mapping[str, moderngl.Texture] | None = None,
+        generated: Mapping[str, str] | None = None,
+        defines: Mapping[str, object] | None = None,
+    ) -> VertexPasses:
+        """The passes of a stage, as far as they are needed, with what it needs beyond the other stages."""
+        names = ("path_position", "path_beta", "path_radiance")
+        states = [
+            {**self._textures, **(textures or {}), **dict(zip(names, state, strict=True))} for state in self._state
+        ]
+        going_on: list[Pass] = []
+        ending: list[list[Pass]] = []
+        if inner:
+            program = self._program(fragment, generated=generated, defines=defines)
+            going_on = [
+                Pass(name, self.gl, program, self._state_targets[1 - i], textures=states[i]) for i in range(2)
+            ]
+        if last:
+            program = self._program(fragment, generated=generated, defines={**(defines or {}), "LAST_VERTEX": 1})
+            sums = self._sums
+            ending = [
+                [
+                    Pass(name, self.gl, program, sums.targets[1 - j], textures=states[i] | sums.textures[j])
+                    for j in range(2)
+                ]
+                for i in range(2)
+            ]
+        return VertexPasses(going_on, ending)

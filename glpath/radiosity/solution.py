@@ -1,0 +1,200 @@
+"""A radiosity solution: what every element of a scene's surfaces reflects, as plain arrays, saved and loaded.
+
+Emission is not in it: who looks it up finds lamps by other means, and adds pi * Le where it is to be seen.
+
+Cost:     24 bytes per element and per vertex.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import GlpathError, SceneError, UsageError
+from glpath.image import open_npz, whole_file
+from glpath.radiosity import lattice
+from glpath.scene import Scene, path_traceable
+from glpath.scene.model import Float64, Int32
+
+Float32 = NDArray[np.float32]
+Lookup = Literal["interpolated", "constant"]
+
+#: Of the file: another number is another layout.
+FORMAT = 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RadiositySolution:
+    """What the surfaces of a scene reflect, in elements.
+
+    Triangle t of the scene has its edges in n = divisions[t] equal parts: n * n elements, which begin at the sum of
+    the squares before, and (n + 1)(n + 2) / 2 vertices, see `glpath.radiosity.lattice` for their order.
+
+    scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
+    divisions  : (T,) int32, n of each triangle
+    elements   : (2, E, 3) float32, reflected radiosity rho H, W m^-2, linear Rec. 709, the mean over each element;
+                 [0] of the front, [1] of the back
+    vertices   : (2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
+                 surface meet, so that nothing tears there
+    method     : how it was solved
+    settings   : all else that decides the result, as JSON has values
+    statistics : what it took, as JSON has values
+    """
+
+    scene_hash: str
+    divisions: Int32
+    elements: Float32
+    vertices: Float32
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "divisions", np.ascontiguousarray(self.divisions, np.int32))
+        for name in ("elements", "vertices"):
+            put(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
+        for name in ("settings", "statistics"):
+            put(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
+        if self.divisions.ndim != 1 or (self.divisions < 1).any():
+            raise ValueError("divisions must be (T,), each at least 1")
+        for name, count in (("elements", self._first_element[-1]), ("vertices", self._first_vertex[-1])):
+            found = getattr(self, name)
+            if found.shape != (2, count, 3):
+                raise ValueError(f"{name} has the shape {found.shape}; its divisions make it {(2, int(count), 3)}")
+            if not (np.isfinite(found).all() and (found >= 0).all()):
+                raise ValueError(f"{name} holds values that are negative or not finite")
+
+    @cached_property
+    def _first_element(self) -> NDArray[np.int64]:
+        return lattice.starts(lattice.element_count(self.divisions))
+
+    @cached_property
+    def _first_vertex(self) -> NDArray[np.int64]:
+        return lattice.starts(lattice.vertex_count(self.divisions))
+
+    @property
+    def element_count(self) -> int:
+        """Elements of all triangles, each with two sides."""
+        return int(self._first_element[-1])
+
+    def lookup(
+        self, triangle: ArrayLike, barycentric: ArrayLike, back: ArrayLike = 0, mode: Lookup = "interpolated"
+    ) -> Float64:
+        """(N, 3) float64: reflected radiosity at points of triangles, W m^-2.
+
+        triangle    : (N,) numbers of the scene's triangles
+        barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
+        back        : (N,) or one: 0 the front, 1 the back
+        mode        : "interpolated" between the vertices, or "constant" over each element
+
+        Raises UsageError for another mode or a triangle that does not exist.
+        """
+        t = np.atleast_1d(np.asarray(triangle, np.int64))
+        b = np.asarray(barycentric, np.float64).reshape(-1, 2)
+        side = np.asarray(back, np.int64)
+        if mode not in ("interpolated", "constant"):
+            raise UsageError(f"RadiositySolution.lookup: mode {mode!r}; allowed are interpolated, constant.")
+        if len(t) and not (t.min() >= 0 and t.max() < len(self.divisions)):
+            raise UsageError(
+                f"RadiositySolution.lookup: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."
+            )
+        n = self.divisions[t].astype(np.int64)
+        i, j, upper, fx, fy = lattice.locate(n, b[:, 0], b[:, 1])
+        if mode == "constant":
+            at = self._first_element[t] + lattice.element_index(n, i, j, upper)
+            return np.asarray(self.elements[side, at], np.float64)
+        first = self._first_vertex[t]
+        total = np.zeros((len(t), 3))
+        for di, dj, weight in (
+            (upper, upper, np.where(upper, fx + fy - 1, 1 - fx - fy)),
+            (1 - upper, upper, np.where(upper, 1 - fx, fx)),
+            (upper, 1 - upper, np.where(upper, 1 - fy, fy)),
+        ):
+            at = first + lattice.vertex_index(n, i + di, j + dj)
+            total += weight[:, None] * self.vertices[side, at]
+        return total
+
+    def check_scene(self, scene: Scene) -> None:
+        """Raises SceneError unless this is a solution of `scene`, whatever its camera."""
+        triangles = path_traceable(scene)
+        if triangles.digest(camera=False) != self.scene_hash or len(triangles.triangles) != len(self.divisions):
+            raise SceneError(
+                f"{scene.source or scene.name}: the radiosity solution belongs to another scene, or to this one "
+                f"before it was changed: its hash is {self.scene_hash[:12]}..., the scene's "
+                f"{triangles.digest(camera=False)[:12]}...",
+                "Geometry, materials and lights must be those it was solved for; the camera may differ. Solve "
+                "anew: glpath radiosity SCENE -o solution.npz.",
+            )
+
+    def save(self, path: str | Path) -> None:
+        """Write it as .npz, whole or not at all. Raises UsageError for another suffix, ImageError."""
+        check_suffix(path)
+        plain = {
+            "scene_hash": self.scene_hash,
+            "method": self.method,
+            "settings": self.settings,
+            "statistics": self.statistics,
+        }
+        with whole_file(path) as temporary, temporary.open("wb") as file:
+            np.savez(
+                file,
+                radiosity_format=np.int64(FORMAT),
+                divisions=self.divisions,
+                elements=self.elements,
+                vertices=self.vertices,
+                made_by=np.array(json.dumps(plain)),
+            )
+
+    @classmethod
+    def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:
+        """Read what `save` wrote.
+
+        scene : if given, the scene that it must belong to, see `check_scene`
+
+        Raises GlpathError for a file that is missing, broken or of another kind, SceneError for another scene.
+        """
+        remedy = "A radiosity solution is what `glpath radiosity SCENE -o NAME.npz` writes."
+        try:
+            with open_npz(path) as stored:
+                if "radiosity_format" not in stored:
+                    raise GlpathError(f"{path}: is not a radiosity solution.", remedy)
+                if int(stored["radiosity_format"]) != FORMAT:
+                    raise GlpathError(
+                        f"{path}: is a radiosity solution of format {int(stored['radiosity_format'])}; this "
+                        f"version of glpath reads format {FORMAT}.",
+                        "Solve the scene anew: glpath radiosity SCENE -o NAME.npz.",
+                    )
+                plain = json.loads(str(stored["made_by"]))
+                solution = cls(
+                    divisions=stored["divisions"], elements=stored["elements"], vertices=stored["vertices"], **plain
+                )
+        except FileNotFoundError as error:
+            raise GlpathError(f"{path}: there is no such file.", remedy) from error
+        except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise GlpathError(f"{path}: cannot be read as a radiosity solution: {error}.", remedy) from error
+        if scene is not None:
+            solution.check_scene(scene)
+        return solution
+
+    def __repr__(self) -> str:
+        return (
+            f"<RadiositySolution of {len(self.divisions)} triangles: {self.element_count} elements, "
+            f"{self.method or 'unknown method'}>"
+        )
+
+
+def check_suffix(path: str | Path) -> Path:
+    """`path`, if a solution can be written to a file of that name; else UsageError."""
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise UsageError(f"{path}: a radiosity solution is written as .npz.", "For example -o solution.npz.")
+    return path

@@ -1,0 +1,38 @@
+// radiosity.glsl: a radiosity solution, looked up at a point [PB A.4].
+// Needs:  <RADIOSITY>
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709, of what is reflected; emission is not in it.
+// A triangle's edges are in n parts. The cell (i, j) of its lattice has a lower element, (i, j) (i + 1, j) (i, j + 1),
+// and an upper one beyond the diagonal, (i + 1, j + 1) (i, j + 1) (i + 1, j), but for the last cell of a row.
+#include <RADIOSITY>
+
+vec3 radiosity_value(int first, int place, int back)
+{
+    return radiosity_texel(2 * (first + place) + back, RADIOSITY_RADIANCE).rgb;
+}
+
+// side: +1 front, -1 back.
+vec3 reflected_radiance(int triangle, vec3 position, float side)
+{
+    vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
+    vec2 range = lattice_texel(triangle, LATTICE_RANGE).xy;
+    float n = range.x;
+    int last = int(n) - 1, first = int(range.y), back = int(side < 0.0);
+
+    // Rounding may put a point just outside of its triangle.
+    vec2 p = clamp(vec2(dot(along_x.xyz, position) + along_x.w, dot(along_y.xyz, position) + along_y.w), 0.0, n);
+    int i = min(int(p.x), last);
+    int j = min(int(p.y), last - i);
+    vec2 f = clamp(p - vec2(i, j), 0.0, 1.0);
+    bool upper = f.x + f.y > 1.0 && i + j < last;
+    if (!upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);
+#ifdef INTERPOLATED
+    // Rows j and j + 1 of vertices; the three around the point, the one off the diagonal first.
+    int row = j * (last + 2) - (j * (j - 1)) / 2 + i, next = row + last + 2 - j;
+    vec2 w = upper ? 1.0 - f.yx : f;
+    return (1.0 - w.x - w.y) * radiosity_value(first, upper ? next + 1 : row, back)
+         + w.x * radiosity_value(first, row + 1, back)
+         + w.y * radiosity_value(first, next, back);
+#else
+    return radiosity_value(first, j * (2 * (last + 1) - j) + 2 * i + int(upper), back);
+#endif
+}

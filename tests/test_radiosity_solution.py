@@ -1,0 +1,141 @@
+"""A radiosity solution as data: its lattice, the lookup, and the way to a file and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glpath import GlpathError, RadiositySolution, SceneError, UsageError, load_scene
+from glpath.radiosity import lattice
+from glpath.scene import path_traceable
+
+
+def solution_of(scene, divisions, front, back=lambda p: 0 * p):
+    """A solution whose values are functions of the place."""
+    triangles = path_traceable(scene)
+    vertices, elements = [], []
+    for corners, n in zip(triangles.triangles, divisions, strict=True):
+        b = lattice.vertex_barycentrics(int(n))
+        points = corners[0] + b @ (corners[1:] - corners[0])
+        vertices.append(points)
+        elements.append(points[lattice.element_vertices(int(n))].mean(axis=1))
+    at_vertices, at_elements = np.concatenate(vertices), np.concatenate(elements)
+    return RadiositySolution(
+        triangles.digest(camera=False),
+        np.asarray(divisions, np.int32),
+        np.stack([front(at_elements), back(at_elements)]),
+        np.stack([front(at_vertices), back(at_vertices)]),
+        "made up",
+        {"size": 0.5},
+        {"steps": 3},
+    )
+
+
+def linear(points):
+    return 5 + points @ np.array([[1.0, 0.2, 0.0], [0.5, -1.0, 0.3], [0.1, 0.4, -2.0]])
+
+
+@pytest.fixture(scope="module")
+def box():
+    return load_scene("cornell-box-36")
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_the_lattice_counts_every_vertex_and_element_once(n):
+    i, j = np.array([(i, j) for j in range(n + 1) for i in range(n + 1 - j)]).T
+    assert lattice.vertex_index(n, i, j).tolist() == list(range(int(lattice.vertex_count(n))))
+    cells = [(i, j, u) for j in range(n) for i in range(n - j) for u in (0, 1) if i + j + u < n]
+    i, j, u = np.array(cells).T
+    assert lattice.element_index(n, i, j, u).tolist() == list(range(int(lattice.element_count(n))))
+    # The elements are alike, and together the triangle.
+    corners = lattice.vertex_barycentrics(n)[lattice.element_vertices(n)]
+    edges = corners[:, 1:] - corners[:, :1]
+    np.testing.assert_allclose(np.linalg.det(edges), 1 / n**2, rtol=1e-12)
+
+
+@given(
+    st.integers(1, 40),
+    st.floats(0, 1),
+    st.floats(0, 1),
+)
+def test_a_point_lies_in_the_element_that_is_found(n, u, v):
+    b1, b2 = (1 - u, 1 - v) if u + v > 1 else (u, v)
+    i, j, upper, _, _ = (a[0] for a in lattice.locate([n], [b1], [b2]))
+    corners = lattice.vertex_barycentrics(n)[lattice.element_vertices(n)[lattice.element_index(n, i, j, upper)]]
+    weights = np.linalg.solve(np.vstack([corners.T, np.ones(3)]), [b1, b2, 1])
+    assert weights.min() > -1e-9 * n
+
+
+def test_interpolation_repeats_a_linear_function_on_both_sides(box):
+    scene = path_traceable(box)
+    rng = np.random.default_rng(1)
+    solution = solution_of(box, rng.integers(1, 9, len(scene.triangles)), linear, lambda p: 2 * linear(p))
+    t = rng.integers(0, len(scene.triangles), 2000)
+    b = rng.random((2000, 2))
+    b = np.where(b.sum(axis=1, keepdims=True) > 1, 1 - b, b)
+    corners = scene.triangles[t]
+    points = corners[:, 0] + np.einsum("pk,pkj->pj", b, corners[:, 1:] - corners[:, :1])
+    np.testing.assert_allclose(solution.lookup(t, b), linear(points), rtol=1e-5)
+    np.testing.assert_allclose(solution.lookup(t, b, 1), 2 * linear(points), rtol=1e-5)
+    # Constant is the value at the element's middle, which is at most an edge away.
+    assert np.abs(solution.lookup(t, b, mode="constant") - linear(points)).max() < 6
+    middles = solution.lookup([0], [[1 / 3, 1 / 3]], mode="constant") if solution.divisions[0] == 1 else None
+    assert middles is None or np.allclose(middles, linear(scene.triangles[0].mean(axis=0)), rtol=1e-5)
+
+
+def test_a_solution_comes_back_from_its_file(box, tmp_path):
+    solution = solution_of(box, np.full(36, 2), linear)
+    solution.save(tmp_path / "s.npz")
+    again = RadiositySolution.load(tmp_path / "s.npz", box)
+    for name in ("divisions", "elements", "vertices"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(solution, name))
+    assert (again.method, again.settings, again.statistics) == ("made up", {"size": 0.5}, {"steps": 3})
+    assert [p.name for p in tmp_path.iterdir()] == ["s.npz"]
+
+
+def test_another_camera_is_no_other_scene_but_another_material_is(box):
+    solution = solution_of(box, np.full(36, 1), linear)
+    solution.check_scene(box.with_camera(fov=20.0))
+    materials = (replace(box.materials[0], reflectance=np.full(3, 0.1)), *box.materials[1:])
+    with pytest.raises(SceneError, match=r"another scene.*\n.*Solve\n?.*anew"):
+        solution.check_scene(replace(box, materials=materials))
+
+
+def test_what_is_no_solution_is_refused(box, tmp_path):
+    with pytest.raises(UsageError, match=r"\.npz"):
+        solution_of(box, np.full(36, 1), linear).save(tmp_path / "s.png")
+    with pytest.raises(GlpathError, match="no such file"):
+        RadiositySolution.load(tmp_path / "none.npz")
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(GlpathError, match="cannot be read"):
+        RadiositySolution.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "film.npz", radiance=np.zeros((2, 2, 3)))
+    with pytest.raises(GlpathError, match="not a radiosity solution"):
+        RadiositySolution.load(tmp_path / "film.npz")
+    np.savez(tmp_path / "new.npz", radiosity_format=99)
+    with pytest.raises(GlpathError, match="format 99"):
+        RadiositySolution.load(tmp_path / "new.npz")
+    made = dict(np.load(_saved(box, tmp_path)))
+    np.savez(tmp_path / "short.npz", **made | {"elements": made["elements"][:, 1:]})
+    with pytest.raises(GlpathError, match="divisions make it"):
+        RadiositySolution.load(tmp_path / "short.npz")
+    np.savez(tmp_path / "nan.npz", **made | {"vertices": made["vertices"] * np.nan})
+    with pytest.raises(GlpathError, match="not finite"):
+        RadiositySolution.load(tmp_path / "nan.npz")
+
+
+def _saved(box, folder):
+    solution_of(box, np.full(36, 2), linear).save(folder / "made.npz")
+    return folder / "made.npz"
+
+
+def test_lookup_says_what_it_cannot_do(box):
+    solution = solution_of(box, np.full(36, 1), linear)
+    with pytest.raises(UsageError, match="there are 36"):
+        solution.lookup([36], [[0, 0]])
+    with pytest.raises(UsageError, match="allowed are interpolated, constant"):
+        solution.lookup([0], [[0, 0]], mode="nearest")
