@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     )
     from glpath.film import Film
     from glpath.image import read_image
+    from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
-    from glpath.rendering import Progress, RenderInterrupted, render, render_frames
+    from glpath.rendering import RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
     __version__: str
@@ -38,7 +39,7 @@ _HOME = {
     "Film": "film",
     "GlpathError": "errors",
     "ImageError": "errors",
-    "Progress": "rendering",
+    "Progress": "progress",
     "RadiositySolution": "radiosity.solution",
     "RenderInterrupted": "rendering",
     "Scene": "scene",
