@@ -1,7 +1,8 @@
-"""In notebooks: a scene to turn with the mouse.
+"""In notebooks: a scene to turn with the mouse, and a shaft to choose.
 
-    from glpath.notebook import view
+    from glpath.notebook import explore_shafts, view
     view("three-spheres")
+    explore_shafts("office")
 
 Films and scenes show themselves without this module, and `glpath.render(..., progress=True)` shows a picture while
 it converges. Needs the extra: `pip install "glpath[jupyter]"`.
@@ -9,6 +10,8 @@ it converges. Needs the extra: `pip install "glpath[jupyter]"`.
 
 from __future__ import annotations
 
+import base64
+import io
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,15 +23,18 @@ from numpy.typing import NDArray
 
 from glpath import image
 from glpath.errors import GlpathError, SceneError
+from glpath.figures.candidates import ShaftScene
 from glpath.gl.context import Context, get_context
 from glpath.plans import DEFAULT_SPP, Engine, Integrator, check_count, numbers, plan
+from glpath.radiosity import Strategy
 from glpath.scene import Camera, Scene, check_camera, load_scene, path_traceable
 
 try:
+    import ipywidgets
     from jupyter_rfb import RemoteFrameBuffer
 except ImportError as missing:
     raise GlpathError(
-        f"glpath.notebook: {missing.name} is not installed, which carries the pictures to the browser.",
+        f"glpath.notebook: {missing.name} is not installed, and the browser is reached by it.",
         'pip install "glpath[jupyter]"',
     ) from None
 
@@ -124,6 +130,16 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self.resizable = False
         self.cursor = "grab"
 
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """The widget, and for pages without a kernel its first picture."""
+        frame = self.get_frame() if not self.path_sets else image.tonemap(self._sum / self.path_sets, *self._shown)
+        return _with_picture(super()._repr_mimebundle_(**options), image.encode_png(frame), f"<{self._text}>")
+
+    @property
+    def _text(self) -> str:
+        width, height = self.scene.camera.resolution
+        return f"View of {self.scene.name}: {width} x {height} pixels, {self.path_sets} of {self.spp} path sets"
+
     @property
     def converged(self) -> bool:
         """Nothing is left to do until the camera moves."""
@@ -214,3 +230,64 @@ def nearer(camera: Camera, notches: float) -> Camera:
     """The camera on its way to the target (notches < 0), or back; it never arrives."""
     arm = (camera.position - camera.target) * _ZOOM_PER_NOTCH**notches
     return replace(camera, position=camera.target + arm)
+
+
+def _with_picture(bundle: Any, png: bytes, text: str) -> Any:
+    """A widget's own mimebundle, data alone or with metadata, and what to show where no kernel is."""
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    data |= {"text/plain": text, "image/png": base64.b64encode(png).decode()}
+    return bundle
+
+
+def explore_shafts(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
+    """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
+
+    scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets
+
+    Cost: the first time kernels are compiled, up to a minute; then well under a second a picture.
+    """
+    return ShaftExplorer(ShaftScene(load_scene(scene, parameters)))
+
+
+class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
+    """The widget of `explore_shafts`.
+
+    emitter, receiver, strategy, ratio : ipywidgets; set their `value` to see another shaft
+    picture : an ipywidgets.Image with the PNG
+    """
+
+    def __init__(self, shafts: ShaftScene) -> None:
+        self._shafts = shafts
+        names = shafts.shapes
+        lamps = [s.name for s in shafts.scene.shapes if s.emits and s.name in names]
+        wide = ipywidgets.Layout(width="230px")
+        first, last = (lamps or names)[0], names[-1]
+        self.emitter = ipywidgets.Dropdown(options=names, value=first, description="emitter", layout=wide)
+        self.receiver = ipywidgets.Dropdown(options=names, value=last, description="receiver", layout=wide)
+        self.strategy = ipywidgets.Dropdown(
+            options=[(s.name.lower().replace("_", " "), s) for s in Strategy],
+            value=Strategy.RATIO_OPEN,
+            description="strategy",
+            layout=wide,
+        )
+        self.ratio = ipywidgets.FloatSlider(
+            value=0.4, min=0.0, max=1.0, step=0.05, description="ratio", layout=wide
+        )
+        self.picture = ipywidgets.Image(format="png")
+        chosen = (self.emitter, self.receiver, self.strategy, self.ratio)
+        super().__init__([ipywidgets.HBox(chosen), self.picture])
+        for each in chosen:
+            each.observe(self._draw, names="value")
+        self._draw()
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """The widget, and for pages without a kernel its picture."""
+        png = bytes(self.picture.value)
+        text = f"<ShaftExplorer: {self.emitter.value} to {self.receiver.value}>"
+        return _with_picture(super()._repr_mimebundle_(**options), png, text)
+
+    def _draw(self, change: object = None) -> None:
+        figure = self._shafts.draw(self.emitter.value, self.receiver.value, self.strategy.value, self.ratio.value)
+        with io.BytesIO() as file:
+            figure.savefig(file, format="png", dpi=90)
+            self.picture.value = file.getvalue()

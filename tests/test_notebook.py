@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import base64
 import subprocess
 import sys
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import glpath
-from glpath.notebook import View, nearer, shifted, turned, view
+from glpath.figures.candidates import ShaftScene
+from glpath.notebook import View, explore_shafts, nearer, shifted, turned, view
+from glpath.radiosity import Strategy
 from glpath.scene import Camera
 
 SIZE = (48, 32)
@@ -81,6 +86,17 @@ def test_another_render_in_between_does_no_harm() -> None:
     np.testing.assert_array_equal(converge(shown), glpath.image.tonemap(film.mean))
 
 
+def test_a_page_without_a_kernel_shows_the_first_picture() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=2, max_depth=1)
+    bundle = shown._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    picture = np.asarray(Image.open(BytesIO(base64.b64decode(data["image/png"]))))
+    assert picture.shape == (32, 48, 3)
+    assert np.ptp(picture) > 50
+    assert "2 path sets" in data["text/plain"]
+    assert any("widget-view" in kind for kind in data)
+
+
 CAMERA = Camera(np.array([0.0, 0.0, 5.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 90.0, (100, 100))
 
 
@@ -125,6 +141,40 @@ def test_the_wheel_comes_nearer_and_goes_back() -> None:
 def test_wrong_options_of_a_view_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(glpath.GlpathError, match=words):
         view("cornell-box", **options)
+
+
+def test_a_shaft_is_drawn_anew_when_another_is_chosen() -> None:
+    shown = explore_shafts("cornell-box")
+    before = bytes(shown.picture.value)
+    assert before.startswith(b"\x89PNG")
+    shown.strategy.value = Strategy.ALWAYS_OPEN
+    shown.receiver.value = "left-wall" if "left-wall" in shown.receiver.options else shown.receiver.options[0]
+    assert bytes(shown.picture.value) not in (b"", before)
+    shown.close()
+
+
+def test_candidates_between_two_shapes_hold_all_that_stands_between() -> None:
+    office = ShaftScene(glpath.load_scene("office"))
+    lists = {s: office.between("light-1-4", "desk-0-top", s) for s in Strategy}
+    opened = lists[Strategy.ALWAYS_OPEN]
+    assert 0 < len(opened.polygons) < 0.1 * opened.others
+    assert not len(opened.boxes)
+    for found in lists.values():
+        assert set(opened.polygons) <= set(found.polygons)
+        assert len(found.nodes) <= len(opened.nodes)
+    assert len(lists[Strategy.KEEP_CLOSED].boxes)
+    # Whoever is off the list is outside.
+    boxes = np.concatenate(office.blockers.boxes(), axis=1)
+    own = np.concatenate([office.polygons_of(name) for name in ("light-1-4", "desk-0-top")])
+    touching = np.setdiff1d(np.flatnonzero(opened.shaft.classify(boxes)), own)
+    np.testing.assert_array_equal(touching, opened.polygons)
+
+
+def test_a_shape_that_there_is_not_is_named_with_those_that_are() -> None:
+    with pytest.raises(glpath.UsageError, match="sofa"):
+        ShaftScene(glpath.load_scene("office")).between("sofa", "floor")
+    with pytest.raises(glpath.UsageError, match="no triangles"):
+        explore_shafts("three-spheres")
 
 
 KERNEL = """
