@@ -10,7 +10,7 @@ export PYTHON
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 
-.PHONY: help render test lint evidence bench wheel clean
+.PHONY: help render test lint evidence bench docs wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -22,8 +22,9 @@ render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png 
 	@mkdir -p out
 	$(BIN)/glpath render cornell-box -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
 
-test: lint ## set up, check the style and the types, then run the test suite
+test: lint ## set up, check the style and the types, run the test suite and the notebooks
 	$(BIN)/python -m pytest -m "not evidence"
+	$(BIN)/python -m pytest --nbmake --nbmake-timeout=240 notebooks
 
 lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/ruff check .
@@ -36,6 +37,9 @@ evidence: $(STAMPS)-reference ## set up with Mitsuba, then run the slow comparis
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/glpath bench $(BENCH)
+
+docs: $(STAMPS)-test ## build the API reference from the docstrings into out/docs
+	$(BIN)/python .ci/docs.py out/docs
 
 wheel: $(STAMPS) ## build the wheel into dist
 	$(BIN)/python -m pip wheel --disable-pip-version-check --no-deps -w dist .

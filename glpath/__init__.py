@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     )
     from glpath.film import Film
     from glpath.image import read_image
+    from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
-    from glpath.rendering import Progress, RenderInterrupted, render, render_frames
+    from glpath.rendering import RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
     __version__: str
@@ -39,7 +40,7 @@ _HOME = {
     "Film": "film",
     "GlpathError": "errors",
     "ImageError": "errors",
-    "Progress": "rendering",
+    "Progress": "progress",
     "RadiosityInterrupted": "radiosity.solve",
     "RadiosityProgress": "radiosity.solve",
     "RadiositySolution": "radiosity.solution",

@@ -85,10 +85,15 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
 
     Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
     """
-    if operator not in TONEMAPS:
-        raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
+    check_tonemap(operator)
     light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
     return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def check_tonemap(operator: str) -> None:
+    """Raise UsageError for an operator that there is not."""
+    if operator not in TONEMAPS:
+        raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
 
 
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:

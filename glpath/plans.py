@@ -122,7 +122,7 @@ def plan(integrator: str, max_depth: int | None, seed: int, options: Mapping[str
     given = {name: value for name, value in options.items() if value is not None}
     for name, value in given.items():
         if name not in _OPTIONS[integrator]:
-            owners = " and ".join(f'"{other}"' for other, names in _OPTIONS.items() if name in names)
+            owners = " and ".join(f'"{other}"' for other, names in _OPTIONS.items() if name in names) or "none"
             raise UsageError(f'{name}: {value!r} with the integrator "{integrator}"; it is an option of {owners}')
     if integrator in ("path", "gather"):
         check_word("sampling", given.get("sampling", "sobol"), get_args(Sampling))

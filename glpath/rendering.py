@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -28,6 +29,7 @@ from glpath.integrators.gather import Lookup
 from glpath.integrators.path_stages import Directions, PathSetSettings
 from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings
 from glpath.plans import DEFAULT_SPP, Engine, Integrator, Plan, check_count, numbers, plan
+from glpath.progress import Progress, Report, reporting
 from glpath.sampling import Sampling
 from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene
 from glpath.versions import versions
@@ -37,26 +39,6 @@ if TYPE_CHECKING:
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a render is; what `on_progress` is called with.
-
-    done, total : path sets
-    error       : estimate of the relative error so far (see `Film.relative_error`), None while it can't be known
-    film        : what there is; it grows, so copy what is to be kept
-    stage       : what is being done: "solving radiosity ...", "compiling shaders" or "rendering"
-    renderer    : name of the device
-    """
-
-    done: int
-    total: int
-    elapsed_s: float
-    error: float | None
-    film: Film
-    stage: str
-    renderer: str
 
 
 class RenderInterrupted(KeyboardInterrupt):
@@ -95,6 +77,7 @@ def render(
     device: int | None = None,
     require_gpu: bool = False,
     timings: bool = False,
+    progress: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Film:
     """Render a scene: global illumination with the path-buffer, or ray tracing with lights without extent.
@@ -120,7 +103,8 @@ def render(
     parameters     : of a generated scene
     backend, device, require_gpu : see `glpath.gl.context.get_context`
     timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
-    on_progress    : called about twice a second
+    progress       : show how far it is: in a notebook the picture itself as it converges, else a line on stderr
+    on_progress    : called about twice a second, with a `Progress`
 
     Of "path" and "gather" only:
 
@@ -162,8 +146,11 @@ def render(
 
     Example
     -------
-    >>> film = glpath.render("cornell-box", spp=64)  # doctest: +SKIP
-    >>> film.save("cornell-box.png")  # doctest: +SKIP
+    >>> import glpath
+    >>> film = glpath.render("cornell-box", spp=4, max_depth=2, resolution=(96, 64))
+    >>> film.mean.shape, film.path_sets
+    ((64, 96, 3), 4)
+    >>> film.save("cornell-box.png")
     """
     options = {
         "sampling": sampling,
@@ -190,13 +177,14 @@ def render(
     traced = planned.traceable(loaded)
     context = get_context(backend, device, require_gpu)
     film = Film.empty(_metadata(loaded, integrator, planned.settings, window, context))
-    job = _Job(film, spp, context.info.renderer, on_progress)
-    planned = _prepared(planned, traced, job)
-    film.metadata = _metadata(loaded, integrator, planned.settings, window, context)
-    job.report("compiling shaders")
-    tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
-    engine = planned.engine(context, traced, tiles[0].window, timings)
-    _trace(engine, tiles, job, first_path_set)
+    with _reporting(progress, on_progress) as report:
+        job = _Job(film, spp, context.info.renderer, report)
+        planned = _prepared(planned, traced, job)
+        film.metadata = _metadata(loaded, integrator, planned.settings, window, context)
+        job.report("compiling shaders")
+        tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
+        engine = planned.engine(context, traced, tiles[0].window, timings)
+        _trace(engine, tiles, job, first_path_set)
     for text in planned.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film
@@ -291,6 +279,22 @@ def render_frames(
         yield film
 
 
+@contextmanager
+def _reporting(shown: bool, on_progress: Report | None) -> Iterator[Report | None]:
+    """Whom to tell of the progress: the user, a function, both or nobody."""
+    if not shown:
+        yield on_progress
+        return
+    with reporting("auto", sys.stderr) as show:
+
+        def both(progress: Progress) -> None:
+            show(progress)
+            if on_progress is not None:
+                on_progress(progress)
+
+        yield both
+
+
 def _prepared(planned: Plan, scene: Scene, job: _Job) -> Plan:
     """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
     started = time.perf_counter()
@@ -354,11 +358,11 @@ class _Job:
             return
         if done:
             self._error = self.film.relative_error()
-        # The estimate reads the whole film; that must not be what the time goes into.
-        self._last_report = now + 5 * (time.perf_counter() - now)
         self.on_progress(
             Progress(done, self.total, now - self.started, self._error, self.film, stage, self.renderer)
         )
+        # The estimate reads the whole film, a picture has to be encoded; that must not be what the time goes into.
+        self._last_report = now + 5 * (time.perf_counter() - now)
 
     def stepped(self, count: int) -> None:
         """A step of so many path sets is done; the next is as long as fits into the time for one."""

@@ -21,11 +21,11 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath import rendering
 from glpath.cli.main import app
-from glpath.cli.progress import duration, percent, reporting
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film import Film
 from glpath.image import read_image, write_exr
+from glpath.progress import duration, percent, reporting
 
 
 @dataclass

@@ -197,3 +197,22 @@ def test_more_origins_than_the_buffer_holds_are_refused() -> None:
 def test_a_buffer_for_more_paths_than_keys_is_refused() -> None:
     with pytest.raises(UsageError, match="at most 1048576"):
         buffer_for(load_scene("cornell-box-36"), (4, 4), (1025, 1024))
+
+
+def test_a_scan_can_be_looked_at(encoding: str) -> None:
+    """z0 of every ray, and beyond it what `cast` finds."""
+    buffer = buffer_for(load_scene("cornell-box-36"), (40, 30))
+    assert buffer.packed == (encoding == "packed")
+    origins = np.random.default_rng(5).uniform(-0.9, 0.9, (200, 3))
+    direction, way = np.array([0.3, 0.9, -0.2]), np.where(np.arange(200) % 3, 1, -1)
+    hits = buffer.cast(origins, direction, way)
+    cells = buffer.scan(origins, direction, way)
+    assert cells.z0.shape == cells.triangle.shape == cells.t.shape == (30, 40, 4)
+    rays = ~np.isnan(cells.z0)
+    assert rays.sum() == 200
+    assert not np.any(cells.triangle[~rays] >= 0)
+    heights = (origins - buffer.scene.centre) @ (direction / np.linalg.norm(direction))
+    order, own = np.argsort(cells.z0[rays]), np.argsort(heights)
+    np.testing.assert_allclose(cells.z0[rays][order], heights[own], atol=1e-5)
+    np.testing.assert_array_equal(cells.triangle[rays][order], hits.triangle[own])
+    np.testing.assert_allclose(cells.t[rays][order], hits.t[own], rtol=1e-3)

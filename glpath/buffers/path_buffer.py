@@ -37,6 +37,8 @@ MAX_PATHS = 1 << 20
 #: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
 MAX_PACKED_BITS = 13
 _EPOCHS = 4095
+# As constants.glsl has it.
+_INFINITE_DEPTH = 1e30
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 #: `path_report.frag` and `path_result.glsl` say the same.
@@ -72,6 +74,20 @@ class Hits(NamedTuple):
 
     triangle: NDArray[np.int32]
     t: NDArray[np.float64]
+
+
+class Cells(NamedTuple):
+    """What lies in the buffer after a scan; up to four rays a cell, row 0 at the top.
+
+    z0       : (rows, columns, 4) float32, where each ray starts: scene units along the direction from the scene's
+               centre; NaN where there is no ray
+    triangle : (rows, columns, 4) int32, number of the triangle that it found, -1 for none
+    t        : (rows, columns, 4) float32, distance along the ray, inf for none
+    """
+
+    z0: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    t: NDArray[np.float32]
 
 
 class PathBuffer:
@@ -280,23 +296,11 @@ class PathBuffer:
         A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 1e-4 of a
         cell) counts as the one that the ray starts on.
         """
-        start = np.asarray(origins, np.float64).reshape(-1, 3)
+        start, d, sign = self._rays("cast", origins, direction, way)
         n = len(start)
-        columns, rows = self.paths
-        if self.views != 1:
-            raise UsageError(f"path-buffer: cast has one direction, but this buffer {self.views} views")
-        if n > columns * rows:
-            raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
-        d = np.asarray(direction, np.float64)
-        if d.shape != (3,) or not np.all(np.isfinite(d)) or not np.any(d):
-            raise UsageError(f"path-buffer: direction {d!r}; three finite numbers, not all zero, are needed")
-        if not np.all(np.isfinite(start)):
-            raise UsageError("path-buffer: an origin is not finite")
-        d = d / np.linalg.norm(d)
-        sign = np.ones(n) if way is None else np.sign(np.asarray(way, np.float64))
-
         triangle = np.full(n, MISSED, np.int32)
         open_ = np.flatnonzero(sign)
+        columns, rows = self.paths
         state = np.zeros((rows * columns, 4), np.float32)
         state[:n, :3] = start
         position = self._texture(self.paths, "f4")
@@ -321,6 +325,60 @@ class PathBuffer:
         along = d * sign[hit, None]
         t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
         return Hits(triangle, t)
+
+    def scan(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Cells:
+        """One scan of the same rays as in `cast`, to look at: what then lies in the buffer.
+
+        Rays that lost the roulette of their cell are not in it.
+        """
+        start, d, sign = self._rays("scan", origins, direction, way)
+        columns, rows = self.paths
+        state = np.zeros((rows * columns, 4), np.float32)
+        state[: len(start), :3], state[: len(start), 3] = start, sign
+        position = self._texture(self.paths, "f4")
+        position.write(state.tobytes())
+        self.scan_scene(self.scan_positions(position, ScanView((d,))))
+        z0, found = self._read_cells(self._z0), self._read_cells(self._found)
+        diameter = np.float32(2.0 * self.scene.radius)
+        empty = z0 >= _INFINITE_DEPTH
+        if self.packed:
+            missed = found >= np.float32(3e38)
+            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - np.uint32(0x00800000)
+            triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
+            depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
+            depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
+        else:
+            missed = found == 0
+            triangle = found.astype(np.int32) - 1
+            depth = self._read_cells(self._textures["cell_nearest"])
+        return Cells(
+            np.where(empty, np.float32(np.nan), (z0 - np.float32(0.5)) * diameter),
+            np.where(missed, np.int32(MISSED), triangle),
+            np.where(missed, np.float32(np.inf), np.float32(diameter) * depth).astype(np.float32),
+        )
+
+    def _read_cells(self, texture: moderngl.Texture) -> NDArray[np.float32]:
+        columns, rows = self.cells
+        return np.frombuffer(texture.read(), np.float32).reshape(rows, columns, 4)[::-1].copy()
+
+    def _rays(
+        self, name: str, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Origins (N, 3), unit direction (3,), signs (N,). Raises UsageError."""
+        start = np.asarray(origins, np.float64).reshape(-1, 3)
+        n = len(start)
+        columns, rows = self.paths
+        if self.views != 1:
+            raise UsageError(f"path-buffer: {name} has one direction, but this buffer {self.views} views")
+        if n > columns * rows:
+            raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
+        d = np.asarray(direction, np.float64)
+        if d.shape != (3,) or not np.all(np.isfinite(d)) or not np.any(d):
+            raise UsageError(f"path-buffer: direction {d!r}; three finite numbers, not all zero, are needed")
+        if not np.all(np.isfinite(start)):
+            raise UsageError("path-buffer: an origin is not finite")
+        sign = np.ones(n) if way is None else np.sign(np.asarray(way, np.float64))
+        return start, d / np.linalg.norm(d), sign
 
     def _read_report(self, uniforms: dict[str, object]) -> NDArray[np.int32]:
         if self._report is None:

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
-from glpath.cli.progress import MODES, duration, percent, reporting
 from glpath.errors import UsageError
 from glpath.image import TONEMAPS, check_writable
+from glpath.progress import MODES, duration, percent, reporting
 
 if TYPE_CHECKING:
     from glpath.film import Film

@@ -10,7 +10,11 @@ of the first, collected while the second is current, deletes the second's object
 does not guard against it. Who needs two devices starts two processes. No display is ever terminated (eglTerminate):
 EGL shares one per device with everybody in the process.
 
-Costs:    about 20 ms on llvmpipe, up to a second on a hardware device; nothing when cached.
+In the kernel of a notebook, each device is tried in a process of its own first, as a broken driver can end the
+process that asks it.
+
+Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, in a notebook a Python start more; nothing
+          when cached.
 Poor at:  threads (a context belongs to one at a time, see `Context.leave`) and fork (see `Context.check`).
 Source:   EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_MESA_device_software.
 """
@@ -35,6 +39,7 @@ from glcontext import egl
 from glpath.errors import ContextError
 from glpath.gl.osmesa import OSMesaLoader, load_osmesa
 from glpath.gl.program import forget_programs
+from glpath.interactive import in_notebook
 
 REQUIRED_VERSION = 430
 BACKENDS = ("auto", "egl", "osmesa")
@@ -372,6 +377,12 @@ def egl_candidates() -> list[_Candidate]:
 
 
 def _attempt(candidate: _Candidate, failures: list[str]) -> Context | None:
+    if in_notebook():
+        # A broken driver can end its process, and the kernel holds the user's work: another process goes first.
+        probe = _finish_probe(candidate, _start_probe(candidate))
+        if probe.info is None:
+            failures.append(probe.error)
+            return None
     try:
         return _open(candidate)
     except ContextError as error:

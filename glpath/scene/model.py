@@ -44,6 +44,16 @@ class Camera:
         right = right / np.linalg.norm(right)
         return right, np.cross(right, forward), forward
 
+    def rays(self) -> Float64:
+        """(H, W, 3) float64 unit directions from `position` through the centres of all pixels, row 0 at the top."""
+        width, height = self.resolution
+        right, up, forward = self.frame()
+        tangent = np.tan(np.radians(self.fov) / 2)
+        x = (2 * np.arange(width) + 1 - width) / height * tangent
+        y = (height - 1 - 2 * np.arange(height)) / height * tangent
+        ways = forward + x[None, :, None] * right + y[:, None, None] * up
+        return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
+
 
 @dataclass(frozen=True)
 class Texture:
@@ -152,9 +162,9 @@ class Shape:
         return bool(np.any(self.emission > 0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
-    """Everything a renderer needs, as arrays.
+    """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
 
     triangles    : (T, 3, 3) float64, corners in world space; counter-clockwise seen from the front
     shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
@@ -216,6 +226,38 @@ class Scene:
         if not len(points):
             points = self.planes[:, :, 3]
         return points.min(axis=0), points.max(axis=0)
+
+    def preview(self, longest: int = 320) -> NDArray[np.uint8]:
+        """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.
+
+        longest : pixels of the longer side
+
+        Cost: under a second for a few thousand primitives, some seconds for a million.
+        """
+        from glpath.scene.preview import preview  # which imports this module
+
+        return preview(self, longest)
+
+    def __repr__(self) -> str:
+        parts = [
+            f"{count:,} {word}{'s' * (count != 1)}"
+            for count, word in (
+                (len(self.triangles), "triangle"),
+                (len(self.spheres), "sphere"),
+                (len(self.planes), "plane"),
+                (len(self.shapes), "shape"),
+                (len(self.materials), "material"),
+                (len(self.lights) + sum(shape.emits for shape in self.shapes), "light"),
+            )
+            if count
+        ]
+        return f"<Scene {self.name}: {', '.join(parts)}, {self.camera.resolution[0]} x {self.camera.resolution[1]}>"
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+        """What Jupyter shows: a preview and tables, or what there is room for."""
+        from glpath.scene.preview import mimebundle
+
+        return mimebundle(self)
 
     def with_camera(self, **changes: object) -> Scene:
         """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""

@@ -1,4 +1,4 @@
-"""How far a render is, on stderr: a bar on a terminal, lines elsewhere, or JSON for programs.
+"""How far a render is: a picture that converges in a notebook, a bar on a terminal, lines elsewhere, or JSON.
 
 Each is a context manager that yields what `rendering.render` calls as `on_progress`.
 """
@@ -8,15 +8,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from typing import TYPE_CHECKING, TextIO
+from dataclasses import dataclass
+from typing import Any, TextIO
 
 from rich.console import Console
 
-if TYPE_CHECKING:
-    from glpath.rendering import Progress
+from glpath.film import Film
+from glpath.interactive import in_notebook
 
-Report = Callable[["Progress"], None]
-
+#: Of the command line; in a notebook "auto" is a picture.
 MODES = ("auto", "bar", "lines", "json", "none")
 
 # Seconds between two lines: five at first, then a twentieth of the time that went by, so that neither a short nor a
@@ -27,8 +27,34 @@ _SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
 _JSON_INTERVAL = 0.1
 
 
+@dataclass(frozen=True)
+class Progress:
+    """How far a render is; what `on_progress` is called with.
+
+    done, total : path sets
+    elapsed_s   : seconds since the call of `render`
+    error       : estimate of the relative error so far (see `Film.relative_error`), None while it can't be known
+    film        : what there is; it grows, so copy what is to be kept
+    stage       : what is being done: "solving radiosity ...", "compiling shaders" or "rendering"
+    renderer    : name of the device
+    """
+
+    done: int
+    total: int
+    elapsed_s: float
+    error: float | None
+    film: Film
+    stage: str
+    renderer: str
+
+
+Report = Callable[[Progress], None]
+
+
 def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report]:
-    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
+    """The reporter of a mode out of `MODES`; auto is a picture in a notebook, a bar on a terminal, else lines."""
+    if mode == "auto" and in_notebook():
+        return _picture()
     if mode == "auto":
         mode = "bar" if Console(file=stream).is_terminal else "lines"
     return {"bar": _bar, "lines": _lines, "json": _json, "none": _none}[mode](stream)
@@ -125,6 +151,36 @@ def _json(stream: TextIO) -> Iterator[Report]:
             "renderer": progress.renderer,
         }
         print(json.dumps(event), file=stream, flush=True)
+
+    yield report
+
+
+@contextmanager
+def _picture() -> Iterator[Report]:
+    """The film as it converges, and a line below it, each replaced in place."""
+    from IPython.display import display
+
+    handles: dict[str, Any] = {}
+    pace = _Pace()
+
+    def show(name: str, bundle: dict[str, object]) -> None:
+        if name in handles:
+            handles[name].update(bundle, raw=True)
+        else:
+            handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
+
+    def report(progress: Progress) -> None:
+        rate = pace.rate(progress)
+        if not progress.done:
+            line = f"{progress.stage} on {progress.renderer}"
+        elif progress.done < progress.total:
+            line = ", ".join([f"{progress.done}/{progress.total} path sets", *_details(progress, rate)])
+        else:
+            # No longer how quick it is: the output stays in the notebook.
+            error = "" if progress.error is None else f", error about {percent(progress.error)}"
+            line = f"{progress.done} path sets in {duration(progress.elapsed_s)}{error}, {progress.renderer}"
+        show("picture", progress.film._repr_mimebundle_() if progress.done else {"text/plain": ""})
+        show("line", {"text/plain": line})
 
     yield report
 

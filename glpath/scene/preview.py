@@ -1,0 +1,330 @@
+"""A scene at a glance, for notebooks: a small picture made on the CPU, and tables of what is in it.
+
+Not rendered by the engines on purpose: to look at a scene takes no OpenGL and no context, and no driver can fail.
+Nor does it compile anything. It is the T-buffer in numpy: primitive by primitive, the rays of the pixels in its
+projection, and (primitive, depth) is kept where it is nearer. Every hit is lit from the eye; textures are their
+mean colour; lamps are as bright as white.
+
+Cost: a fraction of a millisecond for a primitive of many pixels; those of few pixels are taken all at once.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.image import encode_png, encode_srgb
+from glpath.scene.model import Camera, Float64, Scene, sphere_extent
+
+#: Rows of a table; a scene can have thousands of shapes.
+ROWS = 12
+
+_BACKGROUND = 0.8
+# Pixels across of the primitives that are taken all at once.
+_SMALL = 8
+# Of the light that a surface shows, how much does not depend on how it is turned.
+_FLAT = 0.3
+
+
+def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
+    """See `Scene.preview`."""
+    if longest < 1:
+        raise UsageError(f"Scene.preview: {longest} pixels; at least 1 is needed.")
+    camera = _smaller(scene.camera, longest)
+    # Four rays a pixel.
+    fine = replace(camera, resolution=(2 * camera.resolution[0], 2 * camera.resolution[1]))
+    colour = _shaded(scene, fine)
+    small = 0.25 * (colour[::2, ::2] + colour[1::2, ::2] + colour[::2, 1::2] + colour[1::2, 1::2])
+    return (255 * encode_srgb(small) + 0.5).astype(np.uint8)
+
+
+def _smaller(camera: Camera, longest: int) -> Camera:
+    width, height = camera.resolution
+    share = min(1.0, longest / max(width, height))
+    return replace(camera, resolution=(max(1, round(share * width)), max(1, round(share * height))))
+
+
+def _shaded(scene: Scene, camera: Camera) -> Float64:
+    """(H, W, 3) linear colours in [0, 1]."""
+    view = _View(camera)
+    found = _found(scene, view)
+    ways = camera.rays()
+    colour = np.empty_like(ways)
+    missed = found < 0
+    colour[missed] = _sky(scene, ways[missed])
+    number = found[~missed]
+    base, lamp = _colours(scene)
+    kinds = ("triangle", "sphere", "plane")
+    shape = np.concatenate([scene.primitive_shape(kind) for kind in kinds])[number]  # type: ignore[arg-type]
+    normals = _normals(scene, number, ways[~missed], view.nearest[~missed] * view.stretch[~missed])
+    facing = np.abs(np.einsum("ij,ij->i", normals, ways[~missed]))
+    lit = _FLAT + (1 - _FLAT) * facing
+    colour[~missed] = np.where(lamp[shape, None], base[shape], lit[:, None] * base[shape])
+    return np.clip(colour, 0.0, 1.0)
+
+
+class _View:
+    """Pixels as directions forward + x right + y up; depth is along `forward`.
+
+    nearest : (H, W) depth of what was found, infinite for nothing
+    stretch : (H, W) distance over depth
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        width, height = camera.resolution
+        tangent = np.tan(np.radians(camera.fov) / 2)
+        self.eye = camera.position
+        self.right, self.up, self.forward = camera.frame()
+        self.focal = height / (2 * tangent)
+        self.size = width, height
+        self.x = (np.arange(width) + 0.5 - width / 2) / self.focal
+        self.y = (height / 2 - 0.5 - np.arange(height)) / self.focal
+        self.nearest = np.full((height, width), np.inf)
+        self.stretch = np.sqrt(1 + self.x**2 + self.y[:, None] ** 2)
+
+    def windows(self, corners: Float64) -> NDArray[np.int64]:
+        """(N, 4) first and last + 1 column, first and last + 1 row, of bodies within (N, K, 3) corners."""
+        width, height = self.size
+        at = corners - self.eye
+        depth = at @ self.forward
+        safe = np.where(depth > 1e-9 * np.abs(at).max(axis=2), depth, 1.0)
+        column = at @ self.right / safe * self.focal + width / 2
+        row = height / 2 - at @ self.up / safe * self.focal
+        edges = np.stack([column.min(axis=1), column.max(axis=1), row.min(axis=1), row.max(axis=1)], axis=1)
+        # The image of what reaches through the plane of the eye has no bounds.
+        edges[(depth <= 1e-9 * np.abs(at).max(axis=2)).any(axis=1)] = (-np.inf, np.inf, -np.inf, np.inf)
+        edges[depth.max(axis=1) <= 0] = np.inf
+        limit = np.array([width, width, height, height])
+        pixels: NDArray[np.int64] = np.clip(np.floor(edges) + np.array([0, 1, 0, 1]), 0, limit).astype(np.int64)
+        return pixels
+
+    def linear(self, vector: Float64, rows: slice, columns: slice) -> Float64:
+        """(h, w) vector . direction of each pixel of a window."""
+        along = vector @ self.forward + vector @ self.right * self.x[columns]
+        return np.asarray(along + (vector @ self.up * self.y[rows])[:, None])
+
+
+def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
+    """(H, W) the nearest primitive, -1 for none; triangles, spheres and planes are counted on. Fills the depths."""
+    reach, centre = sphere_extent(scene.spheres), scene.spheres[:, :, 3]
+    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    around = centre[:, None] + reach[:, None] * cube
+    windows = np.concatenate([view.windows(scene.triangles), view.windows(around)])
+    found = np.full(view.nearest.shape, -1)
+    unit_from_world: Float64 = np.linalg.inv(scene.spheres[:, :, :3]).astype(np.float64)
+    sides, volumes = _triangle_planes(scene.triangles - view.eye)
+    across, down = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
+    seen, small = (across > 0) & (down > 0), (across <= _SMALL) & (down <= _SMALL)
+    _take_small(scene, sides, volumes, unit_from_world, view, windows, np.flatnonzero(seen & small), found)
+    first_sphere, first_plane = len(scene.triangles), len(scene.triangles) + len(scene.spheres)
+    for number in np.flatnonzero(seen & ~small).tolist():
+        left, right, top, bottom = windows[number].tolist()
+        rows, columns = slice(top, bottom), slice(left, right)
+        if number < first_sphere:
+            products = [view.linear(side, rows, columns) for side in sides[number]]
+            depth = _triangle_depth(products, volumes[number])
+        else:
+            sphere = number - first_sphere
+            start = unit_from_world[sphere] @ (view.eye - centre[sphere])
+            to = np.stack([view.linear(axis, rows, columns) for axis in unit_from_world[sphere]])
+            depth = _sphere_depth(start[:, None, None], to)
+        _keep(view, found, rows, columns, depth, number)
+    whole = slice(0, view.size[1]), slice(0, view.size[0])
+    for number, plane in enumerate(scene.planes):
+        along = view.linear(plane[:, 2], *whole)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = plane[:, 2] @ (plane[:, 3] - view.eye) / along
+        _keep(view, found, *whole, depth, first_plane + number)
+    return found
+
+
+def _keep(view: _View, found: NDArray[np.int64], rows: slice, columns: slice, depth: Float64, number: int) -> None:
+    nearest = view.nearest[rows, columns]
+    nearer = (depth > 0) & (depth < nearest)
+    nearest[nearer] = depth[nearer]
+    found[rows, columns][nearer] = number
+
+
+def _take_small(
+    scene: Scene,
+    sides: Float64,
+    volumes: Float64,
+    unit_from_world: Float64,
+    view: _View,
+    windows: NDArray[np.int64],
+    small: NDArray[np.int64],
+    found: NDArray[np.int64],
+) -> None:
+    """Primitives of few pixels: of all of them the first pixel, then of all that have one the second, and so on."""
+    first_sphere = len(scene.triangles)
+    for i in range(_SMALL * _SMALL):
+        column, row = windows[small, 0] + i % _SMALL, windows[small, 2] + i // _SMALL
+        within = (column < windows[small, 1]) & (row < windows[small, 3])
+        number, column, row = small[within], column[within], row[within]
+        way = view.forward + view.x[column, None] * view.right + view.y[row, None] * view.up
+        depth = np.full(len(number), np.inf)
+        flat = number < first_sphere
+        products = np.einsum("nij,nj->in", sides[number[flat]], way[flat])
+        depth[flat] = _triangle_depth(list(products), volumes[number[flat]])
+        curved = unit_from_world[number[~flat] - first_sphere]
+        start = view.eye - scene.spheres[number[~flat] - first_sphere, :, 3]
+        to = np.einsum("nij,nj->in", curved, way[~flat])
+        depth[~flat] = _sphere_depth(np.einsum("nij,nj->in", curved, start), to)
+        depth[~(depth > 0)] = np.inf
+        before = view.nearest[row, column]
+        np.minimum.at(view.nearest, (row, column), depth)
+        won = (depth == view.nearest[row, column]) & (depth < before)
+        found[row[won], column[won]] = number[won]
+
+
+def _triangle_planes(corners: Float64) -> tuple[Float64, Float64]:
+    """(T, 3, 3) normals of the planes through the eye and each edge, (T,) the corners' triple product."""
+    after = np.roll(corners, -1, axis=1)
+    sides = np.cross(corners, after)
+    return sides, np.einsum("ni,ni->n", corners[:, 2], sides[:, 0])
+
+
+def _triangle_depth(along: Sequence[Float64], volume: float | Float64) -> Float64:
+    """Depth, infinite beside the triangle: a ray is inside where it passes all three edges on one side.
+
+    along : products of the rays' directions with the three normals of `_triangle_planes`
+    """
+    total = along[0] + along[1] + along[2]
+    inside = (np.minimum.reduce(along) >= 0) | (np.maximum.reduce(along) <= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = volume / total
+    return np.where(inside, depth, np.inf)
+
+
+def _sphere_depth(start: Float64, to: Float64) -> Float64:
+    """Depth, infinite beside it. start, to: (3, ...) eye and directions, where the sphere is the unit one."""
+    a, b, c = (to * to).sum(axis=0), (start * to).sum(axis=0), (start * start).sum(axis=0) - 1.0
+    root = b * b - a * c
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(root)
+        near, far = (-b - root) / a, (-b + root) / a
+    return np.where(np.isnan(root), np.inf, np.where(near > 0, near, far))
+
+
+def _normals(scene: Scene, number: NDArray[np.int64], ways: Float64, t: Float64) -> Float64:
+    """(N, 3) unit normals where rays meet primitives."""
+    first_sphere, first_plane = len(scene.triangles), len(scene.triangles) + len(scene.spheres)
+    flat, plane = number < first_sphere, number >= first_plane
+    normal = np.empty_like(ways)
+    normal[flat] = scene.normals[number[flat]]
+    normal[plane] = scene.planes[number[plane] - first_plane, :, 2]
+    curved = ~flat & ~plane
+    which = number[curved] - first_sphere
+    unit_from_world = np.linalg.inv(scene.spheres[:, :, :3])[which]
+    place = scene.camera.position + t[curved, None] * ways[curved] - scene.spheres[which, :, 3]
+    outward = np.einsum("nij,ni->nj", unit_from_world, np.einsum("nij,nj->ni", unit_from_world, place))
+    normal[curved] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return normal
+
+
+def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
+    """(shapes, 3) linear colour of each shape, and whether it is a lamp."""
+    colours = []
+    for shape in scene.shapes:
+        material = scene.materials[shape.material]
+        colour = material.reflectance
+        if material.texture is not None:
+            colour = colour * scene.textures[material.texture].image.mean(axis=(0, 1))
+        colours.append(shape.emission / shape.emission.max() if shape.emits else colour + 0.5 * material.mirror)
+    return np.array(colours).reshape(-1, 3), np.array([shape.emits for shape in scene.shapes], bool)
+
+
+def _sky(scene: Scene, ways: Float64) -> Float64:
+    if scene.sky is None:
+        return np.full_like(ways, _BACKGROUND)
+    height = np.clip(ways @ scene.sky.up, 0.0, 1.0)[:, None]
+    return np.asarray((1 - height) * scene.sky.horizon + height * scene.sky.zenith)
+
+
+def mimebundle(scene: Scene) -> dict[str, object]:
+    """What Jupyter shows of a scene: text, a picture, and both with tables as HTML."""
+    png = encode_png(preview(scene, 320))
+    return {"text/plain": repr(scene), "image/png": png, "text/html": _html(scene, png)}
+
+
+def _html(scene: Scene, png: bytes) -> str:
+    names = [material.name for material in scene.materials]
+    shapes = _table(
+        f"{len(scene.shapes):,} shapes",
+        ("name", "kind", "primitives", "material", "emission"),
+        [
+            (s.name, s.kind, f"{s.count:,}", names[s.material], _numbers(s.emission) if s.emits else "")
+            for s in scene.shapes[:ROWS]
+        ],
+        len(scene.shapes),
+    )
+    materials = _table(
+        f"{len(scene.materials):,} materials",
+        ("", "name", "reflectance", "more"),
+        [
+            (
+                _Swatch(m.reflectance),
+                m.name,
+                _numbers(m.reflectance),
+                ", ".join(
+                    word
+                    for word, holds in (
+                        ("texture", m.texture is not None),
+                        ("highlight", np.any(m.specular > 0)),
+                        ("mirror", np.any(m.mirror > 0)),
+                        ("one-sided", not m.two_sided),
+                    )
+                    if holds
+                ),
+            )
+            for m in scene.materials[:ROWS]
+        ],
+        len(scene.materials),
+    )
+    lamps = [(s.name, "shape", _numbers(s.emission) + " W/(sr m²)") for s in scene.shapes if s.emits]
+    for light in scene.lights:
+        bound = light.kind != "directional" and light.falloff == "quadratic"
+        lamps.append((light.name, light.kind, _numbers(light.intensity) + (" W/sr" if bound else " W/m²")))
+    lights = _table(
+        f"{len(lamps):,} light{'s' * (len(lamps) != 1)}", ("name", "kind", "light"), lamps[:ROWS], len(lamps)
+    )
+    picture = f'<img alt="preview" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+    style = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
+    return (
+        f"<div><p><b>{escape(scene.name)}</b> {escape(repr(scene)[len(scene.name) + 7 : -1].lstrip(': '))}</p>"
+        f'<div style="{style}"><div>{picture}</div><div>{shapes}</div><div>{materials}{lights}</div></div></div>'
+    )
+
+
+class _Swatch:
+    """A small square of a linear colour, for a table."""
+
+    def __init__(self, linear: Float64) -> None:
+        self.rgb = (255 * encode_srgb(linear) + 0.5).astype(int).tolist()
+
+
+def _table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | _Swatch]], total: int) -> str:
+    if not total:
+        return ""
+
+    def cell(value: str | _Swatch) -> str:
+        if isinstance(value, _Swatch):
+            colour = "rgb({}, {}, {})".format(*value.rgb)
+            return f'<td><span style="background:{colour};display:inline-block;width:1em;height:1em"></span></td>'
+        return f'<td style="text-align:left">{escape(value)}</td>'
+
+    head = "".join(f'<th style="text-align:left">{escape(word)}</th>' for word in header)
+    body = "".join("<tr>" + "".join(map(cell, row)) + "</tr>" for row in rows)
+    if total > ROWS:
+        body += f'<tr><td colspan="{len(header)}" style="text-align:left">... {total - ROWS:,} more</td></tr>'
+    return f"<table><caption>{escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _numbers(values: Float64) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)

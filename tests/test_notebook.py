@@ -1,0 +1,250 @@
+"""The live view of notebooks, by the events that a browser would send; progress; and a driver that fails."""
+
+from __future__ import annotations
+
+import base64
+import subprocess
+import sys
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import glpath
+from glpath.figures.candidates import ShaftScene
+from glpath.notebook import View, explore_shafts, nearer, shifted, turned, view
+from glpath.radiosity import Strategy
+from glpath.scene import Camera
+
+SIZE = (48, 32)
+
+
+def send(shown: View, kind: str, **fields: Any) -> None:
+    """As the browser's half of the widget sends it."""
+    shown._rfb_handle_msg(shown, {"type": kind, "x": 0, "y": 0, "timestamp": 0.0, "modifiers": [], **fields}, [])
+
+
+def converge(shown: View) -> np.ndarray:
+    while not shown.converged:
+        shown.get_frame()
+    return shown.get_frame()
+
+
+def test_left_alone_it_converges_to_the_render() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=24, max_depth=2)
+    first = shown.get_frame()
+    assert first.shape == (32, 48, 3)
+    film = glpath.render("cornell-box", resolution=SIZE, spp=24, max_depth=2)
+    np.testing.assert_array_equal(converge(shown), glpath.image.tonemap(film.mean))
+    assert shown.path_sets == 24
+    shown.close()
+
+
+@pytest.mark.parametrize(("scene", "options"), [("cornell-box", {"max_depth": 2}), ("three-spheres", {})])
+def test_a_drag_turns_the_scene_and_the_picture_is_that_of_the_new_camera(scene: str, options: Any) -> None:
+    shown = view(scene, resolution=SIZE, spp=4, **options)
+    before = converge(shown)
+    send(shown, "pointer_move", x=30, y=5)
+    assert shown.converged, "the pointer was not down"
+    send(shown, "pointer_down", button=1)
+    send(shown, "pointer_move", x=60, y=25, buttons=[1])
+    assert not shown.converged
+    shown.get_frame()
+    send(shown, "pointer_up")
+    after = converge(shown)
+    assert np.mean(np.abs(after.astype(int) - before)) > 2
+    camera = shown.scene.camera
+    assert np.linalg.norm(camera.position - camera.target) == pytest.approx(
+        np.linalg.norm(shown._home.position - shown._home.target)
+    )
+    if scene == "three-spheres":
+        options = {"shadows": "cube", "shadow_resolution": 512, "integrator": "t-buffer"}
+    film = glpath.render(shown.scene, spp=4, **options)
+    np.testing.assert_array_equal(after, glpath.image.tonemap(film.mean))
+    send(shown, "double_click")
+    np.testing.assert_array_equal(converge(shown), before)
+
+
+def test_shadow_buffers_are_kept_while_the_camera_moves() -> None:
+    shown = view("three-spheres", resolution=SIZE, spp=2)
+    converge(shown)
+    buffer = shown._engine.shadow_buffer  # type: ignore[attr-defined]
+    tests = buffer.intersection_tests
+    send(shown, "wheel", dy=-200)
+    converge(shown)
+    assert shown._engine.shadow_buffer is buffer  # type: ignore[attr-defined]
+    assert buffer.intersection_tests == tests > 0
+
+
+def test_another_render_in_between_does_no_harm() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=6, max_depth=2)
+    shown.get_frame()
+    glpath.render("three-spheres", integrator="t-buffer", resolution=(16, 16), spp=1)
+    film = glpath.render("cornell-box", resolution=SIZE, spp=6, max_depth=2)
+    np.testing.assert_array_equal(converge(shown), glpath.image.tonemap(film.mean))
+
+
+def test_a_page_without_a_kernel_shows_the_first_picture() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=2, max_depth=1)
+    bundle = shown._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    picture = np.asarray(Image.open(BytesIO(base64.b64decode(data["image/png"]))))
+    assert picture.shape == (32, 48, 3)
+    assert np.ptp(picture) > 50
+    assert "2 path sets" in data["text/plain"]
+    assert any("widget-view" in kind for kind in data)
+
+
+CAMERA = Camera(np.array([0.0, 0.0, 5.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 90.0, (100, 100))
+
+
+def test_dragging_to_the_right_turns_the_scene_to_the_right() -> None:
+    moved = turned(CAMERA, 90 / 0.4, 0)
+    np.testing.assert_allclose(moved.position, [-5, 0, 0], atol=1e-12)
+    # What was in front of the target, nearest to the eye, is now to the right of it.
+    assert np.array([0, 0, 1.0]) @ moved.frame()[0] > 0.99
+
+
+def test_dragging_down_looks_from_above_but_never_over_the_pole() -> None:
+    assert turned(CAMERA, 0, 50).position[1] > 0
+    for _ in range(20):
+        CAMERA_ABOVE = turned(CAMERA, 3, 1000)
+    assert 4.99 < CAMERA_ABOVE.position[1] < 5
+    assert np.isfinite(CAMERA_ABOVE.frame()).all()
+
+
+def test_shifting_takes_the_target_along_with_the_pointer() -> None:
+    moved = shifted(CAMERA, 10, 0)
+    np.testing.assert_allclose(moved.target, [-1, 0, 0], atol=1e-12)  # 10 of 100 pixels of a view 10 wide
+    np.testing.assert_allclose(moved.position - moved.target, [0, 0, 5])
+
+
+def test_the_wheel_comes_nearer_and_goes_back() -> None:
+    near = nearer(CAMERA, -3)
+    assert 0 < near.position[2] < 5
+    np.testing.assert_allclose(nearer(near, 3).position, CAMERA.position)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"integrator": "radiance"}, "radiance"),
+        ({"shadows": "cube"}, "shadows"),
+        ({"tonemap": "filmic"}, "reinhard"),
+        ({"spp": 0}, "spp"),
+        ({"resolution": "big"}, "resolution"),
+        ({"colour": 1}, "colour"),
+    ],
+)
+def test_wrong_options_of_a_view_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(glpath.GlpathError, match=words):
+        view("cornell-box", **options)
+
+
+def test_a_shaft_is_drawn_anew_when_another_is_chosen() -> None:
+    shown = explore_shafts("cornell-box")
+    before = bytes(shown.picture.value)
+    assert before.startswith(b"\x89PNG")
+    shown.strategy.value = Strategy.ALWAYS_OPEN
+    shown.receiver.value = "left-wall" if "left-wall" in shown.receiver.options else shown.receiver.options[0]
+    assert bytes(shown.picture.value) not in (b"", before)
+    shown.close()
+
+
+def test_candidates_between_two_shapes_hold_all_that_stands_between() -> None:
+    office = ShaftScene(glpath.load_scene("office"))
+    lists = {s: office.between("light-1-4", "desk-0-top", s) for s in Strategy}
+    opened = lists[Strategy.ALWAYS_OPEN]
+    assert 0 < len(opened.polygons) < 0.1 * opened.others
+    assert not len(opened.boxes)
+    for found in lists.values():
+        assert set(opened.polygons) <= set(found.polygons)
+        assert len(found.nodes) <= len(opened.nodes)
+    assert len(lists[Strategy.KEEP_CLOSED].boxes)
+    # Whoever is off the list is outside.
+    boxes = np.concatenate(office.blockers.boxes(), axis=1)
+    own = np.concatenate([office.polygons_of(name) for name in ("light-1-4", "desk-0-top")])
+    touching = np.setdiff1d(np.flatnonzero(opened.shaft.classify(boxes)), own)
+    np.testing.assert_array_equal(touching, opened.polygons)
+
+
+def test_a_shape_that_there_is_not_is_named_with_those_that_are() -> None:
+    with pytest.raises(glpath.UsageError, match="sofa"):
+        ShaftScene(glpath.load_scene("office")).between("sofa", "floor")
+    with pytest.raises(glpath.UsageError, match="no triangles"):
+        explore_shafts("three-spheres")
+
+
+KERNEL = """
+import subprocess, sys
+import glpath, glpath.gl.context as c
+c.in_notebook = lambda: True
+"""
+
+
+def python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", KERNEL + code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_in_a_kernel_a_driver_that_crashes_is_an_error_not_the_end() -> None:
+    out = python(
+        "c._open = lambda candidate: sys.exit('the driver was called')\n"
+        "c._start_probe = lambda candidate: subprocess.Popen(\n"
+        "    [sys.executable, '-c', 'import os; os.kill(os.getpid(), 11)'],\n"
+        "    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)\n"
+        "try:\n"
+        "    glpath.render('furnace', spp=1)\n"
+        "except glpath.ContextError as error:\n"
+        "    print(error)\n"
+    )
+    assert "ended the process that tried it (signal SIGSEGV)" in out
+    assert "apt-get install" in out
+
+
+def test_in_a_kernel_a_device_that_answers_is_taken() -> None:
+    out = python("print(glpath.render('furnace', spp=1, max_depth=1, resolution=(4, 4)).path_sets)\n")
+    assert out == "1\n"
+
+
+def test_progress_replaces_a_picture_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    import IPython.display
+
+    shown: list[tuple[str, int, dict[str, Any]]] = []
+
+    class Handle:
+        def __init__(self) -> None:
+            self.number = len({number for _, number, _ in shown})
+
+        def update(self, bundle: dict[str, Any], raw: bool) -> None:
+            shown.append(("update", self.number, bundle))
+
+    def display(bundle: dict[str, Any], raw: bool, display_id: bool) -> Handle:
+        handle = Handle()
+        shown.append(("display", handle.number, bundle))
+        return handle
+
+    monkeypatch.setattr(IPython.display, "display", display)
+    monkeypatch.setattr("glpath.progress.in_notebook", lambda: True)
+    told: list[int] = []
+    film = glpath.render(
+        "furnace", spp=40, max_depth=1, resolution=(8, 8), progress=True, on_progress=lambda p: told.append(p.done)
+    )
+    assert [(what, number) for what, number, _ in shown[:2]] == [("display", 0), ("display", 1)]
+    assert all(what == "update" for what, _, _ in shown[2:])
+    pictures = [bundle["image/png"] for _, number, bundle in shown if number == 0 and "image/png" in bundle]
+    assert pictures[-1] == film._repr_mimebundle_()["image/png"]
+    lines = [bundle["text/plain"] for _, number, bundle in shown if number == 1]
+    assert lines[0].startswith("compiling shaders on ")
+    assert lines[-1].startswith("40 path sets in ")
+    assert told[-1] == 40
+
+
+def test_progress_outside_of_a_notebook_is_lines(capfd: pytest.CaptureFixture[str]) -> None:
+    glpath.render("furnace", spp=2, max_depth=1, resolution=(4, 4), progress=True)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "2/2 path sets (100 %)" in err
