@@ -148,11 +148,10 @@ class ShaftScene:
             ([outlines[i] for i in sorted(of[emitter])], ORANGE, 0.9, 1.0),
         )
         for order, (polygons, colour, alpha, width) in enumerate(layers):
-            flat = [p[:, :2] for p in polygons]
-            style: dict[str, Any] = {"edgecolor": colour, "linewidth": width, "zorder": order + 1}
-            above.add_collection(PolyCollection(flat, facecolor=colour, alpha=alpha, **style))
             # Walls, floor and ceiling would hide what is within them.
             within = [p for p, wall in zip(polygons, _are(polygons, large), strict=True) if not wall]
+            style: dict[str, Any] = {"edgecolor": colour, "linewidth": width, "zorder": order + 1}
+            above.add_collection(PolyCollection([p[:, :2] for p in within], facecolor=colour, alpha=alpha, **style))
             solid.add_collection3d(Poly3DCollection(within, facecolor=colour, alpha=alpha, **style))
         for box in found.boxes:
             corners = box_corners(box)[:, axes]

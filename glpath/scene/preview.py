@@ -44,6 +44,17 @@ def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
     return (255 * encode_srgb(small) + 0.5).astype(np.uint8)
 
 
+def first_hits(scene: Scene) -> tuple[NDArray[np.int64], Float64]:
+    """What the rays through the middles of the camera's pixels meet first.
+
+    Returns (H, W) int64 primitive, -1 for none (triangles, spheres and planes are counted on), and (H, W) float64
+    distance, inf for none; row 0 at the top.
+    """
+    view = _View(scene.camera)
+    found = _found(scene, view)
+    return found, view.nearest * view.stretch
+
+
 def _smaller(camera: Camera, longest: int) -> Camera:
     width, height = camera.resolution
     share = min(1.0, longest / max(width, height))

@@ -1,0 +1,37 @@
+"""A solution as the eye sees it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.radiosity import lattice
+from glpath.radiosity.picture import picture
+from glpath.radiosity.solution import RadiositySolution
+
+
+def solution_of(scene: glpath.Scene, value: float) -> RadiositySolution:
+    """The same on every front, twice as much on every back."""
+    divisions = np.full(len(scene.triangles), 2, np.int32)
+    sides = np.array([value, 2 * value])[:, None, None]
+    elements = np.broadcast_to(sides, (2, int(lattice.element_count(divisions).sum()), 3))
+    vertices = np.broadcast_to(sides, (2, int(lattice.vertex_count(divisions).sum()), 3))
+    return RadiositySolution(scene.digest(camera=False), divisions, elements, vertices, "test", {}, {})
+
+
+@pytest.mark.parametrize("lookup", ["constant", "interpolated"])
+def test_fronts_show_radiosity_over_pi_and_lamps_their_emission(lookup: str) -> None:
+    scene = glpath.load_scene("cornell-box-36").with_camera(resolution=(32, 32))
+    image = picture(solution_of(scene, np.pi), scene, lookup)  # type: ignore[arg-type]
+    assert image.shape == (32, 32, 3)
+    values = np.unique(image[..., 0].round(4))
+    lamp = max(s.emission[0] for s in scene.shapes) + 1
+    assert set(values) <= {0.0, 1.0, 2.0, round(float(lamp), 4)}
+    assert np.mean(np.isclose(image, 1.0)) > 0.8
+
+
+def test_a_solution_of_another_scene_is_refused() -> None:
+    scene = glpath.load_scene("cornell-box-36")
+    with pytest.raises(glpath.SceneError):
+        picture(solution_of(scene, 1.0), glpath.load_scene("cornell-box"))
