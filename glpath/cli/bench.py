@@ -49,10 +49,11 @@ def bench(
     ] = None,
     rounds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="t-buffer and shafts: turns of each program, whose median counts; 7."),
+        typer.Option(metavar="N", help="t-buffer, shafts: turns of each program, whose median counts; 7."),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(metavar="S", help="All but path-buffer: below 1, less work; 1.")
+        float | None,
+        typer.Option(metavar="S", help="All but path-buffer: below 1, less work; 1."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
