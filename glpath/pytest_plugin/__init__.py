@@ -4,7 +4,7 @@
         render_regression("cornell-box", spp=64)
 
 pytest finds it by the entry point `pytest11`; nothing has to be configured. It loads with every pytest run on the
-machine, so this module and `gathering` import nothing but pytest: what is heavy comes with the first picture.
+machine, so this module and what it imports load nothing but pytest: what is heavy comes with the first picture.
 
 Under pytest-xdist the workers compare and write pictures; what they found travels with their test reports, and the
 controller alone writes the report.
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from glpath.pytest_plugin.gathering import Gathering
+from glpath.pytest_plugin.settings import Settings
 
 if TYPE_CHECKING:
     from glpath.pytest_plugin.regression import RenderRegression
@@ -61,6 +62,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    Settings.of(config)  # wrong usage is told before anything runs
     config.pluginmanager.register(Gathering(config), "glpath-gathering")
 
 
@@ -72,7 +74,7 @@ def render_regression(request: pytest.FixtureRequest) -> RenderRegression:
               an array, or a function that returns one of these. See
               `glpath.pytest_plugin.regression.RenderRegression`
     """
-    from glpath.pytest_plugin.regression import RenderRegression, Settings
+    from glpath.pytest_plugin.regression import RenderRegression
 
     records = request.node.stash.setdefault(_RECORDS, [])
     return RenderRegression(request.node, Settings.of(request.config), records)

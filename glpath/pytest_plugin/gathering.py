@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_root
+
 # Outcomes of a comparison that the summary counts one by one, and what it calls them.
 _SAID = {"written": "baseline written", "updated": "baseline replaced"}
 
@@ -75,10 +77,10 @@ class Gathering:
             return
         # Not before: a run without pictures is to load nothing more.
         from glpath.errors import GlpathError
-        from glpath.pytest_plugin.regression import Settings, shown_path
+        from glpath.pytest_plugin.regression import shown_path
         from glpath.pytest_plugin.report import write_report
 
-        results = Settings.of(self.config).results
+        results = results_root(self.config)
         failures = [record for record in self.records if record["outcome"] in ("failed", "missing")]
         if self.records:
             self.lines.append(f"{_count(len(self.records), 'picture')} compared, {len(failures)} failed")
@@ -87,10 +89,12 @@ class Gathering:
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]
         for file in unused:
             self.lines.append(f"no test uses this baseline: {shown_path(file)}")
-        # A report of an earlier run that is left standing would speak of failures that are gone.
-        if asked or failures or (results / "report.html").exists():
+        kinds = {asked} if asked else {"html"} if failures else set()
+        if (results / "report.html").exists():
+            kinds.add("html")  # left standing it would speak of failures that are gone
+        for kind in sorted(kinds):
             try:
-                path = write_report(results, asked or "html", self.records, [str(file) for file in unused])
+                path = write_report(results, kind, self.records, [str(file) for file in unused])
                 self.lines.append(f"report: {shown_path(path)}")
             except GlpathError as error:
                 self.lines.append(f"the report is not written: {error}")
@@ -100,8 +104,6 @@ class Gathering:
 
         A test that did not pass may have ended before it came to its picture: its baselines are not counted.
         """
-        from glpath.pytest_plugin.places import baseline_folder, baseline_name
-
         used = {record["baseline"] for record in self.records}
         found: list[Path] = []
         for test_file, ids in self.collected.items():

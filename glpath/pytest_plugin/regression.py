@@ -11,7 +11,6 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,34 +22,14 @@ from glpath.compare import Mode, Picture, Verdict, compare, difference_image, fl
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film import Film
 from glpath.image import tonemap, write_png
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_folder, results_root
+from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_folder
+from glpath.pytest_plugin.settings import Settings
 from glpath.scene import Scene
 
 Subject = str | Path | Scene | Film | ArrayLike | Callable[[], Any]
 
 # Severity of what could not be compared at all: in a report it stands first.
 _INCOMPARABLE = 1e9
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The options of one pytest run.
-
-    update     : "none", "missing", "failed" or "all"; explicit, or "missing", and "none" where CI is set
-    results    : folder
-    device     : options of `glpath.render`
-    """
-
-    update: str
-    results: Path
-    device: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, config: pytest.Config) -> Settings:
-        """Raises pytest.UsageError for a device that cannot be."""
-        by_itself = "none" if _is_ci() else "missing"
-        device = _device(config.getoption("--glpath-device"))
-        return cls(config.getoption("--glpath-update") or by_itself, results_root(config), device)
 
 
 class RenderRegression:
@@ -225,23 +204,6 @@ def shown_path(path: str | Path) -> str:
     """A path as short as it can be said from here."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith(os.pardir) else relative
-
-
-def _is_ci() -> bool:
-    """Whether CI is set, as every known service does; CI=false and CI=0 say no."""
-    return os.environ.get("CI", "").lower() not in ("", "0", "false", "no")
-
-
-def _device(text: str | None) -> dict[str, Any]:
-    if text is None:
-        return {}
-    if text.isdecimal():
-        return {"device": int(text)}
-    if text == "gpu":
-        return {"require_gpu": True}
-    if text in ("egl", "osmesa"):
-        return {"backend": text}
-    raise pytest.UsageError(f"--glpath-device {text}: expected a number of `glpath devices`, gpu, egl or osmesa.")
 
 
 def _as_array(subject: object) -> ArrayLike:
