@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from glpath.image import read_image
     from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
+    from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
     from glpath.rendering import RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
@@ -40,6 +41,8 @@ _HOME = {
     "GlpathError": "errors",
     "ImageError": "errors",
     "Progress": "progress",
+    "RadiosityInterrupted": "radiosity.solve",
+    "RadiosityProgress": "radiosity.solve",
     "RadiositySolution": "radiosity.solution",
     "RenderInterrupted": "rendering",
     "Scene": "scene",
@@ -52,6 +55,7 @@ _HOME = {
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",
+    "solve_radiosity": "radiosity.solve",
 }
 
 __all__ = [
@@ -60,6 +64,8 @@ __all__ = [
     "GlpathError",
     "ImageError",
     "Progress",
+    "RadiosityInterrupted",
+    "RadiosityProgress",
     "RadiositySolution",
     "RenderInterrupted",
     "Scene",
@@ -73,6 +79,7 @@ __all__ = [
     "relative_mse",
     "render",
     "render_frames",
+    "solve_radiosity",
 ]
 
 

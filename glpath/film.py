@@ -69,7 +69,8 @@ class FilmMetadata:
     versions        : name and version of the programs that took part
     elapsed_s       : seconds of rendering, summed over what was merged
     statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
-                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage
+                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
     """
 
     scene: str

@@ -5,7 +5,7 @@ Everything that can be wrong with the options is found here, before a context is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 Integrator = Literal["path", "gather", "classic", "t-buffer"]
 Window = tuple[int, int, int, int]
+Say = Callable[[str], None]
 
 #: Path sets where it is not said how many. A ray tracer's differ only in their place in the pixel.
 DEFAULT_SPP: dict[str, int] = {"path": 256, "gather": 256, "classic": 16, "t-buffer": 16}
@@ -84,18 +85,17 @@ class Plan(Protocol):
     def settings(self) -> PathSetSettings | WhittedSettings:
         """What decides the picture besides the scene."""
 
-    @property
-    def solves(self) -> bool:
-        """Will `prepared` take its time?"""
-
     def warnings(self, scene: Scene) -> list[str]:
         """What a scene has that this integrator hardly renders as it is meant."""
 
     def traceable(self, scene: Scene) -> Scene:
         """The scene as the engine knows it. Raises SceneError for what it does not know."""
 
-    def prepared(self, scene: Scene) -> Plan:
-        """The plan with all that takes the traceable scene and no context: a radiosity solution."""
+    def prepared(self, scene: Scene, say: Say) -> Plan:
+        """The plan with all that takes the traceable scene and no context: a radiosity solution.
+
+        say : called now and then with what is done
+        """
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> Engine:
         """The engine for a traceable scene; the plan is prepared."""
@@ -139,7 +139,6 @@ class _PathTracing:
     """What is particular to the path tracer."""
 
     settings: PathTraceSettings
-    solves = False
 
     def warnings(self, scene: Scene) -> list[str]:
         return []
@@ -147,7 +146,7 @@ class _PathTracing:
     def traceable(self, scene: Scene) -> Scene:
         return path_traceable(scene)
 
-    def prepared(self, scene: Scene) -> Plan:
+    def prepared(self, scene: Scene, say: Say) -> Plan:
         return self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathTracer:
@@ -207,23 +206,26 @@ class _Gathering:
     given: RadiositySolution | Path | None
     solution: RadiositySolution | None = None
 
-    @property
-    def solves(self) -> bool:
-        return self.given is None and self.solution is None
-
     def warnings(self, scene: Scene) -> list[str]:
         return []
 
     def traceable(self, scene: Scene) -> Scene:
         return path_traceable(scene)
 
-    def prepared(self, scene: Scene) -> Plan:
+    def prepared(self, scene: Scene, say: Say) -> Plan:
+        # All of radiosity is slow to import.
         from glpath.radiosity.solution import RadiositySolution
+        from glpath.radiosity.solve import RadiosityProgress, solve_radiosity
+
+        def report(progress: RadiosityProgress) -> None:
+            unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
+            say(f"solving radiosity: {progress.stage}{unshot}")
 
         solution = self.given
         if solution is None:
-            raise NotImplementedError
-        if isinstance(solution, Path):
+            say("solving radiosity")
+            solution = solve_radiosity(scene, on_progress=report)
+        elif isinstance(solution, Path):
             solution = RadiositySolution.load(solution)
         solution.check_scene(scene)
         settings = replace(self.settings, radiosity=solution_digest(solution, self.lookup))
@@ -271,7 +273,6 @@ class _Whitted:
 
     settings: WhittedSettings
     count_tests: bool
-    solves = False
 
     def warnings(self, scene: Scene) -> list[str]:
         if scene.lights or np.any(scene.ambient > 0) or not any(shape.emits for shape in scene.shapes):
@@ -284,7 +285,7 @@ class _Whitted:
     def traceable(self, scene: Scene) -> Scene:
         return scene
 
-    def prepared(self, scene: Scene) -> Plan:
+    def prepared(self, scene: Scene, say: Say) -> Plan:
         return self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> WhittedTracer:

@@ -35,7 +35,7 @@ class Progress:
     elapsed_s   : seconds since the call of `render`
     error       : estimate of the relative error so far (see `Film.relative_error`), None while it can't be known
     film        : what there is; it grows, so copy what is to be kept
-    stage       : "solving radiosity", "compiling shaders" or "rendering"
+    stage       : what is being done: "solving radiosity ...", "compiling shaders" or "rendering"
     renderer    : name of the device
     """
 

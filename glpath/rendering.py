@@ -261,7 +261,7 @@ def render_frames(
             for text in check_scene(shown) + planned.warnings(shown):
                 warnings.warn(text, SceneWarning, stacklevel=2)
             traced = planned.traceable(shown)
-            planned = planned.prepared(traced)
+            planned = planned.prepared(traced, lambda text: None)
             engine, size = planned.engine(context, traced, tiles[0].window, timings), shown.camera.resolution
         elif shown.camera.resolution != size:
             raise UsageError(
@@ -297,12 +297,14 @@ def _reporting(shown: bool, on_progress: Report | None) -> Iterator[Report | Non
 
 def _prepared(planned: Plan, scene: Scene, job: _Job) -> Plan:
     """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
-    if planned.solves:
-        job.report("solving radiosity")
+    started = time.perf_counter()
     try:
-        return planned.prepared(scene)
+        prepared = planned.prepared(scene, job.report)
     except KeyboardInterrupt:
         raise RenderInterrupted(job.film) from None
+    if prepared is not planned:
+        job.statistics["radiosity_s"] = time.perf_counter() - started
+    return prepared
 
 
 def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scene:
@@ -341,6 +343,7 @@ class _Job:
     renderer: str
     on_progress: Callable[[Progress], None] | None
     step: int = 1
+    statistics: dict[str, object] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
     _last_step: float = field(default_factory=time.perf_counter)
     _last_report: float = -math.inf
@@ -372,7 +375,9 @@ class _Job:
     def finish(self, engine: Engine) -> Film:
         """The film with its statistics, which are known only now."""
         elapsed = time.perf_counter() - self.started
-        self.film.metadata = replace(self.film.metadata, elapsed_s=elapsed, statistics=engine.statistics())
+        self.film.metadata = replace(
+            self.film.metadata, elapsed_s=elapsed, statistics=self.statistics | engine.statistics()
+        )
         return self.film
 
 

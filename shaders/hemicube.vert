@@ -23,7 +23,9 @@ void main()
     gl_ClipDistance[0] = p.z - p.x;
     gl_ClipDistance[1] = p.z + p.x;
     gl_ClipDistance[2] = p.z - p.y;
-    gl_ClipDistance[3] = top ? p.z + p.y : p.y;
+    // A side ends just above the light's plane, as the top's near plane does: what lies in it, the light itself, passes
+    // through the eye, and rounding would strew it over the texels.
+    gl_ClipDistance[3] = top ? p.z + p.y : p.y - light_range.x;
 
     vec4 rectangle = hemicube_rectangle(gl_InstanceID);
     float low = top ? -1.0 : 0.0;

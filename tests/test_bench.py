@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from glpath.bench import embree_peer, path_buffer, shaft, t_buffer
+import glpath
+from glpath.bench import embree_peer, gather, mitsuba_peer, path_buffer, shaft, t_buffer
+from glpath.bench.equal_error import line_to_target, samples_to_target
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
@@ -34,6 +36,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
         return measure
 
     monkeypatch.setattr(path_buffer, "bench_path_buffer", stand_in("path-buffer", True))
+    monkeypatch.setattr(gather, "bench_gather", stand_in("gather", True))
     monkeypatch.setattr(t_buffer, "bench_t_buffer", stand_in("t-buffer", False))
     monkeypatch.setattr(shaft, "bench_shaft", stand_in("shaft", True))
     return asked
@@ -46,7 +49,7 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "t-buffer", "shaft"]
+    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft"]
 
 
 @pytest.mark.parametrize(
@@ -54,6 +57,8 @@ def test_list_names_every_bench() -> None:
     [
         (["path-buffer"], ("path-buffer", 3, None)),
         (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"))),
+        (["gather"], ("gather", 3, None, 1.0)),
+        (["gather", "--seeds", "2", "--scale", "0.5"], ("gather", 2, None, 0.5)),
         (["t-buffer"], ("t-buffer", 1.0, 7)),
         (["t-buffer", "--rounds", "3", "--scale", "0.5"], ("t-buffer", 0.5, 3)),
         (["shaft"], ("shaft", 1.0, 7)),
@@ -69,11 +74,12 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer, t-buffer, shaft"),
-        (["z-buffer"], "'z-buffer'; allowed are path-buffer, t-buffer, shaft"),
+        ([], "no name; allowed are path-buffer, gather, t-buffer, shaft"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
+        (["gather", "--rounds", "2"], "--rounds does not apply to bench gather; allowed are --seeds, --reference"),
         (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
         (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
         (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
@@ -167,3 +173,41 @@ def test_a_turntable_goes_around_the_target_once() -> None:
     np.testing.assert_allclose(around[1].position, [-2, 1, 2], atol=1e-12)
     np.testing.assert_allclose(around[2].position, [1, -2, 2], atol=1e-12)
     assert all(np.array_equal(c.target, camera.target) for c in around)
+
+
+# Equal error
+
+
+def test_the_samples_to_a_target_lie_on_the_line() -> None:
+    samples = (16, 64, 256)
+    errors = 0.064 / np.array(samples)
+    slope, needed = line_to_target(samples, errors, 1e-3)
+    assert (slope, needed) == (pytest.approx(-1.0), pytest.approx(64.0))
+    assert line_to_target(samples, errors, 1e-5)[1] == pytest.approx(6400.0)
+
+
+def test_the_samples_to_a_target_are_between_the_neighbours_that_were_measured() -> None:
+    samples = (16, 64, 256)
+    assert samples_to_target(samples, np.array([4e-3, 1e-3, 5e-4]), 2e-3) == pytest.approx(32.0)
+    # A floor at 5e-4: a line through all three would promise less.
+    assert np.isnan(samples_to_target(samples, np.array([4e-3, 1e-3, 5e-4]), 4e-4))
+    assert samples_to_target(samples, np.array([4e-3, 1e-3, 5e-4]), 5e-3) == 16.0
+
+
+def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkeypatch, tmp_path: Path) -> None:
+    def absent(*_):
+        raise GlpathError("Mitsuba 3 cannot be imported.", "pip install")
+
+    monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
+    monkeypatch.setattr(gather, "PATH_DEPTH", 3)
+    monkeypatch.setattr(gather, "PATCHES", 50)
+    path = tmp_path / "reference.exr"
+    glpath.render(gather.SCENE, spp=16, max_depth=3).save(path)
+    report = gather.bench_gather(seeds=1, reference=path, scale=0.1)
+    measured = report.measured
+    assert (report.holds, measured["gather_relmse_26"] > 0) == (None, True)
+    assert measured["gather_s"] > measured["solver_s"] > 0 or np.isnan(measured["gather_s"])
+    assert {row["program"] for row in report.rows} == {"gather", "path_buffer"}
+    assert "gather_ms_per_set.look up" in measured
+    assert "Mitsuba 3 cannot be imported" in report.notes[0]
+    assert "vs_mitsuba" not in measured

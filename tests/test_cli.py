@@ -86,6 +86,8 @@ def test_the_public_names_are_these() -> None:
         "GlpathError",
         "ImageError",
         "Progress",
+        "RadiosityInterrupted",
+        "RadiosityProgress",
         "RadiositySolution",
         "RenderInterrupted",
         "Scene",
@@ -99,6 +101,7 @@ def test_the_public_names_are_these() -> None:
         "relative_mse",
         "render",
         "render_frames",
+        "solve_radiosity",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None
@@ -260,9 +263,9 @@ def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp
 def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
     run("render", "furnace", "-o", tmp_path / "a.png")
     (call,) = renderer.calls
-    assert (call["integrator"], call["max_depth"], call["seed"], call["count_tests"]) == ("path", 5, 0, False)
+    assert (call["integrator"], call["seed"], call["count_tests"]) == ("path", 0, False)
     others = ("spp", "sampling", "ambient", "directions", "roulette", "shadows", "shadow_filter", "secondary")
-    others += ("resolution", "crop", "camera", "device")
+    others += ("resolution", "crop", "camera", "device", "max_depth", "radiosity", "radiosity_lookup")
     assert all(call[name] is None for name in others)
 
 

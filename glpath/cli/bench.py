@@ -17,6 +17,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
         ("--seeds", "--reference"),
     ),
+    "gather": (
+        "light of all bounces from radiosity: time to an error, beside path tracing and Mitsuba 3",
+        ("--seeds", "--reference", "--scale"),
+    ),
     "t-buffer": (
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
         ("--rounds", "--scale"),
@@ -32,17 +36,19 @@ def bench(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES))] = None,
     list_all: Annotated[bool, typer.Option("--list", help="Name all benches.")] = False,
     seeds: Annotated[
-        int | None, typer.Option(metavar="N", help="path-buffer: independent renders to take errors over; 3.")
+        int | None,
+        typer.Option(metavar="N", help="path-buffer, gather: independent renders to take errors over; 3."),
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="path-buffer: a converged picture to take errors against.")
+        Path | None,
+        typer.Option(metavar="FILE", help="path-buffer, gather: a converged picture to take errors against."),
     ] = None,
     rounds: Annotated[
         int | None,
         typer.Option(metavar="N", help="t-buffer, shaft: turns of each program, whose median counts; 7."),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(metavar="S", help="t-buffer, shaft: below 1, smaller scenes and pictures; 1.")
+        float | None, typer.Option(metavar="S", help="gather, t-buffer, shaft: below 1, less work; 1.")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -83,6 +89,10 @@ def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: 
     def say(text: str) -> None:
         typer.echo(text, err=True)
 
+    if name == "gather":
+        from glpath.bench.gather import bench_gather
+
+        return bench_gather(seeds, reference, scale, say)
     if name == "t-buffer":
         from glpath.bench.t_buffer import bench_t_buffer
 

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import bench, compare, devices, figure, render, scenes
+from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes
 from glpath.cli.render import INTERRUPTED
 from glpath.errors import GlpathError, SceneWarning, UsageError
 
@@ -76,7 +76,7 @@ def _common(
     pass
 
 
-for _commands in (render, compare, scenes, devices, bench, figure):
+for _commands in (render, radiosity, compare, scenes, devices, bench, figure):
     _commands.register(app)
 
 

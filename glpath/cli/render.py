@@ -300,7 +300,7 @@ def render(
     if quiet and progress == "auto":
         progress = "none"
     interrupted = False
-    with _sigterm_as_interrupt():
+    with sigterm_as_interrupt():
         try:
             with reporting(progress, sys.stderr) as report:
                 film = rendering.render(
@@ -347,7 +347,7 @@ def render(
 
 
 @contextmanager
-def _sigterm_as_interrupt() -> Iterator[None]:
+def sigterm_as_interrupt() -> Iterator[None]:
     """SIGTERM does what Ctrl-C does. Only the main thread may set this up; elsewhere SIGTERM stays as it is."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -384,8 +384,12 @@ def _summary(film: Film, written: Sequence[Path], verbose: bool) -> Iterator[str
     error = film.relative_error()
     noise = "" if error is None else f", error about {percent(error)}"
     yield f"{film.path_sets} path sets of {width} x {height} in {duration(m.elapsed_s)}{noise}"
-    speed = f": {_million(film.path_sets * width * height / m.elapsed_s)} paths/s" if m.elapsed_s > 0 else ""
+    solved = m.statistics.get("radiosity_s", 0.0)
+    tracing = m.elapsed_s - solved
+    speed = f": {_million(film.path_sets * width * height / tracing)} paths/s" if tracing > 0 else ""
     yield f"  on {m.device or 'an unnamed device'}{speed}"
+    if solved > 0:
+        yield f"  of that, {duration(solved)} for the radiosity solution"
     cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost", 0)
     if cast:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"

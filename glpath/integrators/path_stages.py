@@ -20,6 +20,7 @@ What is done otherwise than in the paper, and why:
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Literal, NamedTuple
@@ -84,7 +85,7 @@ class VertexPasses(NamedTuple):
     last: list[list[Pass]]
 
 
-class PathStages:
+class PathStages(ABC):
     """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
 
     Parameters
@@ -126,6 +127,10 @@ class PathStages:
         self._sums = PixelSums(gl, size, max(scene.brightest, brightest))
         self._make_states(size)
         self.look_at(window)
+
+    @abstractmethod
+    def trace_path_set(self, index: int) -> None:
+        """One path for every pixel; which, the index says alone."""
 
     def look_at(self, window: tuple[int, int, int, int]) -> None:
         """Go on with another window of the same size."""

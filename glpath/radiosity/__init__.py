@@ -1,9 +1,10 @@
-"""Who can stand between two surfaces, on the CPU: shafts and visibility [SC]. No GL."""
+"""Light between diffuse surfaces, on the CPU: shafts and visibility [SC], form factors, radiosity. No GL."""
 
 from glpath.radiosity.blockers import Blockers
 from glpath.radiosity.clusters import cluster
 from glpath.radiosity.shaft import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.solution import RadiositySolution
+from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
 from glpath.radiosity.visibility import (
     PAPER,
     Emitter,
@@ -21,6 +22,8 @@ __all__ = [
     "Emitter",
     "Options",
     "Place",
+    "RadiosityInterrupted",
+    "RadiosityProgress",
     "RadiositySolution",
     "Receivers",
     "Shaft",
@@ -30,5 +33,6 @@ __all__ = [
     "candidate_list",
     "cluster",
     "facing",
+    "solve_radiosity",
     "visible",
 ]

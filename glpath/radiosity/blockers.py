@@ -9,6 +9,7 @@ hierarchy.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class Blockers:
     def __len__(self) -> int:
         return len(self.corners)
 
-    @property
+    @cached_property
     def size(self) -> float:
         """The largest coordinate, which rounding is measured by."""
         return float(np.abs(self._outlines()).max(initial=np.finfo(float).tiny))
@@ -99,7 +100,7 @@ class Blockers:
         """Length by which a shaft has to be larger than the hull of the points it is made for."""
         return _WIDER * self.size
 
-    @property
+    @cached_property
     def normals(self) -> Float64:
         """(N, 3) unit normals out of the front; of no meaning for a polygon without area."""
         n = self._normals()

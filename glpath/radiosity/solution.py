@@ -66,7 +66,7 @@ class RadiositySolution:
             put(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         if self.divisions.ndim != 1 or (self.divisions < 1).any():
             raise ValueError("divisions must be (T,), each at least 1")
-        for name, count in (("elements", self._first_element[-1]), ("vertices", self._first_vertex[-1])):
+        for name, count in (("elements", self.first_element[-1]), ("vertices", self.first_vertex[-1])):
             found = getattr(self, name)
             if found.shape != (2, count, 3):
                 raise ValueError(f"{name} has the shape {found.shape}; its divisions make it {(2, int(count), 3)}")
@@ -74,17 +74,19 @@ class RadiositySolution:
                 raise ValueError(f"{name} holds values that are negative or not finite")
 
     @cached_property
-    def _first_element(self) -> NDArray[np.int64]:
+    def first_element(self) -> NDArray[np.int64]:
+        """(T + 1,): where each triangle's elements begin, and the number of them all."""
         return lattice.starts(lattice.element_count(self.divisions))
 
     @cached_property
-    def _first_vertex(self) -> NDArray[np.int64]:
+    def first_vertex(self) -> NDArray[np.int64]:
+        """(T + 1,): where each triangle's vertices begin, and the number of them all."""
         return lattice.starts(lattice.vertex_count(self.divisions))
 
     @property
     def element_count(self) -> int:
         """Elements of all triangles, each with two sides."""
-        return int(self._first_element[-1])
+        return int(self.first_element[-1])
 
     def lookup(
         self, triangle: ArrayLike, barycentric: ArrayLike, back: ArrayLike = 0, mode: Lookup = "interpolated"
@@ -110,9 +112,9 @@ class RadiositySolution:
         n = self.divisions[t].astype(np.int64)
         i, j, upper, fx, fy = lattice.locate(n, b[:, 0], b[:, 1])
         if mode == "constant":
-            at = self._first_element[t] + lattice.element_index(n, i, j, upper)
+            at = self.first_element[t] + lattice.element_index(n, i, j, upper)
             return np.asarray(self.elements[side, at], np.float64)
-        first = self._first_vertex[t]
+        first = self.first_vertex[t]
         total = np.zeros((len(t), 3))
         for di, dj, weight in (
             (upper, upper, np.where(upper, fx + fy - 1, 1 - fx - fy)),
@@ -153,6 +155,21 @@ class RadiositySolution:
                 vertices=self.vertices,
                 made_by=np.array(json.dumps(plain)),
             )
+
+    def to_glb(self, scene: Scene, path: str | Path, *, exposure: float = 0.0) -> None:
+        """Write the scene with its radiosity as vertex colours, unlit, as glTF 2.0 (.glb), whole or not at all.
+
+        scene    : that it is a solution of; its camera goes into the file
+        exposure : stops; colours are radiance (emission and reflected radiosity / pi) times 2^exposure, linear
+                   Rec. 709, clipped to [0, 1]. The file has it as `extras.exposure_stops`
+
+        Sides that neither reflect nor emit are left out. Raises SceneError for another scene, UsageError for
+        another suffix, ImageError if it can't be written.
+        """
+        from glpath.radiosity.glb import write_glb
+
+        self.check_scene(scene)
+        write_glb(self, path_traceable(scene), path, exposure)
 
     @classmethod
     def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:

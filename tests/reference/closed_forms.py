@@ -126,3 +126,55 @@ def infinite_plates_radiance(
     for _ in range(depth):
         L = (emission[0] + reflectance[0] * L[1], emission[1] + reflectance[1] * L[0])
     return L
+
+
+def perpendicular_rectangles_form_factor(width: float, height: float, length: float) -> float:
+    """From a width x length rectangle to a height x length one, at a right angle along the edge `length` (C-14)."""
+    W, H = width / length, height / length
+    w, h, s = W * W, H * H, W * W + H * H
+    logarithm = (
+        np.log((1 + w) * (1 + h) / (1 + s))
+        + w * np.log(w * (1 + s) / ((1 + w) * s))
+        + h * np.log(h * (1 + s) / ((1 + h) * s))
+    )
+    root = np.sqrt(s)
+    total = W * np.arctan(1 / W) + H * np.arctan(1 / H) - root * np.arctan(1 / root) + 0.25 * logarithm
+    return float(total / (np.pi * W))
+
+
+def tilted_rectangles_form_factor(width: float, height: float, length: float, angle: float) -> float:
+    """As `perpendicular_rectangles_form_factor`, with `angle` radians between the two, 0 < angle < pi (C-16).
+
+    What is left of Howell's formula as an integral is done by Gauss-Legendre quadrature, right to 1e-10.
+    """
+    A, B = height / length, width / length
+    sin, cos, sin2, cos2 = np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)
+    C = A * A + B * B - 2 * A * B * cos
+    D = np.sqrt(1 + A * A * sin * sin)
+    x, weight = np.polynomial.legendre.leggauss(64)
+    z = 0.5 * B * (x + 1)
+    root = np.sqrt(1 + z * z * sin * sin)
+    integral = 0.5 * B * np.sum(weight * root * (np.arctan(z * cos / root) + np.arctan((A - z * cos) / root)))
+    total = (
+        -sin2
+        / 4
+        * (
+            A * B * sin
+            + (np.pi / 2 - angle) * (A * A + B * B)
+            + B * B * np.arctan((A - B * cos) / (B * sin))
+            + A * A * np.arctan((B - A * cos) / (A * sin))
+        )
+    )
+    total += (
+        sin
+        * sin
+        / 4
+        * (
+            (2 / (sin * sin) - 1) * np.log((1 + A * A) * (1 + B * B) / (1 + C))
+            + B * B * np.log(B * B * (1 + C) / (C * (1 + B * B)))
+            + A * A * np.log(A * A * (1 + A * A) ** cos2 / (C * (1 + C) ** cos2))
+        )
+    )
+    total += B * np.arctan(1 / B) + A * np.arctan(1 / A) - np.sqrt(C) * np.arctan(1 / np.sqrt(C))
+    total += sin * sin2 / 2 * A * D * (np.arctan(A * cos / D) + np.arctan((B - A * cos) / D))
+    return float((total + cos * integral) / (np.pi * B))

@@ -1,0 +1,297 @@
+"""`glpath radiosity`: a solution of the light between diffuse surfaces; `glpath bake`: the same as glTF."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
+
+import typer
+from rich.console import Console
+
+from glpath.cli.progress import MODES, duration, percent
+from glpath.cli.render import INTERRUPTED, sigterm_as_interrupt
+from glpath.errors import UsageError
+from glpath.image import check_writable
+
+if TYPE_CHECKING:
+    from glpath.radiosity import RadiosityProgress, RadiositySolution
+    from glpath.radiosity.form_factor import Kind
+    from glpath.radiosity.solve import Method
+    from glpath.scene import Scene
+
+Report = Callable[["RadiosityProgress"], None]
+
+_MESH, _SOLVER, _OUTPUT = "Mesh", "Solver", "What is printed"
+# Seconds between two lines.
+_LINE_INTERVAL = 5.0
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")]
+Patches = Annotated[
+    int | None,
+    typer.Option(help="About so many patches, which shoot. [default: 1000]", rich_help_panel=_MESH),
+]
+Size = Annotated[
+    float | None,
+    typer.Option(help="Instead: the longest edge of a patch, scene units.", rich_help_panel=_MESH),
+]
+MethodOption = Annotated[
+    str, typer.Option(metavar="progressive|matrix|monte-carlo", help="See above.", rich_help_panel=_SOLVER)
+]
+Parameters = Annotated[
+    list[str] | None,
+    typer.Option("-D", metavar="KEY=VALUE", help="A parameter of a generated scene; may be repeated."),
+]
+ProgressOption = Annotated[
+    str, typer.Option(metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=_OUTPUT)
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)]
+
+
+def register(app: typer.Typer) -> None:
+    """Put the commands on the main program."""
+    codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
+    app.command(epilog=codes)(radiosity)
+    app.command(epilog=codes)(bake)
+
+
+def radiosity(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="Where the solution goes.")],
+    method: MethodOption = "progressive",
+    patches: Patches = None,
+    size: Size = None,
+    splits: Annotated[
+        int, typer.Option(help="Split patches in four so many times, for elements.", rich_help_panel=_MESH)
+    ] = 0,
+    adaptive: Annotated[
+        int,
+        typer.Option(help="So many times, split elements where the radiosity changes fast.", rich_help_panel=_MESH),
+    ] = 0,
+    threshold: Annotated[
+        float,
+        typer.Option(help="Fast: by this share of the scene's mean in an element.", rich_help_panel=_MESH),
+    ] = 0.25,
+    unshot: Annotated[
+        float, typer.Option(help="End when this share of the energy is unshot.", rich_help_panel=_SOLVER)
+    ] = 0.001,
+    max_steps: Annotated[
+        int, typer.Option(help="Or when so many patches shot.", rich_help_panel=_SOLVER)
+    ] = 1_000_000,
+    overshoot: Annotated[
+        bool,
+        typer.Option("--overshoot", help="Patches shoot some of what is to come, too.", rich_help_panel=_SOLVER),
+    ] = False,
+    ambient: Annotated[
+        bool,
+        typer.Option("--ambient", help="Add the unshot energy, spread evenly.", rich_help_panel=_SOLVER),
+    ] = False,
+    form_factors: Annotated[
+        str,
+        typer.Option(metavar="polygon|disc", help="Exact but for shadows; or Wallace's.", rich_help_panel=_SOLVER),
+    ] = "polygon",
+    emitter_samples: Annotated[
+        int, typer.Option(metavar="1|4|9|16|25", help="The most of an emitter.", rich_help_panel=_SOLVER)
+    ] = 25,
+    receiver_points: Annotated[
+        int, typer.Option(metavar="1|4|9|...", help="Per element.", rich_help_panel=_SOLVER)
+    ] = 4,
+    particles: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 1_000_000,
+    seed: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 0,
+    parameters: Parameters = None,
+    progress: ProgressOption = "auto",
+    quiet: Quiet = False,
+) -> None:
+    """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
+
+    Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
+    once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C or SIGTERM ends it, and what was
+    solved until then is written.
+    """
+    from glpath.radiosity.solution import check_suffix
+    from glpath.scene import load_scene, parameters_from_options
+
+    check_suffix(out)
+    _check_mode(progress)
+    loaded = load_scene(scene, parameters_from_options(parameters or []))
+    check_writable(out)
+    options: dict[str, Any] = {
+        "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
+        "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
+        "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
+        "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
+        "seed": seed,
+    }  # fmt: skip
+    solution, interrupted = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
+    if solution is not None:
+        solution.save(out)
+    _end(solution, out, interrupted, quiet or progress == "json")
+
+
+def bake(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.glb", help="Where the baked scene goes.")],
+    radiosity: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.npz", help="A solution of `glpath radiosity`; without it, one is made."),
+    ] = None,
+    exposure: Annotated[float, typer.Option(metavar="STOPS", help="Brightness: 1 doubles it.")] = 0.0,
+    patches: Patches = None,
+    size: Size = None,
+    adaptive: Annotated[
+        int | None,
+        typer.Option(
+            help="So many times, split elements where the radiosity changes fast. [default: 2]",
+            rich_help_panel=_MESH,
+        ),
+    ] = None,
+    parameters: Parameters = None,
+    progress: ProgressOption = "auto",
+    quiet: Quiet = False,
+) -> None:
+    """Write a scene with its light baked into vertex colours, as glTF (.glb), for any viewer.
+
+    Colours are radiance times 2^STOPS, linear, at most 1; the material is unlit (KHR_materials_unlit).
+    """
+    from glpath.radiosity import RadiositySolution
+    from glpath.radiosity.glb import check_suffix
+    from glpath.scene import load_scene, parameters_from_options
+
+    check_suffix(out)
+    _check_mode(progress)
+    if not abs(exposure) <= 100:
+        raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
+    mesh = {"patches": patches, "size": size, "adaptive": adaptive}
+    given = {name: value for name, value in mesh.items() if value is not None}
+    if radiosity is not None and given:
+        raise UsageError(
+            f"--radiosity and --{next(iter(given))} contradict each other: the mesh is that of the solution.",
+            "Leave one of them out.",
+        )
+    loaded = load_scene(scene, parameters_from_options(parameters or []))
+    check_writable(out)
+    interrupted = False
+    if radiosity is not None:
+        solution: RadiositySolution | None = RadiositySolution.load(radiosity, loaded)
+    else:
+        mode = "none" if quiet and progress == "auto" else progress
+        solution, interrupted = _solve(loaded, {"adaptive": 2} | given, mode)
+    if solution is not None:
+        solution.to_glb(loaded, out, exposure=exposure)
+    _end(solution, out, interrupted, quiet or progress == "json", radiosity is None)
+
+
+def _solve(scene: Scene, options: dict[str, Any], mode: str) -> tuple[RadiositySolution | None, bool]:
+    """The solution, or what there was of it when it was interrupted."""
+    from glpath.radiosity import RadiosityInterrupted, solve_radiosity
+
+    with sigterm_as_interrupt():
+        try:
+            with _reporting(mode, sys.stderr) as report:
+                return solve_radiosity(scene, **options, on_progress=report), False
+        except RadiosityInterrupted as stop:
+            return stop.solution, True
+
+
+def _end(
+    solution: RadiositySolution | None, out: Path, interrupted: bool, quiet: bool, solved: bool = True
+) -> None:
+    """Say what there is; of what was interrupted, exit as such."""
+    if solution is not None and not quiet:
+        for line in _summary(solution) if solved else ():
+            typer.echo(line, err=True)
+        typer.echo(f"wrote {out}", err=True)
+    if interrupted:
+        left = "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {out}"
+        typer.echo(f"glpath: interrupted: {left}", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _summary(solution: RadiositySolution) -> Iterator[str]:
+    s = solution.statistics
+    yield f"{s['elements']:,} elements in {s['patches']:,} patches, {solution.method}, {duration(s['elapsed_s'])}"
+    if "steps" in s:
+        yield f"  {s['steps']:,} steps, {percent(s['unshot'])} of the energy unshot"
+    if "rays" in s:
+        empty = s["empty_shafts"] / max(s["shafts"], 1)
+        yield f"  {s['rays']:,} rays through {s['shafts']:,} shafts, {percent(empty)} of which were empty"
+    if "particles" in s:
+        error = "" if s["error_of_mean"] is None else f", error of the mean {percent(s['error_of_mean'])}"
+        yield f"  {s['particles']:,} particles, {s['hits']:,} hits{error}"
+
+
+def _check_mode(mode: str) -> None:
+    if mode not in MODES:
+        raise UsageError(f"--progress {mode}: there is no such choice. Allowed: {', '.join(MODES)}.")
+
+
+def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
+    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
+    if mode == "auto":
+        mode = "bar" if Console(file=stream).is_terminal else "lines"
+    if mode == "bar":
+        return _bar(stream)
+    reports: dict[str, Report | None] = {"lines": _Lines(stream), "json": _json(stream), "none": None}
+    return nullcontext(reports[mode])
+
+
+def _left(progress: RadiosityProgress) -> str:
+    what = "particles" if progress.stage == "particles" else "steps"
+    share = "" if progress.unshot is None or what == "particles" else f", {percent(progress.unshot)} unshot"
+    return f"{progress.steps:,} {what}{share}, {progress.elements:,} elements"
+
+
+@contextmanager
+def _bar(stream: TextIO) -> Iterator[Report]:
+    from rich import progress as rich_progress
+
+    columns = (
+        rich_progress.TextColumn("{task.description}", markup=False),
+        rich_progress.BarColumn(bar_width=None),
+        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
+    )
+    with rich_progress.Progress(*columns, console=Console(file=stream, highlight=False), transient=True) as bar:
+        task = bar.add_task("starting", total=None, detail="")
+
+        def report(progress: RadiosityProgress) -> None:
+            done = None if progress.unshot is None else 1 - progress.unshot
+            total = None if done is None else 1 - progress.until
+            bar.update(task, description=progress.stage, completed=done or 0, total=total, detail=_left(progress))
+
+        yield report
+
+
+class _Lines:
+    """A line when a stage begins, and every few seconds."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._stage = ""
+        self._next = 0.0
+
+    def __call__(self, progress: RadiosityProgress) -> None:
+        if progress.stage == self._stage and progress.elapsed_s < self._next:
+            return
+        self._stage, self._next = progress.stage, progress.elapsed_s + _LINE_INTERVAL
+        text = f"{progress.stage}: {_left(progress)} after {duration(progress.elapsed_s)}"
+        print(text, file=self._stream, flush=True)
+
+
+def _json(stream: TextIO) -> Report:
+    def report(progress: RadiosityProgress) -> None:
+        event = {
+            "event": "progress",
+            "stage": progress.stage,
+            "steps": progress.steps,
+            "unshot": progress.unshot,
+            "until": progress.until,
+            "elements": progress.elements,
+            "elapsed_s": round(progress.elapsed_s, 3),
+        }
+        print(json.dumps(event), file=stream, flush=True)
+
+    return report

@@ -1,0 +1,296 @@
+"""Form factors by casting rays from points of the receivers to samples of an emitter (Wallace et al. 1989).
+
+F_ij, from receiver i to emitter j, is the share of what leaves i that reaches j, and so the share of j's radiosity
+that is irradiance of i. It is the mean over points of the receiver, but for those that are buried in a solid, as is
+the floor under a box; of each point it is
+
+    "polygon"  the form factor of the whole triangle by Lambert's formula, times the share of it that is visible
+    "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
+
+With polygons the rows of a closed room without blockers add up to 1 to the last digits, and with discs roughly. An
+emitter has 1 to 25 samples, more where it is large and near: the distance should be five times the size of a part.
+
+J. Wallace, K. Elmquist, E. Haines, "A ray tracing algorithm for progressive radiosity", 1989.
+
+Cost:     a ray per receiver point and emitter sample, and less where a shaft is empty.
+Poor at:  receivers that touch an emitter, and the penumbra of a lamp of which 25 samples are too few.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.mesh import Elements, Int64, blocker_of_triangle
+from glpath.radiosity.sides import Sides, open_points, sub_triangles
+from glpath.radiosity.visibility import Emitter, Prepared, Receivers, Statistics, Visibility
+from glpath.scene import Scene
+from glpath.scene.model import Float64, Int32
+
+Kind = Literal["polygon", "disc"]
+KINDS: tuple[Kind, ...] = ("polygon", "disc")
+
+#: The distance in sizes of a part of an emitter from which one sample stands for the part.
+FIVE_TIMES = 5.0
+#: Share of all points above which their shafts, made once for all of them, are worth it for some.
+_MOST = 0.4
+#: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
+_LEVEL = 1e-9
+
+
+class FormFactors:
+    """Columns of the form factor matrix: from all receivers to one emitter, or to several of a batch.
+
+    Emitters that lie together on one polygon are a batch: their rays share shafts, and the cost of a call.
+
+    scene      : in triangles
+    visibility : among its blockers, of `Blockers.of_scene`
+    emitters   : elements whose sides `shooting` emit
+    kind       : see above
+    most       : samples of an emitter, at most: 1, 4, 9, 16 or 25
+    points     : per receiver: 1, 4, 9, ...
+    together   : emitters of a batch, at most
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        visibility: Visibility,
+        emitters: Elements,
+        shooting: Sides,
+        *,
+        kind: Kind = "polygon",
+        most: int = 25,
+        points: int = 4,
+        together: int = 1,
+    ) -> None:
+        self.scene = scene
+        self.visibility = visibility
+        self.kind = kind
+        self.points = points
+        side = round(most**0.5)
+        self._tiers = np.array(sorted({1, (1 + side) // 2, side}), np.int64)
+        self._samples = {int(k): sub_triangles(int(k)) for k in self._tiers}
+        self._polygon = blocker_of_triangle(visibility.blockers.parallelogram)
+        self._corners = np.ascontiguousarray(emitters.points(scene, np.eye(3))[shooting.element])
+        self._normals = shooting.normal
+        edges = np.roll(self._corners, -1, axis=1) - self._corners
+        self._size = np.linalg.norm(edges, axis=2).max(axis=1)
+        self._areas = (scene.areas[emitters.triangle] / emitters.n**2)[shooting.element]
+        self._own = self._polygon[emitters.triangle[shooting.element]]
+        self.batches = _batches(self._corners.mean(axis=1), 2 * self._own + shooting.back, together)
+        self.batch_of = np.empty(len(shooting), np.int64)
+        for i, batch in enumerate(self.batches):
+            self.batch_of[batch] = i
+
+    def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
+        """Sides of elements as points, for `of_batch`."""
+        solid = self.visibility.blockers.solid[self._polygon]
+        points, is_open = open_points(self.scene, solid, elements, sides, self.points)
+        each = points.shape[1]
+        polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
+        # A receiver for shafts is one side of one polygon.
+        key = 2 * polygon + np.repeat(sides.back, each)
+        order = np.argsort(key, kind="stable")
+        normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
+        receivers = Receivers(points.reshape(-1, 3)[order], key[order].astype(np.int32), normals, polygon[order])
+        prepared = self.visibility.prepare(receivers) if len(order) else None
+        number = np.repeat(np.arange(len(sides)), each)[order]
+        return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
+
+    def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
+        """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
+        which = self.batches[batch]
+        corners, normal, size = self._corners[which], self._normals[which[0]], self._size[which]
+        tier = np.empty((len(at.lit.points), len(which)), np.int8)
+        _tiers(at.lit, corners, normal, size, self._tiers, tier)
+        factors = np.zeros((len(which), len(at.open)))
+        took = Statistics()
+        for t, k in enumerate(self._tiers):
+            some = np.flatnonzero((tier == t).any(axis=1))
+            if not len(some):
+                continue
+            samples = np.einsum("sc,bcx->bsx", self._samples[int(k)], corners)
+            source = Emitter(samples.reshape(-1, 3), normal, int(self._own[which[0]]))
+            if len(some) > _MOST * len(tier) and at.prepared is not None:
+                some = np.arange(len(tier))
+                visible, counts = self.visibility.step(source, at.prepared)
+            else:
+                visible, counts = self.visibility.step(source, at.some(some))
+            took += counts
+            exact = self.kind == "polygon"
+            _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
+        return (factors / at.each).astype(np.float32), took
+
+    def of_batches(
+        self, batches: Sequence[int], at: ReceiverPoints
+    ) -> list[tuple[NDArray[np.float32], Statistics]]:
+        """`of_batch` of several, shared between threads."""
+        threads = min(len(os.sched_getaffinity(0)), len(batches))
+        if threads < 2:
+            return [self.of_batch(b, at) for b in batches]
+        with ThreadPoolExecutor(threads) as pool:
+            return list(pool.map(lambda b: self.of_batch(b, at), batches))
+
+
+def _batches(middles: Float64, group: Int64, most: int) -> list[Int64]:
+    """Numbers of points (N, 3) of one group that lie together, at most so many in each."""
+    order = np.argsort(group, kind="stable")
+    pending = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
+    done = []
+    while pending:
+        part = pending.pop()
+        if len(part) <= most:
+            done.append(part)
+            continue
+        axis = np.argmax(np.ptp(middles[part], axis=0))
+        part = part[np.argsort(middles[part, axis], kind="stable")]
+        half = len(part) // 2
+        pending += [part[half:], part[:half]]
+    return done
+
+
+class _Lit(NamedTuple):
+    """Points for the kernels: (P, 3), their normals (P, 3), and the receiver of each (P,)."""
+
+    points: Float64
+    normals: Float64
+    number: Int64
+
+
+@dataclass(frozen=True)
+class ReceiverPoints:
+    """Points that stand for receivers, polygon by polygon.
+
+    receivers : as `Visibility` wants them
+    prepared  : the same, with what its shafts are made for
+    lit       : the same, with what they are part of
+    open      : (R,) share of a receiver that is not buried in a solid
+    each      : points of a receiver
+    """
+
+    receivers: Receivers
+    prepared: Prepared | None
+    lit: _Lit
+    open: Float64
+    each: int
+
+    def some(self, which: Int64) -> Receivers:
+        r = self.receivers
+        assert r.normals is not None
+        assert r.polygons is not None
+        polygons: Int32 = r.polygons[which]
+        return Receivers(r.points[which], r.receiver[which], r.normals[which], polygons)
+
+
+@kernel
+def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
+    """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
+    points, normals, _ = lit
+    last = len(tiers) - 1
+    for p in range(len(points)):
+        px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+        for b in range(len(corners)):
+            c = corners[b]
+            tier[p, b] = -1
+            before = (px - c[0, 0]) * normal[0] + (py - c[0, 1]) * normal[1] + (pz - c[0, 2]) * normal[2]
+            if before <= _LEVEL * sizes[b]:
+                continue
+            above = -1.0
+            for k in range(3):
+                above = max(above, (c[k, 0] - px) * nx + (c[k, 1] - py) * ny + (c[k, 2] - pz) * nz)
+            if above <= _LEVEL * sizes[b]:
+                continue
+            x = px - (c[0, 0] + c[1, 0] + c[2, 0]) / 3
+            y = py - (c[0, 1] + c[1, 1] + c[2, 1]) / 3
+            z = pz - (c[0, 2] + c[1, 2] + c[2, 2]) / 3
+            distance = np.sqrt(x * x + y * y + z * z)
+            tier[p, b] = last
+            for k in range(last):
+                if distance * tiers[k] >= FIVE_TIMES * sizes[b]:
+                    tier[p, b] = k
+                    break
+
+
+@kernel
+def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polygon, factors):  # type: ignore[no-untyped-def]
+    """Add those of points `some` of tier t to factors (B, R); samples: (B, S, 3), visible: (len(some), B * S)."""
+    points, normals, number = lit
+    count = samples.shape[1]
+    for w in range(len(some)):
+        p = some[w]
+        px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+        for b in range(len(corners)):
+            if tier[p, b] != t:
+                continue
+            part = areas[b] / count
+            total, seen = 0.0, 0.0
+            for s in range(count):
+                dx, dy, dz = samples[b, s, 0] - px, samples[b, s, 1] - py, samples[b, s, 2] - pz
+                here = dx * nx + dy * ny + dz * nz
+                there = -(dx * normal[0] + dy * normal[1] + dz * normal[2])
+                if here <= 0 or there <= 0:
+                    continue
+                square = dx * dx + dy * dy + dz * dz
+                disc = here * there / square / (np.pi * square + part) * part
+                total += disc
+                seen += disc * visible[w, b * count + s]
+            if not polygon:
+                factors[b, number[p]] += seen
+            elif seen > 0 or total == 0:
+                # What rises over the horizon by less than a sample is taken for visible.
+                share = seen / total if total > 0 else 1.0
+                factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
+
+
+@inner_kernel
+def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped-def]
+    """From a small plane element at p, with the normal n, to a triangle (3, 3), either side of it, unblocked.
+
+    Lambert's formula, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n, of what is above the horizon.
+    """
+    total = 0.0
+    inx = iny = inz = outx = outy = outz = 0.0
+    clipped = False
+    ax, ay, az = corners[0, 0] - px, corners[0, 1] - py, corners[0, 2] - pz
+    ha = ax * nx + ay * ny + az * nz
+    for k in range(3):
+        j = (k + 1) % 3
+        bx, by, bz = corners[j, 0] - px, corners[j, 1] - py, corners[j, 2] - pz
+        hb = bx * nx + by * ny + bz * nz
+        if ha > 0 or hb > 0:
+            sx, sy, sz, ex, ey, ez = ax, ay, az, bx, by, bz
+            if ha <= 0 or hb <= 0:
+                clipped = True
+                t = ha / (ha - hb)
+                cx, cy, cz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+                if ha <= 0:
+                    sx, sy, sz = cx, cy, cz
+                    inx, iny, inz = cx, cy, cz
+                else:
+                    ex, ey, ez = cx, cy, cz
+                    outx, outy, outz = cx, cy, cz
+            total += _edge(sx, sy, sz, ex, ey, ez, nx, ny, nz)
+        ax, ay, az, ha = bx, by, bz, hb
+    if clipped:
+        total += _edge(outx, outy, outz, inx, iny, inz, nx, ny, nz)
+    return abs(total) / (2 * np.pi)
+
+
+@inner_kernel
+def _edge(ax, ay, az, bx, by, bz, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """The angle that an edge spans, times the cosine between its plane's normal and n."""
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    sine = np.sqrt(cx * cx + cy * cy + cz * cz)
+    if sine == 0:
+        return 0.0
+    return np.arctan2(sine, ax * bx + ay * by + az * bz) * (cx * nx + cy * ny + cz * nz) / sine

@@ -1,0 +1,33 @@
+"""The full matrix (Goral et al. 1984): all form factors, and the radiosities of all patches at once. A check.
+
+C. Goral, K. Torrance, D. Greenberg, B. Battaile, "Modeling the interaction of light between diffuse surfaces",
+1984.
+
+Cost:     memory by the square of the number of patches, time for the solution by its cube.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.radiosity.transport import Transport
+from glpath.scene.model import Float64
+
+
+def solve_matrix(transport: Transport) -> Float64:
+    """(R, 3) float64: the irradiance of all elements, by gathering from all patches."""
+    t = transport
+    factors = t.matrix()
+    count = len(t.sides)
+    between = np.zeros((count, count))
+    np.add.at(between, t.patch, factors * t.share[:, None])
+    radiosity = np.empty((count, 3))
+    for c in range(3):
+        system = np.eye(count) - t.sides.reflectance[:, c, None] * between
+        radiosity[:, c] = np.linalg.solve(system, t.sides.emission[:, c])
+    return np.asarray(factors.astype(np.float64) @ radiosity)
+
+
+def matrix_bytes(elements: int, patches: int) -> int:
+    """Memory that `solve_matrix` takes for sides of so many elements and patches."""
+    return elements * patches * (4 + 8 + 8) + patches * patches * 8 * 4

@@ -1,0 +1,214 @@
+"""A scene's triangles in patches, which shoot, and elements, which receive (Cohen et al. 1986).
+
+Patches are the elements of a triangle's lattice; elements are the leaves of quadtrees in them, one triangle
+becoming four. Both are of one size all over the scene until `Mesh.refine` splits elements.
+
+M. Cohen, D. Greenberg, D. Immel, P. Brock, "An efficient radiosity approach for realistic image synthesis", 1986.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from glpath.radiosity import lattice
+from glpath.scene import Scene
+from glpath.scene.model import Float64, Int32
+
+Int64 = NDArray[np.int64]
+
+#: Cosine of the angle between two triangles' normals down to which they are one surface: 30 degrees.
+_SMOOTH = float(np.cos(np.radians(30)))
+#: Points of one surface that are nearer to each other than this share of the scene are one.
+_WELD = 0.7236e-6
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Triangles of lattices: (E,) int64 each.
+
+    triangle : of the scene
+    n        : parts of that triangle's edges in the lattice that the element belongs to
+    i, j     : its cell
+    upper    : 1 for the upper element of the cell, see `lattice`
+    """
+
+    triangle: Int64
+    n: Int64
+    i: Int64
+    j: Int64
+    upper: Int64
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def __getitem__(self, which: NDArray[np.bool_] | Int64) -> Elements:
+        return Elements(*(a[which] for a in (self.triangle, self.n, self.i, self.j, self.upper)))
+
+    def __add__(self, other: Elements) -> Elements:
+        ours = (self.triangle, self.n, self.i, self.j, self.upper)
+        theirs = (other.triangle, other.n, other.i, other.j, other.upper)
+        return Elements(*(np.concatenate(pair) for pair in zip(ours, theirs, strict=True)))
+
+    @classmethod
+    def of_lattices(cls, divisions: Int64) -> Elements:
+        """All elements of the triangles' lattices, in the order of `lattice`."""
+        triangle = np.repeat(np.arange(len(divisions)), lattice.element_count(divisions))
+        cells = [_cells(int(n)) for n in divisions]
+        i, j, upper = np.concatenate(cells).T if cells else np.zeros((3, 0), np.int64)
+        return cls(triangle, divisions[triangle], i, j, upper)
+
+    def split(self) -> Elements:
+        """Each in four of half the size: (4 E,), those of an element one behind the other."""
+        up = self.upper[:, None]
+        i, j = 2 * self.i[:, None], 2 * self.j[:, None]
+        # The one in the middle comes last and is the other way up.
+        di = np.where(up, [[1, 0, 1, 1]], [[0, 1, 0, 0]])
+        dj = np.where(up, [[1, 1, 0, 1]], [[0, 0, 1, 0]])
+        upper = np.where([[0, 0, 0, 1]], 1 - up, up)
+        triangle, n = np.repeat(self.triangle, 4), np.repeat(2 * self.n, 4)
+        return Elements(triangle, n, (i + di).ravel(), (j + dj).ravel(), upper.ravel())
+
+    def corners(self) -> Int64:
+        """(E, 3, 2): lattice coordinates of the vertices, counter-clockwise like the triangle."""
+        up = self.upper
+        i = np.stack([self.i + up, self.i + 1 - up, self.i + up], axis=1)
+        j = np.stack([self.j + up, self.j + up, self.j + 1 - up], axis=1)
+        return np.stack([i, j], axis=2)
+
+    def index(self) -> Int64:
+        """Their numbers in their triangles' lattices."""
+        return lattice.element_index(self.n, self.i, self.j, self.upper)
+
+    def points(self, scene: Scene, places: Float64) -> Float64:
+        """(E, k, 3): the points of barycentric places (k, 3) in each element."""
+        b = np.einsum("kc,ecx->ekx", places, self.corners() / self.n[:, None, None])
+        triangles = scene.triangles[self.triangle]
+        edges = triangles[:, 1:] - triangles[:, :1]
+        return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))
+
+
+def _cells(n: int) -> Int64:
+    """(n * n, 3): i, j and upper of a lattice's elements in their order."""
+    row = [(i // 2, i % 2) for i in range(2 * n - 1)]
+    return np.array([(i, j, up) for j in range(n) for i, up in row[: 2 * (n - j) - 1]], np.int64)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Patches and elements of a scene in triangles.
+
+    scene    : of triangles only
+    surface  : (T,) int64, which of the scene's smooth surfaces a triangle belongs to, see `surfaces`
+    patches  : every element of the triangles' lattices
+    elements : leaves of quadtrees
+    patch    : (E,) the patch that an element is part of
+    """
+
+    scene: Scene
+    surface: Int64
+    patches: Elements
+    elements: Elements
+    patch: Int64
+
+    @classmethod
+    def uniform(cls, scene: Scene, divisions: Int64, surface: Int64, splits: int = 0) -> Mesh:
+        """Each patch in 4^splits elements."""
+        patches = elements = Elements.of_lattices(divisions)
+        for _ in range(splits):
+            elements = elements.split()
+        return cls(scene, surface, patches, elements, np.repeat(np.arange(len(patches)), 4**splits))
+
+    def refine(self, which: NDArray[np.bool_]) -> Mesh:
+        """A mesh with those elements split in four: what stays comes first, then the new ones."""
+        split = self.elements[which].split()
+        patch = np.concatenate([self.patch[~which], np.repeat(self.patch[which], 4)])
+        return Mesh(self.scene, self.surface, self.patches, self.elements[~which] + split, patch)
+
+    @cached_property
+    def patch_areas(self) -> Float64:
+        """(P,) scene units squared."""
+        return np.asarray(self.scene.areas[self.patches.triangle] / self.patches.n**2)
+
+    @cached_property
+    def areas(self) -> Float64:
+        """(E,) scene units squared."""
+        return np.asarray(self.scene.areas[self.elements.triangle] / self.elements.n**2)
+
+
+def divisions_of_size(scene: Scene, surface: Int64, size: float) -> Int64:
+    """(T,) parts of each triangle's edges, so that none is longer than `size`.
+
+    Triangles of one surface whose numbers would differ get powers of two, so that their vertices meet: one that
+    lies between two of the neighbour's is in the middle of them, or halfway to the middle, and so on.
+    """
+    longest = _longest(scene)
+    parts = np.maximum(np.ceil(longest / size - 1e-9), 1)
+    least = np.full(surface.max(initial=-1) + 1, np.inf)
+    most = np.zeros_like(least)
+    np.minimum.at(least, surface, parts)
+    np.maximum.at(most, surface, parts)
+    uneven = (least != most)[surface]
+    return np.asarray(np.where(uneven, 2 ** np.ceil(np.log2(parts)), parts), np.int64)
+
+
+def size_for_count(scene: Scene, surface: Int64, count: int) -> float:
+    """The element size with which a mesh has the most patches up to `count`, or one patch a triangle."""
+    longest = _longest(scene)
+    largest = float(longest.max())
+    fine, coarse = float(np.sqrt((longest**2).sum() / max(count, 1))) / 4, largest
+    if count <= len(longest):
+        return largest
+    for _ in range(40):
+        middle = np.sqrt(fine * coarse)
+        if float((divisions_of_size(scene, surface, middle).astype(float) ** 2).sum()) > count:
+            fine = middle
+        else:
+            coarse = middle
+    return float(coarse)
+
+
+def surfaces(scene: Scene) -> Int64:
+    """(T,) int64: triangles of one shape that meet along edges at less than 30 degrees are one surface."""
+    count = len(scene.triangles)
+    shape = scene.triangle_shape.astype(np.int64)
+    node = weld(scene, scene.triangles.reshape(-1, 3), np.repeat(shape, 3)).reshape(-1, 3)
+    edges = np.sort(np.stack([node, np.roll(node, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    order = np.lexsort(edges.T)
+    same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
+    a, b = order[:-1][same] // 3, order[1:][same] // 3
+    normals = scene.normals
+    smooth = np.einsum("ij,ij->i", normals[a], normals[b]) > _SMOOTH
+    links = coo_array((np.ones(smooth.sum()), (a[smooth], b[smooth])), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], np.int64)
+
+
+def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
+    """(N,) int64 numbers of points (N, 3), the same for points of one group at one place."""
+    lower, upper = scene.bounds
+    steps = np.round((points - lower) / (_WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)))
+    # Two numbers instead of four make the sorting three times as fast.
+    keys = np.empty((len(points), 2), np.int64)
+    keys[:, 0] = steps[:, 0].astype(np.int64) << 21 | steps[:, 1].astype(np.int64)
+    keys[:, 1] = steps[:, 2].astype(np.int64) << 32 | group
+    order = np.lexsort(keys.T)
+    fresh = np.any(np.diff(keys[order], axis=0, prepend=keys[order[:1]] - 1) != 0, axis=1)
+    numbers = np.empty(len(points), np.int64)
+    numbers[order] = np.cumsum(fresh) - 1
+    return numbers
+
+
+def blocker_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:
+    """(T,) int32: the number of each triangle in `Blockers.of_scene`, where two in a row may have become one."""
+    return np.repeat(np.arange(len(parallelogram), dtype=np.int32), np.where(parallelogram, 2, 1))
+
+
+def _longest(scene: Scene) -> Float64:
+    """(T,) the longest edge of each triangle."""
+    edges = np.roll(scene.triangles, -1, axis=1) - scene.triangles
+    return np.asarray(np.linalg.norm(edges, axis=2).max(axis=1))

@@ -1,0 +1,218 @@
+"""Monte Carlo radiosity: particles leave the lights, and leave their energy where they hit (stochastic shooting).
+
+The solver behind the pictures of the path-buffer paper [PB 4]. A particle starts on an emitter, by its power, and
+goes on from every surface in a direction by the cosine, with the reflectance for its chance of survival (Pattanaik
+& Mudur 1992). No form factors and no matrix: the only error is noise, by the root of the number of particles.
+
+S. Pattanaik, S. Mudur, "Computation of global illumination by Monte Carlo simulation of the particle model of
+light", 1992.
+
+Cost:     a ray per bounce of a particle; memory for the elements alone.
+Poor at:  smooth pictures of fine meshes: an element with a hundred hits is off by a tenth.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity import lattice
+from glpath.radiosity.blockers import Blockers
+from glpath.radiosity.mesh import Elements, Int64, Mesh, blocker_of_triangle
+from glpath.radiosity.rays import nearest, rays_of
+from glpath.radiosity.sides import Sides, open_points
+from glpath.scene.model import Float64
+
+#: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
+BATCH = 1 << 14
+
+
+class _Surfaces(NamedTuple):
+    """What a particle meets: normals, reflectance (2, T, 3), and lattices, each of which begins at `begin`."""
+
+    normals: Float64
+    reflectance: Float64
+    divisions: Int64
+    begin: Int64
+
+
+class _Lamps(NamedTuple):
+    """Sides of triangles that emit, the sums of their chances, and the energy of a particle from each."""
+
+    triangle: Int64
+    back: Int64
+    cdf: Float64
+    energy: Float64
+
+
+@dataclass
+class Shooting:
+    """Energy that has arrived, in batches of particles.
+
+    mesh      : each patch one element
+    seed      : another seed is another, independent solution
+    particles : that were shot
+    flux      : (2, E, 3) energy that arrived at the elements' fronts and backs in all, W times `particles`
+    hits      : of particles on surfaces
+
+    open_areas : (2, E) of what is not buried in solids, of both sides
+    """
+
+    mesh: Mesh
+    seed: int = 0
+    particles: int = 0
+    hits: int = 0
+    flux: Float64 = field(init=False)
+    square: Float64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        scene = self.mesh.scene
+        count = len(scene.triangles)
+        ones = np.ones(count, np.int64)
+        sides = Sides.of(scene, Elements.of_lattices(ones))
+        self._reflectance = np.zeros((2, count, 3))
+        self._reflectance[sides.back, sides.element] = sides.reflectance
+        divisions = ones.copy()
+        np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
+        # Emitters by their power; the mean of the channels, so that no coloured light is starved.
+        lamps = np.flatnonzero(sides.emission.any(axis=1))
+        power = sides.emission[lamps] * scene.areas[sides.element[lamps], None]
+        chance = power.mean(axis=1) / power.mean(axis=1).sum()
+        self._lamps = _Lamps(sides.element[lamps], sides.back[lamps], np.cumsum(chance), power / chance[:, None])
+        self._rays = rays_of(scene)
+        self._surfaces = _Surfaces(
+            scene.normals, self._reflectance, divisions, lattice.starts(lattice.element_count(divisions))
+        )
+        self.open_areas = _open_areas(self.mesh)
+        self.flux = np.zeros((2, len(self.mesh.elements), 3))
+        self.square = np.zeros_like(self.flux)
+
+    def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
+        """So many batches more, shared between threads; sums come in order, so that they are always the same."""
+        first = self.particles // BATCH
+        threads = len(os.sched_getaffinity(0))
+        with ThreadPoolExecutor(threads) as pool:
+            for start in range(first, first + batches, threads):
+                numbers = range(start, min(start + threads, first + batches))
+                for flux, hits in pool.map(self._batch, numbers):
+                    self.flux += flux
+                    self.square += flux**2
+                    self.hits += hits
+                    self.particles += BATCH
+                on_batch()
+
+    def _batch(self, number: int) -> tuple[Float64, int]:
+        flux = np.zeros_like(self.flux)
+        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, flux)
+        return flux, int(hits)
+
+    def irradiance(self) -> Float64:
+        """(2, E, 3) W m^-2, the estimate so far."""
+        return self.flux / max(self.particles, 1) / self.open_areas[..., None]
+
+    def standard_error(self) -> Float64:
+        """(2, E, 3) of `irradiance`, from how the batches differ; infinite while there are less than two."""
+        batches = self.particles // BATCH
+        if batches < 2:
+            return np.full_like(self.flux, np.inf)
+        mean = self.flux / batches
+        variance = np.maximum(self.square / batches - mean**2, 0.0) / (batches - 1)
+        return np.sqrt(variance) / BATCH / self.open_areas[..., None]
+
+    def reflected(self) -> Float64:
+        """(2, E, 3): reflected radiosity of the elements, both sides."""
+        return self._reflectance[:, self.mesh.elements.triangle] * self.irradiance()
+
+
+def _open_areas(mesh: Mesh) -> Float64:
+    """(2, E) areas of what particles can reach; all of an element where they can reach nothing."""
+    blockers = Blockers.of_scene(mesh.scene)
+    sides = Sides.of(mesh.scene, mesh.elements)
+    solid = blockers.solid[blocker_of_triangle(blockers.parallelogram)]
+    _, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
+    share = np.ones((2, len(mesh.elements)))
+    share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
+    return share * mesh.areas
+
+
+@inner_kernel
+def _random(state):  # type: ignore[no-untyped-def]
+    """The next of a sequence of numbers in [0, 1): splitmix64 (Steele et al. 2014). Returns state and number."""
+    state += np.uint64(0x9E3779B97F4A7C15)
+    z = state
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return state, float(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untyped-def]
+    """One batch of particles; adds to flux (2, E, 3) and returns the number of hits."""
+    corners, normals, reflectance = rays.corners, surfaces.normals, surfaces.reflectance
+    hits = 0
+    o, d, w = np.empty(3), np.empty(3), np.empty(3)
+    found = np.empty(3)
+    state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
+    state, _ = _random(state ^ (np.uint64(number) << np.uint64(32)))
+    for _ in range(BATCH):
+        state, u = _random(state)
+        which = min(np.searchsorted(lamps.cdf, u, side="right"), len(lamps.cdf) - 1)
+        triangle, back = lamps.triangle[which], lamps.back[which]
+        state, u = _random(state)
+        state, v = _random(state)
+        root = np.sqrt(u)
+        for k in range(3):
+            o[k] = corners[triangle, k] + root * ((1 - v) * corners[triangle, 3 + k] + v * corners[triangle, 6 + k])
+            w[k] = lamps.energy[which, k]
+        while True:
+            state = _leave(state, normals[triangle], back, d)
+            hit = nearest(rays, o, d, triangle, found)
+            if hit < 0:
+                break
+            hits += 1
+            triangle = hit
+            along = 0.0
+            for k in range(3):
+                along += normals[triangle, k] * d[k]
+                o[k] += found[0] * d[k]
+            back = 1 if along > 0 else 0
+            n = surfaces.divisions[triangle]
+            x, y = n * found[1], n * found[2]
+            i = min(int(x), n - 1)
+            j = max(0, min(int(y), n - 1 - i))
+            upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
+            at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
+            survival = 0.0
+            for k in range(3):
+                flux[back, at, k] += w[k]
+                survival = max(survival, reflectance[back, triangle, k])
+            state, u = _random(state)
+            if u >= survival:
+                break
+            for k in range(3):
+                w[k] *= reflectance[back, triangle, k] / survival
+    return hits
+
+
+@inner_kernel
+def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
+    """Fill d with a direction by the cosine about a side's normal: a point of the unit sphere about its tip."""
+    state, u = _random(state)
+    state, v = _random(state)
+    z = 1 - 2 * u
+    r = np.sqrt(max(0.0, 1 - z * z))
+    sign = -1.0 if back else 1.0
+    d[0] = sign * normal[0] + r * np.cos(2 * np.pi * v)
+    d[1] = sign * normal[1] + r * np.sin(2 * np.pi * v)
+    d[2] = sign * normal[2] + z
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for k in range(3):
+        d[k] = d[k] / length if length > 1e-9 else sign * normal[k]
+    return state

@@ -1,0 +1,149 @@
+"""Progressive refinement (Cohen et al. 1988): the patch with the most unshot energy shoots, again and again.
+
+    B_i = E_i + rho_i sum_j F_ij B_j
+
+is solved a column at a time; whatever remains unshot, the elements hold what has arrived. Between patches and
+elements Cohen et al. 1986: where the radiosity changes fast elements are split, and gather from all that was shot.
+
+M. Cohen, S. Chen, J. Wallace, D. Greenberg, "A progressive refinement approach to fast radiosity image generation",
+1988. M. Feda, W. Purgathofer, "Accelerating radiosity by overshooting", 1992.
+
+Cost:     a column of form factors per patch that shoots, kept for the next time that it does.
+Poor at:  reflectances near 1, where light dies out slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from glpath.kernels import kernel
+from glpath.radiosity.reconstruct import at_corners
+from glpath.radiosity.transport import Transport
+from glpath.scene.model import Float64
+
+#: Patches that are looked ahead, for other cores to prepare.
+_AHEAD = 64
+
+
+class Refinement:
+    """The state of a progressive solution.
+
+    irradiance : (R, 3) H of the elements' sides, W m^-2
+    shot       : (Q, 3) radiosity that the patches' sides have sent
+    unshot     : (Q, 3) what they have not yet; below 0 where too much was sent, ahead of time
+    steps      : patches that shot
+    """
+
+    def __init__(self, transport: Transport, overshoot: bool = False) -> None:
+        self.transport = transport
+        self.overshoot = overshoot
+        self.irradiance: Float64 = np.zeros((len(transport.elements), 3))
+        self.unshot: Float64 = transport.sides.emission.copy()
+        self.shot: Float64 = np.zeros_like(self.unshot)
+        self.steps = 0
+        self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
+
+    def _energy(self) -> Float64:
+        """(Q,) unshot."""
+        return np.asarray(_energy(self.unshot, self.transport.areas))
+
+    @property
+    def unshot_share(self) -> float:
+        """Energy that has not been sent, as a share of all that is emitted."""
+        return float(self._energy().sum()) / self._emitted
+
+    def step(self, energy: Float64 | None = None) -> float:
+        """Shoot the largest unshot patch; returns its share of received energy: 1 in a closed room."""
+        t = self.transport
+        unshot = self._energy() if energy is None else energy
+        side = int(np.argmax(unshot))
+        column = t.column(side, lambda: np.argsort(-unshot)[:_AHEAD].tolist())
+        sent = self.unshot[side].copy()
+        if self.overshoot:
+            # What it will reflect if the rest spreads evenly, which it can send at once (Feda & Purgathofer 1992).
+            rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
+            sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
+        self.unshot[side] -= sent
+        self.shot[side] += sent
+        received = _receive(
+            column, sent, t.elements.reflectance, t.share, t.patch, t.areas, self.irradiance, self.unshot
+        )
+        self.steps += 1
+        return float(received / t.areas[side])
+
+    def run(self, until: float, most: int, on_step: Callable[[float], None]) -> None:
+        """Shoot until so small a share is left, or so many steps were taken in all; `on_step` is told the share."""
+        while self.steps < most and (energy := self._energy()).sum() > until * self._emitted:
+            self.step(energy)
+            on_step(float(energy.sum()) / self._emitted)
+        on_step(self.unshot_share)
+
+    def ambient(self) -> Float64:
+        """(3,) irradiance that the unshot energy will be, spread evenly over all surfaces [Cohen et al. 1988].
+
+            sum dB A / sum A * (1 + rho + rho^2 + ...), rho the mean reflectance
+
+        The surfaces are the sides that reflect or emit: in an open scene too much, as nothing gets lost.
+        """
+        t = self.transport
+        total = t.areas.sum()
+        mean = (self.unshot * t.areas[:, None]).sum(axis=0) / total
+        reflectance = (t.sides.reflectance * t.areas[:, None]).sum(axis=0) / total
+        return np.asarray(np.maximum(mean, 0.0) / (1 - reflectance))
+
+    def split(self, threshold: float, most: int) -> int:
+        """Split the elements over which the radiosity changes fast, the fastest first; returns how many.
+
+        threshold : of the difference between two corners, as a share of the scene's mean
+        most      : elements to be split
+        """
+        t = self.transport
+        elements = t.elements
+        reflected = np.zeros((2, len(t.mesh.elements), 3))
+        reflected[elements.back, elements.element] = elements.reflectance * self.irradiance
+        change = np.ptp(at_corners(t.mesh, reflected), axis=2).max(axis=(0, 2))
+        areas = t.mesh.areas[elements.element]
+        mean = (reflected[elements.back, elements.element] * areas[:, None]).sum() / (3 * areas.sum())
+        which = change > threshold * mean
+        if which.sum() > most:
+            which &= change >= np.sort(change[which])[-most] if most > 0 else False
+        if not which.any():
+            return 0
+        self.irradiance = t.refine(which, self.irradiance, self.shot)
+        self.unshot = t.sides.emission + t.mean_of_patches(t.elements.reflectance * self.irradiance) - self.shot
+        return int(which.sum())
+
+    def reflected(self, ambient: bool = False) -> Float64:
+        """(2, E, 3): reflected radiosity of the elements, both sides. ambient: with that of what is unshot."""
+        elements = self.transport.elements
+        irradiance = self.irradiance + self.ambient() if ambient else self.irradiance
+        found = np.zeros((2, len(self.transport.mesh.elements), 3))
+        found[elements.back, elements.element] = np.maximum(elements.reflectance * irradiance, 0.0)
+        return found
+
+
+@kernel
+def _energy(unshot, areas):  # type: ignore[no-untyped-def]
+    energy = np.empty(len(areas))
+    for q in range(len(areas)):
+        energy[q] = areas[q] * (abs(unshot[q, 0]) + abs(unshot[q, 1]) + abs(unshot[q, 2]))
+    return energy
+
+
+@kernel
+def _receive(column, sent, reflectance, share, patch, areas, irradiance, unshot):  # type: ignore[no-untyped-def]
+    """Add radiosity `sent` (3,) to irradiance (R, 3) and unshot (Q, 3); return the sum of form factors * areas."""
+    total = 0.0
+    for r in range(len(column)):
+        f = float(column[r])
+        if f == 0:
+            continue
+        p = patch[r]
+        total += f * share[r] * areas[p]
+        for c in range(3):
+            h = f * sent[c]
+            irradiance[r, c] += h
+            unshot[p, c] += h * reflectance[r, c] * share[r]
+    return total

@@ -1,0 +1,144 @@
+"""From a radiosity of each element to a solution: lattices of the finest element, and values at their vertices.
+
+A vertex gets the mean of the elements around it on its surface, and then what these still lack at their middles, so
+that gradients reach the border of a surface. Vertices in the middle of a longer edge get the mean of its ends
+(T-vertices: nothing tears); within an element all is linear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.radiosity import lattice
+from glpath.radiosity.mesh import Elements, Int64, Mesh, weld
+from glpath.scene.model import Float64
+
+#: How often the vertices are moved towards what the elements' means ask for.
+_CORRECTIONS = 2
+#: Of vertices, each in the middle of an edge that ends at the next.
+_LONGEST_CHAIN = 64
+
+
+def at_corners(mesh: Mesh, radiosity: Float64) -> Float64:
+    """(2, E, 3, 3): radiosity at the corners of the elements, [side, element, corner], from (2, E, 3)."""
+    nodes = _Nodes(mesh)
+    return np.stack([nodes.values(side)[nodes.of] for side in radiosity])
+
+
+def resample(mesh: Mesh, radiosity: Float64) -> tuple[Int64, Float64, Float64]:
+    """Divisions (T,), elements (2, E', 3) and vertices (2, V, 3) of a solution, from radiosity (2, E, 3)."""
+    values = at_corners(mesh, radiosity)
+    count = len(mesh.scene.triangles)
+    divisions = np.ones(count, np.int64)
+    np.maximum.at(divisions, mesh.elements.triangle, mesh.elements.n)
+
+    fine, leaf = mesh.elements, np.arange(len(mesh.elements))
+    while np.any(coarse := fine.n < divisions[fine.triangle]):
+        fine, leaf = (
+            fine[~coarse] + fine[coarse].split(),
+            np.concatenate([leaf[~coarse], np.repeat(leaf[coarse], 4)]),
+        )
+    first_element = lattice.starts(lattice.element_count(divisions))
+    first_vertex = lattice.starts(lattice.vertex_count(divisions))
+    elements = np.zeros((2, first_element[-1], 3))
+    elements[:, first_element[fine.triangle] + fine.index()] = radiosity[:, leaf]
+
+    corners = fine.corners()
+    weights = _weights(corners, fine.n, mesh.elements[leaf])
+    at = first_vertex[fine.triangle][:, None] + lattice.vertex_index(
+        fine.n[:, None], corners[..., 0], corners[..., 1]
+    )
+    vertices = np.zeros((2, first_vertex[-1], 3))
+    for side in range(2):
+        vertices[side, at] = np.einsum("evc,ecx->evx", weights, values[side, leaf])
+    return divisions, elements, vertices
+
+
+def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
+    """(E, 3, 3): barycentric coordinates of the corners (E, 3, 2) of lattice n in the elements that they lie in."""
+    ratio = (n // leaf.n)[:, None, None]
+    origin = leaf.corners()[:, :1] * ratio
+    # The edges of an element go along the axes, forwards in a lower one and backwards in an upper.
+    way = np.where(leaf.upper, -1, 1)[:, None, None]
+    x, y = np.moveaxis((corners - origin) * way / ratio, 2, 0)
+    return np.stack([1 - x - y, x, y], axis=2)
+
+
+class _Nodes:
+    """The distinct corners of elements, on each surface.
+
+    of      : (E, 3), the node at each corner of an element
+    size    : how many nodes there are
+    hanging : (h, 3), a node in the middle of an edge, and that edge's ends
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        places = mesh.elements.points(mesh.scene, np.eye(3))
+        surface = mesh.surface[mesh.elements.triangle]
+        ends, of_surface = _edges_with_middles(places, surface)
+        corners = places.reshape(-1, 3)
+        number = weld(
+            mesh.scene,
+            np.concatenate([corners, ends.mean(axis=1), ends.reshape(-1, 3)]),
+            np.concatenate([np.repeat(surface, 3), of_surface, np.repeat(of_surface, 2)]),
+        )
+        used, compact = np.unique(number[: len(corners)], return_inverse=True)
+        self.size = len(used)
+        self.of = compact.reshape(-1, 3)
+        node = np.full(number.max(initial=-1) + 1, -1, np.int64)
+        node[used] = np.arange(len(used))
+        middle, pairs = node[number[len(corners) :]][: len(ends)], node[number[len(corners) + len(ends) :]]
+        found = np.column_stack([middle, pairs.reshape(-1, 2)])
+        exists = (found >= 0).all(axis=1)
+        # The longest edge first; of several edges with one middle, which are alike, one is enough.
+        order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[exists], kind="stable")
+        found = found[exists][order]
+        self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
+
+    def values(self, radiosity: Float64) -> Float64:
+        """(N, 3) at the nodes, from radiosity (E, 3) of one side."""
+        shares = np.bincount(self.of.ravel(), minlength=self.size)[:, None]
+        found = self._spread(radiosity) / shares
+        for _ in range(_CORRECTIONS):
+            self._hang(found)
+            lacking = radiosity - found[self.of].mean(axis=1)
+            found = np.maximum(found + self._spread(lacking) / shares, 0.0)
+        self._hang(found)
+        return found
+
+    def _spread(self, values: Float64) -> Float64:
+        """(N, 3): sums over the elements around each node."""
+        of = self.of.ravel()
+        return np.stack(
+            [np.bincount(of, np.repeat(values[:, c], 3), minlength=self.size) for c in range(3)], axis=1
+        )
+
+    def _hang(self, values: Float64) -> None:
+        """Nodes in the middle of edges, from long edges to short ones, as the ends of these may hang themselves."""
+        for _ in range(_LONGEST_CHAIN):
+            wanted = values[self.hanging[:, 1:]].mean(axis=1)
+            if np.array_equal(values[self.hanging[:, 0]], wanted):
+                return
+            values[self.hanging[:, 0]] = wanted
+
+
+def _edges_with_middles(places: Float64, surface: Int64) -> tuple[Float64, Int64]:
+    """(m, 2, 3) ends of edges that may have a vertex in their middle, and their surfaces (m,).
+
+    places: (E, 3, 3). Halves of an edge are edges too, as long as their surface has edges as short as a half.
+    """
+    ends = np.stack([places, np.roll(places, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    of = np.repeat(surface, 3)
+    shortest = np.full(surface.max(initial=-1) + 1, np.inf)
+    np.minimum.at(shortest, of, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    found, groups = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
+    while True:
+        long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 1.9 * shortest[of]
+        if not long.any():
+            return np.concatenate(found), np.concatenate(groups)
+        ends, of = ends[long], of[long]
+        found.append(ends)
+        groups.append(of)
+        middle = ends.mean(axis=1)
+        ends = np.concatenate([np.stack([ends[:, 0], middle], axis=1), np.stack([middle, ends[:, 1]], axis=1)])
+        of = np.tile(of, 2)

@@ -1,0 +1,137 @@
+"""Sides of elements: which of them reflect or emit, and what of them is in the open.
+
+Solids stand in each other and on floors. What of an element is buried in one gets no light and sends none; were it
+to count, the rest of the element would be too dark, and the room with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import kernel
+from glpath.radiosity.mesh import Elements, Int64
+from glpath.radiosity.rays import nearest, rays_of
+from glpath.scene import Scene
+from glpath.scene.model import Float64
+
+#: Parts of an edge of an element that is partly buried, for its points and its area.
+_FINE = 8
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Sides of elements that reflect or emit: (R,) each.
+
+    element     : its number
+    back        : 0 the front, 1 the back
+    normal      : (R, 3) away from this side
+    reflectance : (R, 3)
+    emission    : (R, 3), radiosity pi Le, W m^-2
+    """
+
+    element: Int64
+    back: Int64
+    normal: Float64
+    reflectance: Float64
+    emission: Float64
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+    @classmethod
+    def of(cls, scene: Scene, elements: Elements) -> Sides:
+        """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
+        shape = scene.triangle_shape[elements.triangle]
+        reflectance = np.array([scene.materials[s.material].reflectance for s in scene.shapes]).reshape(-1, 3)
+        two_sided = np.array([scene.materials[s.material].two_sided for s in scene.shapes], bool)
+        emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)
+        both = np.array([s.emission_two_sided for s in scene.shapes], bool)
+        normal = scene.normals[elements.triangle]
+        parts = []
+        for back in (0, 1):
+            reflects = reflectance[shape] * (two_sided[shape, None] if back else 1.0)
+            emits = emission[shape] * (both[shape, None] if back else 1.0)
+            some = np.flatnonzero(reflects.any(axis=1) | emits.any(axis=1))
+            parts.append(
+                (some, np.full(len(some), back), normal[some] * (1 - 2 * back), reflects[some], emits[some])
+            )
+        return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
+
+    def number(self, count: int) -> Int64:
+        """(count, 2): which of these an element's front and back are; -1 for none."""
+        found = np.full((count, 2), -1, np.int64)
+        found[self.element, self.back] = np.arange(len(self))
+        return found
+
+
+def sub_triangles(k: int) -> Float64:
+    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
+    cells = [(i + (1 + up) / 3, j + (1 + up) / 3) for j in range(k) for i in range(k - j) for up in (0, 1)
+             if i + j + up < k]  # fmt: skip
+    b1, b2 = np.array(cells).T / k
+    return np.stack([1 - b1 - b2, b1, b2], axis=1)
+
+
+def open_points(
+    scene: Scene, solid: NDArray[np.bool_], elements: Elements, sides: Sides, count: int
+) -> tuple[Float64, Float64]:
+    """(R, count, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is.
+
+    solid : (T,) which triangles belong to closed surfaces
+    count : 1, 4, 9, ...
+    """
+    points = elements.points(scene, sub_triangles(round(count**0.5)))[sides.element]
+    is_open = np.ones(len(sides))
+    if not (solid.any() and len(sides)):
+        return points, is_open
+
+    def free(places: Float64, normal: Float64) -> NDArray[np.bool_]:
+        normals = np.repeat(normal, places.shape[1], axis=0)
+        return in_the_open(scene, solid, places.reshape(-1, 3), normals).reshape(places.shape[:2])
+
+    # A closer look at triangles of which something is buried.
+    triangle = elements.triangle[sides.element]
+    buried = ~free(points, sides.normal).all(axis=1)
+    near = np.flatnonzero(np.isin(triangle, triangle[buried]))
+    fine = elements[sides.element[near]].points(scene, sub_triangles(_FINE))
+    is_free = free(fine, sides.normal[near])
+    free_ones = is_free.sum(axis=1)
+    is_open[near] = free_ones / _FINE**2
+    some = (free_ones > 0) & (free_ones < _FINE**2)
+    order = np.argsort(~is_free[some], axis=1, kind="stable")
+    spread = ((np.arange(count) + 0.5) / count * free_ones[some, None]).astype(np.int64)
+    chosen = np.take_along_axis(order, spread, axis=1)
+    points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
+    return points, is_open
+
+
+def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64) -> NDArray[np.bool_]:
+    """(P,) bool: False for points of surfaces that are buried in a solid, such as a floor under a box.
+
+    solid           : (T,) which triangles belong to closed surfaces
+    points, normals : (P, 3), on surfaces and away from them
+
+    Buried is what sees the inside of a closed surface straight ahead and to three sides.
+    """
+    return np.asarray(_in_the_open(rays_of(scene), np.ascontiguousarray(solid), scene.normals, points, normals))
+
+
+@kernel
+def _in_the_open(rays, solid, face, points, normals):  # type: ignore[no-untyped-def]
+    free = np.zeros(len(points), np.bool_)
+    o, d, found = np.empty(3), np.empty(3), np.empty(3)
+    for p in range(len(points)):
+        for way in range(4):
+            for k in range(3):
+                o[k] = points[p, k]
+                d[k] = normals[p, k]
+            if way > 0:
+                d[way - 1] += 0.7 if normals[p, way - 1] > 0 else -0.7
+            hit = nearest(rays, o, d, -1, found)
+            if hit < 0 or not solid[hit] or d[0] * face[hit, 0] + d[1] * face[hit, 1] + d[2] * face[hit, 2] < 0:
+                free[p] = True
+                break
+    return free

@@ -1,0 +1,375 @@
+"""`solve_radiosity`: from a scene to a `RadiositySolution`, by progressive refinement, full matrix or Monte Carlo.
+
+Everything that can be wrong with the scene and the options is found before the work begins.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from glpath.errors import UsageError
+from glpath.radiosity import matrix, monte_carlo
+from glpath.radiosity.form_factor import KINDS, Kind
+from glpath.radiosity.memory import available_bytes, require_memory
+from glpath.radiosity.mesh import Elements, Int64, Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.progressive import Refinement
+from glpath.radiosity.reconstruct import resample
+from glpath.radiosity.sides import Sides
+from glpath.radiosity.solution import RadiositySolution
+from glpath.radiosity.transport import FormFactorOptions, Transport
+from glpath.scene import Scene, load_scene, path_traceable
+from glpath.scene.model import Float64
+from glpath.scene.place import Place
+
+Method = Literal["progressive", "matrix", "monte-carlo"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+#: Patches where neither their number nor their size is given.
+DEFAULT_PATCHES = 1000
+#: Bytes of an element, and of each point of a receiver: what was measured, rounded up.
+_BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1500, 400
+#: Share of the free memory that kept form factors may take, and how much of it at most.
+_CACHE_SHARE, _CACHE_MOST = 0.25, 4 << 30
+_SAMPLES = (1, 4, 9, 16, 25)
+#: Seconds between two reports.
+_REPORT_INTERVAL = 0.05
+
+
+@dataclass(frozen=True)
+class RadiosityProgress:
+    """How far a solution is; what `on_progress` is called with.
+
+    stage       : "form factors", "shooting", "refining" or "particles"
+    steps       : patches that shot, or particles
+    unshot      : share of all emitted energy that has not been sent; of a Monte Carlo solution the share of
+                  particles yet to come; None of a matrix
+    until       : the share at which it ends
+    elements    : how many there are
+    """
+
+    stage: str
+    steps: int
+    unshot: float | None
+    until: float
+    elements: int
+    elapsed_s: float
+
+
+class RadiosityInterrupted(KeyboardInterrupt):
+    """Ctrl-C came while a solution was under way. `solution` is what there was; None before there was any."""
+
+    def __init__(self, solution: RadiositySolution | None) -> None:
+        super().__init__("interrupted")
+        self.solution = solution
+
+
+Report = Callable[[RadiosityProgress], None]
+
+
+@dataclass
+class _Run:
+    """One call of `solve_radiosity`."""
+
+    scene: Scene
+    method: Method
+    settings: dict[str, object]
+    on_progress: Report | None
+    started: float = field(default_factory=time.perf_counter)
+    reported: float = -math.inf
+
+    def report(self, stage: str, steps: int, unshot: float | None, until: float, elements: int) -> None:
+        now = time.perf_counter() - self.started
+        last = unshot is not None and unshot <= until
+        if self.on_progress is None or (now < self.reported + _REPORT_INTERVAL and not last):
+            return
+        self.reported = now
+        self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
+
+    def solution(self, mesh: Mesh, reflected: Float64, **statistics: object) -> RadiositySolution:
+        divisions, elements, vertices = resample(mesh, reflected)
+        return RadiositySolution(
+            scene_hash=self.scene.digest(camera=False),
+            divisions=divisions.astype(np.int32),
+            elements=elements.astype(np.float32),
+            vertices=vertices.astype(np.float32),
+            method=self.method,
+            settings=self.settings,
+            statistics={
+                "patches": len(mesh.patches),
+                "elements": len(mesh.elements),
+                **statistics,
+                "elapsed_s": round(time.perf_counter() - self.started, 4),
+            },
+        )
+
+
+def solve_radiosity(
+    scene: str | Path | Scene,
+    *,
+    method: Method = "progressive",
+    patches: int | None = None,
+    size: float | None = None,
+    splits: int = 0,
+    adaptive: int = 0,
+    threshold: float = 0.25,
+    unshot: float = 0.001,
+    max_steps: int = 1_000_000,
+    overshoot: bool = False,
+    ambient: bool = False,
+    form_factors: Kind = "polygon",
+    emitter_samples: int = 25,
+    receiver_points: int = 4,
+    particles: int = 1_000_000,
+    seed: int = 0,
+    on_progress: Report | None = None,
+) -> RadiositySolution:
+    """The radiosity of a scene's surfaces, on the CPU.
+
+        solution = glpath.solve_radiosity("cornell-box-36", patches=210)
+        solution.save("cornell.npz")
+
+    Parameters
+    ----------
+    scene      : a file, the name of a shipped scene, or a `Scene`; what path tracing takes: diffuse surfaces of one
+                 colour, lit by shapes with an emission
+    method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes;
+                 "monte-carlo", stochastic shooting, for many elements
+    patches    : about so many patches, which shoot; at least one per triangle. By default 1000
+    size       : instead: the longest edge of a patch, scene units
+    splits     : each patch is split in four so many times, for elements, which receive
+    adaptive   : so many times, elements are split in four where the radiosity changes fast (progressive only)
+    threshold  : "fast" is by more than this between two corners, as a share of the scene's mean
+    unshot     : ends when this share of the emitted energy has not been sent
+    max_steps  : or when so many patches shot
+    overshoot  : patches shoot some of what they will get later, too (Feda & Purgathofer 1992)
+    ambient    : add what the unshot energy will amount to, spread evenly (Cohen et al. 1988): right in the mean
+                 for a closed room, whose solution may then end early
+    form_factors    : "polygon", exact where nothing is in the way, or "disc" (Wallace et al. 1989)
+    emitter_samples : 1, 4, 9, 16 or 25: the most of an emitter; the farther, the fewer
+    receiver_points : 1, 4, 9, ...: per element
+    particles  : of "monte-carlo", rounded up to whole batches of 16,384
+    seed       : of "monte-carlo"
+    on_progress: called with a `RadiosityProgress` now and then
+
+    Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
+    or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
+    memory; RadiosityInterrupted, with what was solved, on Ctrl-C.
+
+    Poor at: glossy surfaces, which it does not know; small or thin shadows on coarse elements; lamps that nearly
+    touch a surface.
+    """
+    loaded = load_scene(scene)
+    options: dict[str, object] = {
+        "method": method, "patches": patches, "size": size, "splits": splits, "adaptive": adaptive,
+        "threshold": threshold, "unshot": unshot, "max_steps": max_steps, "overshoot": overshoot,
+        "ambient": ambient, "form_factors": form_factors, "emitter_samples": emitter_samples,
+        "receiver_points": receiver_points, "particles": particles, "seed": seed,
+    }  # fmt: skip
+    check_options(options)
+    triangles = path_traceable(loaded)
+    check_solvable(triangles)
+    surface = surfaces(triangles)
+    if size is None:
+        size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES)
+    divisions = divisions_of_size(triangles, surface, size)
+    points = 0 if method == "monte-carlo" else receiver_points
+    per_element = _check_memory(triangles, divisions, size, splits, points, method)
+    if method == "monte-carlo":
+        divisions, splits = divisions * 2**splits, 0
+    mesh = Mesh.uniform(triangles, divisions, surface, splits)
+    run = _Run(triangles, method, _settings(options, size), on_progress)
+    if method == "monte-carlo":
+        return _monte_carlo(run, mesh, particles, seed)
+    cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
+    transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
+    if method == "matrix":
+        return _matrix(run, transport)
+    refinement = Refinement(transport, overshoot)
+    return _progressive(run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element)
+
+
+def _progressive(
+    run: _Run,
+    refinement: Refinement,
+    until: float,
+    max_steps: int,
+    adaptive: int,
+    threshold: float,
+    ambient: bool,
+    per_element: float,
+) -> RadiositySolution:
+    def report(share: float) -> None:
+        run.report("shooting", refinement.steps, share, until, len(refinement.transport.mesh.elements))
+
+    def solution() -> RadiositySolution:
+        took = refinement.transport.statistics
+        return run.solution(
+            refinement.transport.mesh,
+            refinement.reflected(ambient),
+            steps=refinement.steps,
+            unshot=refinement.unshot_share,
+            ambient=refinement.ambient().tolist(),
+            rays=took.rays,
+            shafts=took.shafts,
+            empty_shafts=took.empty_shafts,
+        )
+
+    before: RadiositySolution | None = None
+    try:
+        refinement.run(until, max_steps, report)
+        for _ in range(adaptive):
+            before = solution()
+            elements = len(refinement.transport.mesh.elements)
+            run.report("refining", refinement.steps, None, until, elements)
+            if not refinement.split(threshold, int(available_bytes() / (4 * per_element))):
+                break
+            before = None
+            refinement.run(until, max_steps, report)
+        return solution()
+    except KeyboardInterrupt as stop:
+        # While elements are being split, the solution from before is the one that is whole.
+        raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
+
+
+def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
+    count = len(transport.mesh.elements)
+    run.report("form factors", 0, None, 0.0, count)
+    try:
+        irradiance = matrix.solve_matrix(transport)
+    except KeyboardInterrupt as stop:
+        raise RadiosityInterrupted(None) from stop
+    reflected = np.zeros((2, count, 3))
+    of = transport.elements
+    reflected[of.back, of.element] = np.maximum(of.reflectance * irradiance, 0.0)
+    took = transport.statistics
+    return run.solution(
+        transport.mesh, reflected, rays=took.rays, shafts=took.shafts, empty_shafts=took.empty_shafts
+    )
+
+
+def _monte_carlo(run: _Run, mesh: Mesh, particles: int, seed: int) -> RadiositySolution:
+    shooting = monte_carlo.Shooting(mesh, seed)
+    batches = -(-particles // monte_carlo.BATCH)
+
+    def report() -> None:
+        left = max(0.0, 1 - shooting.particles / (batches * monte_carlo.BATCH))
+        run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
+
+    def solution() -> RadiositySolution:
+        areas = shooting.open_areas[..., None]
+        mean = float((shooting.irradiance() * areas).sum())
+        noise = float((shooting.standard_error() ** 2 * areas**2).sum() ** 0.5)
+        error = noise / mean if mean > 0 and math.isfinite(noise) else None
+        return run.solution(
+            mesh, shooting.reflected(), particles=shooting.particles, hits=shooting.hits, error_of_mean=error
+        )
+
+    try:
+        shooting.shoot(batches, report)
+        return solution()
+    except KeyboardInterrupt as stop:
+        raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
+
+
+def _settings(options: dict[str, object], size: float) -> dict[str, object]:
+    """What decides the result, for the method that was chosen."""
+    of = {
+        "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
+                        "form_factors", "emitter_samples", "receiver_points"),
+        "matrix": ("splits", "form_factors", "emitter_samples", "receiver_points"),
+        "monte-carlo": ("splits", "particles", "seed"),
+    }  # fmt: skip
+    return {"size": size} | {name: options[name] for name in of[str(options["method"])]}
+
+
+def check_options(options: dict[str, object]) -> None:
+    """Raises UsageError for options of `solve_radiosity` that are out of range or contradict each other."""
+    o = dict(options)
+    for name, allowed in (("method", METHODS), ("form_factors", KINDS), ("emitter_samples", _SAMPLES)):
+        if o[name] not in allowed:
+            raise UsageError(
+                f"solve_radiosity: {name} is {o[name]!r}; allowed are {', '.join(str(a) for a in allowed)}."
+            )
+    for name, least in (("splits", 0), ("adaptive", 0), ("max_steps", 1), ("particles", 1), ("seed", 0)):
+        if not (isinstance(o[name], int) and int(str(o[name])) >= least):
+            raise UsageError(f"solve_radiosity: {name} is {o[name]}; must be a whole number from {least}.")
+    if not (
+        isinstance(o["receiver_points"], int) and 1 <= o["receiver_points"] == math.isqrt(o["receiver_points"]) ** 2
+    ):
+        raise UsageError(
+            f"solve_radiosity: receiver_points is {o['receiver_points']}; allowed are 1, 4, 9, 16, ..."
+        )
+    if o["patches"] is not None and o["size"] is not None:
+        raise UsageError("solve_radiosity: patches and size contradict each other.", "Give one of them.")
+    if o["patches"] is not None and not int(str(o["patches"])) >= 1:
+        raise UsageError(f"solve_radiosity: patches is {o['patches']}; must be a whole number from 1.")
+    for name, above, most in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
+        value = o[name]
+        if value is not None and not above < float(str(value)) < most:
+            bound = f"above {above:g}" + (f" and below {most:g}" if most < math.inf else " and finite")
+            raise UsageError(f"solve_radiosity: {name} is {value}; must be {bound}.")
+    if o["adaptive"] and o["method"] != "progressive":
+        raise UsageError(
+            f'solve_radiosity: adaptive subdivision is for method "progressive", not "{o["method"]}".',
+            "Leave it out, or take finer elements with splits.",
+        )
+
+
+def check_solvable(scene: Scene) -> None:
+    """Raises SceneError for a scene in triangles that has no solution."""
+    place = Place(scene.source or scene.name)
+    if not any(shape.emits for shape in scene.shapes):
+        raise place.error(
+            "has no shape with an emission, so that there is no light to distribute.",
+            "Give one an emission, e.g. emission = { radiance = [10, 10, 10] }.",
+        )
+    for index in sorted({shape.material for shape in scene.shapes}):
+        material = scene.materials[index]
+        if np.any(material.reflectance >= 1):
+            raise (
+                place.field("materials")
+                .field(material.name)
+                .field("reflectance")
+                .wrong(
+                    material.reflectance,
+                    "below 1 for radiosity",
+                    "Between surfaces that reflect all light it never dies out: 0.9 is very white.",
+                )
+            )
+    tiny = scene.areas <= np.finfo(float).tiny
+    longest = np.abs(scene.triangles - scene.triangles[:, :1]).max(axis=(1, 2))
+    flat = np.flatnonzero(tiny | (scene.areas <= 1e-14 * longest**2))
+    if len(flat):
+        shape = scene.shapes[int(scene.triangle_shape[flat[0]])]
+        raise place.error(
+            f'has {len(flat)} triangles without area, the first in the shape "{shape.name}": number '
+            f"{flat[0] - shape.first} of its {shape.count}.",
+            "Their corners coincide or lie on one line: leave them out.",
+        )
+    if not np.isfinite(scene.triangles).all():
+        raise place.error("has corners that are not finite.")
+
+
+def _check_memory(scene: Scene, divisions: Int64, size: float, splits: int, points: int, method: Method) -> float:
+    """Raises UsageError where the mesh needs more memory than there is; returns bytes per element."""
+    ones = Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))
+    sides = np.bincount(ones.element, minlength=len(scene.triangles)).astype(float)
+    squares = divisions.astype(float) ** 2
+    patches, elements = squares.sum(), squares.sum() * 4.0**splits
+    receivers = float((sides * squares).sum()) * 4.0**splits
+    need = elements * _BYTES_PER_ELEMENT + receivers * points * _BYTES_PER_POINT
+    if method == "matrix":
+        need += matrix.matrix_bytes(int(receivers), int((sides * squares).sum()))
+    what = f"solve_radiosity: {patches:,.0f} patches of at most {size:.3g} and {elements:,.0f} elements"
+    remedy = "Take fewer patches, a larger size, or fewer splits."
+    if method == "matrix":
+        remedy += ' Method "progressive" needs no matrix.'
+    require_memory(need, what, remedy)
+    return float(need / max(elements, 1.0))

@@ -1,0 +1,190 @@
+"""How light goes between the surfaces of a mesh: patches shoot, elements receive, form factors are kept.
+
+What progressive refinement and the full matrix have in common.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.radiosity.blockers import Blockers
+from glpath.radiosity.form_factor import FormFactors, Kind, ReceiverPoints
+from glpath.radiosity.mesh import Int64, Mesh
+from glpath.radiosity.sides import Sides
+from glpath.radiosity.visibility import Statistics, Visibility
+from glpath.scene.model import Float64
+
+Float32 = NDArray[np.float32]
+
+#: Points of receivers times emitters that a call is worth: fewer, and calling costs more than what is done.
+_WORTH_A_CALL = 100_000
+_MOST_TOGETHER = 64
+#: Share of an element that counts where all of it is buried: next to nothing.
+_BURIED = 1e-6
+
+
+@dataclass(frozen=True)
+class FormFactorOptions:
+    """How form factors are found, see `glpath.radiosity.form_factor`.
+
+    kind   : "polygon" or "disc"
+    most   : samples of an emitter, at most
+    points : of a receiver
+    """
+
+    kind: Kind = "polygon"
+    most: int = 25
+    points: int = 4
+
+
+class Transport:
+    """Form factors from the elements of a mesh to its patches, by columns: one is one patch's side.
+
+    Parameters
+    ----------
+    mesh  : patches and elements
+    cache : bytes that columns may take; the oldest go first
+
+    Attributes
+    ----------
+    sides    : Q sides of patches, which shoot
+    areas    : (Q,) of them, what is buried in solids left out
+    elements : R sides of elements, which receive
+    patch    : (R,) the side of a patch that an element's is part of
+    share    : (R,) of its area
+    """
+
+    def __init__(self, mesh: Mesh, options: FormFactorOptions, cache: int) -> None:
+        scene = mesh.scene
+        self.mesh = mesh
+        self.cache = cache
+        self.statistics = Statistics()
+        self.sides = Sides.of(scene, mesh.patches)
+        self.areas: Float64 = np.zeros(len(self.sides))
+        self.elements = Sides.of(scene, mesh.elements)
+        together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
+        self.form_factors = FormFactors(
+            scene,
+            Visibility(Blockers.of_scene(scene), threads=1),  # threads share emitters here
+            mesh.patches,
+            self.sides,
+            kind=options.kind,
+            most=options.most,
+            points=options.points,
+            together=min(max(1, together), _MOST_TOGETHER),
+        )
+        self._columns: dict[int, Float32] = {}
+        self._at = self._receive()
+
+    def _receive(self) -> ReceiverPoints:
+        """Take the sides of the mesh's elements for receivers."""
+        mesh = self.mesh
+        self.elements = Sides.of(mesh.scene, mesh.elements)
+        number = self.sides.number(len(mesh.patches))
+        self.patch = number[mesh.patch[self.elements.element], self.elements.back]
+        at = self.form_factors.receivers(mesh.elements, self.elements)
+        areas = mesh.areas[self.elements.element] * np.maximum(at.open, _BURIED)
+        self.areas = np.bincount(self.patch, areas, minlength=len(self.sides)).astype(np.float64)
+        self.share = areas / self.areas[self.patch]
+        return at
+
+    def mean_of_patches(self, values: Float64) -> Float64:
+        """(Q, 3): the mean over each patch of values (R, 3) of its elements."""
+        return np.stack(
+            [np.bincount(self.patch, values[:, c] * self.share, minlength=len(self.sides)) for c in range(3)],
+            axis=1,
+        )
+
+    def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
+        """(R,) float32, form factors from all elements to a side of a patch.
+
+        next_ones : gives sides that will be asked for soon: where this one has to be found, other cores find theirs
+        """
+        found = self._columns.get(side)
+        return found if found is not None else self._find(side, next_ones)
+
+    def _find(self, side: int, next_ones: Callable[[], list[int]]) -> Float32:
+        f = self.form_factors
+        cores = len(os.sched_getaffinity(0))
+        batches = [int(f.batch_of[side])]
+        for other in next_ones():
+            if len(batches) == cores:
+                break
+            batch = int(f.batch_of[other])
+            if batch not in batches and other not in self._columns:
+                batches.append(batch)
+        wanted: Float32 | None = None
+        for batch, (columns, took) in zip(batches, f.of_batches(batches, self._at), strict=True):
+            self.statistics += took
+            for one, column in zip(f.batches[batch].tolist(), columns, strict=True):
+                self._columns[one] = column
+                if one == side:
+                    wanted = column
+        while len(self._columns) > 1 and len(self._columns) * 4 * len(self.elements) > self.cache:
+            del self._columns[next(iter(self._columns))]
+        assert wanted is not None
+        return wanted
+
+    def matrix(self) -> Float32:
+        """(R, Q) float32: all of them."""
+        f = self.form_factors
+        found = np.empty((len(self.elements), len(self.sides)), np.float32)
+        cores = len(os.sched_getaffinity(0))
+        for first in range(0, len(f.batches), cores):
+            some = range(first, min(first + cores, len(f.batches)))
+            for batch, (columns, took) in zip(some, f.of_batches(some, self._at), strict=True):
+                self.statistics += took
+                found[:, f.batches[batch]] = columns.T
+        return found
+
+    def refine(self, which: NDArray[np.bool_], irradiance: Float64, shot: Float64) -> Float64:
+        """Split elements in four; irradiance (R', 3) of all then, from what the patches have shot so far (Q, 3).
+
+        which      : (E,) bool, of the mesh's elements
+        irradiance : (R, 3) before
+        """
+        before = self.elements
+        kept = ~which[before.element]
+        self.mesh = self.mesh.refine(which)
+        # Fronts come before backs, and in both what stays before what is new.
+        staying = int(np.count_nonzero(~which))
+        at_all = self._receive()
+        fresh = self.elements.element >= staying
+        now = np.empty((len(self.elements), 3))
+        now[~fresh], now[fresh] = irradiance[kept], 0.0
+        numbers = np.flatnonzero(fresh)
+        new = Sides(*(getattr(self.elements, n)[numbers] for n in Sides.__dataclass_fields__))
+        self._at = self.form_factors.receivers(self.mesh.elements, new)
+        old, self._columns = self._columns, {}
+        self._gather(numbers, kept, fresh, shot, now, old)
+        self._at = at_all
+        return now
+
+    def _gather(
+        self,
+        numbers: Int64,
+        kept: NDArray[np.bool_],
+        fresh: NDArray[np.bool_],
+        shot: Float64,
+        now: Float64,
+        old: dict[int, Float32],
+    ) -> None:
+        """What new elements `numbers` get from all that shot. Fills `now` and makes the kept columns longer."""
+        f = self.form_factors
+        batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=1))]).tolist()
+        cores = len(os.sched_getaffinity(0))
+        for first in range(0, len(batches), cores):
+            some = batches[first : first + cores]
+            for batch, (columns, took) in zip(some, f.of_batches(some, self._at), strict=True):
+                self.statistics += took
+                now[numbers] += columns.T.astype(np.float64) @ shot[f.batches[batch]]
+                for one, column in zip(f.batches[batch].tolist(), columns, strict=True):
+                    if one in old:
+                        whole = np.empty(len(fresh), np.float32)
+                        whole[~fresh], whole[fresh] = old.pop(one)[kept], column
+                        self._columns[one] = whole

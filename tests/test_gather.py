@@ -1,0 +1,269 @@
+"""The gather is right: path by path against numpy, closed forms, and the frame around it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from reference.closed_forms import furnace_radiance
+from reference.numpy_path_tracer import nearest_hits
+
+import glpath
+from glpath import RadiositySolution, plans, rendering
+from glpath.compare import relative_mse
+from glpath.gl.context import get_context
+from glpath.gl.gpu_scene import GpuScene
+from glpath.integrators.gather import GatherSettings, GatherTracer, gpu_radiosity
+from glpath.radiosity import lattice
+from glpath.sampling import PathSetSampler, uniform_hemisphere
+from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
+
+Float64 = NDArray[np.float64]
+BOX = "cornell-box-36"
+
+
+def solution_of(scene: Scene, divisions: Any, elements: Any = None, vertices: Any = None) -> RadiositySolution:
+    """A made-up solution: radiosity of the elements and of the vertices, broadcast; random where not given."""
+    triangles = path_traceable(scene)
+    n = np.broadcast_to(np.asarray(divisions, np.int32), len(triangles.triangles))
+    random = np.random.default_rng(5)
+    values = []
+    for count, given in ((lattice.element_count(n), elements), (lattice.vertex_count(n), vertices)):
+        shape = (2, int(count.sum()), 3)
+        values.append(random.uniform(0.0, 4.0, shape) if given is None else np.broadcast_to(given, shape))
+    return RadiositySolution(triangles.digest(camera=False), n, *values, "made up")
+
+
+def even(scene: Scene, radiosity: Any, divisions: Any = 2) -> RadiositySolution:
+    return solution_of(scene, divisions, radiosity, radiosity)
+
+
+def gather(scene: Any, solution: Any, **options: Any) -> glpath.Film:
+    return glpath.render(scene, integrator="gather", radiosity=solution, **options)
+
+
+def room(size: int = 24, lamp: bool = False) -> Scene:
+    """A closed room with a block and, in the middle of it, a leaf whose back is black; of several reflectances."""
+    shapes: list[dict[str, Any]] = [
+        {"type": "box", "min": [-2, 0, -2], "max": [2, 3, 2], "flip_normals": True, "material": "half"},
+        {"type": "box", "center": [0.7, 0.5, -0.4], "size": [0.8, 1.0, 0.6], "material": "red"},
+        {
+            "type": "quad",
+            "corners": [[-1.2, 0.4, -1.0], [-0.2, 0.4, -1.3], [-0.2, 1.6, -1.3], [-1.2, 1.6, -1.0]],
+            "material": "one-sided",
+        },
+        {"type": "sphere", "center": [-0.6, 0.4, 0.4], "radius": 0.3, "subdivisions": 1, "material": "half"},
+    ]
+    if lamp:
+        corners = [[-0.5, 2.9, -0.5], [0.5, 2.9, -0.5], [0.5, 2.9, 0.5], [-0.5, 2.9, 0.5]]
+        shapes.append({"type": "quad", "corners": corners, "emission": {"radiance": 5.0, "two_sided": True}})
+    return scene_from_dict(
+        {
+            "camera": {"position": [0.3, 1.4, 1.9], "target": [-0.1, 1.0, -1.0], "fov": 75},
+            "film": {"resolution": [size, size]},
+            "materials": {
+                "half": {"reflectance": 0.5},
+                "red": {"reflectance": [0.8, 0.2, 0.1]},
+                "one-sided": {"reflectance": 0.7, "two_sided": False},
+            },
+            "shapes": shapes,
+        }
+    )
+
+
+def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int) -> Float64:
+    """One path set in numpy: each pixel's ray, its better direction, and the solution where that one ends."""
+    scene = path_traceable(scene)
+    sample = PathSetSampler(0, 2)[index]
+    camera = scene.camera
+    width, height = camera.resolution
+    right, up, forward = camera.frame()
+    tangent = np.tan(np.radians(camera.fov) / 2)
+    x = (2 * (np.arange(width) + sample.pixel[0]) / width - 1) * tangent * width / height
+    y = (1 - 2 * (np.arange(height) + sample.pixel[1]) / height) * tangent
+    d = (forward + x[None, :, None] * right + y[:, None, None] * up).reshape(-1, 3)
+    first, t = nearest_hits(scene.triangles, np.broadcast_to(camera.position, d.shape), d)
+    position = camera.position + t[:, None] * d
+    front = np.sum(scene.normals[first] * d, axis=1) < 0
+    normal = scene.normals[first] * np.where(front, 1.0, -1.0)[:, None]
+    two = uniform_hemisphere(sample.directions[0])
+    cosines = normal @ two.T
+    better = np.where(np.abs(cosines[:, 1]) > np.abs(cosines[:, 0]), 1, 0)
+    rows = np.arange(len(d))
+    out = two[better] * np.sign(cosines[rows, better])[:, None]
+    second, t = nearest_hits(scene.triangles, position + 1e-6 * normal, out)
+    where = position + t[:, None] * out
+    corner = scene.triangles[second]
+    edges = corner[:, 1:] - corner[:, :1]
+    place = np.einsum("nki,ni->nk", edges, where - corner[:, 0])
+    barycentric = np.linalg.solve(np.einsum("nki,nli->nkl", edges, edges), place[..., None])[..., 0]
+    back = (np.sum(scene.normals[second] * out, axis=1) > 0).astype(int)
+    material = [scene.materials[scene.shapes[s].material] for s in scene.triangle_shape]
+    rho = np.array([m.reflectance for m in material])[first]
+    rho = np.where((front | np.array([m.two_sided for m in material])[first])[:, None], rho, 0.0)
+    found = rho * solution.lookup(second, barycentric, back, lookup) / np.pi
+    return found.reshape(height, width, 3)
+
+
+@pytest.mark.parametrize("lookup", ["interpolated", "constant"])
+def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any) -> None:
+    """In the dark, with a solution of random values, on both sides of everything and meshes of any fineness."""
+    scene = path_traceable(room())
+    solution = solution_of(scene, np.random.default_rng(2).integers(1, 9, len(scene.triangles)))
+    gl = get_context().gl
+    # Cells enough that no path loses its roulette.
+    tracer = GatherTracer(
+        gl,
+        GpuScene(gl, scene),
+        gpu_radiosity(gl, scene, solution, lookup),
+        GatherSettings(cell_share=8.0),
+        (0, 0, *scene.camera.resolution),
+        hardware=False,
+    )
+    for index in range(3):
+        tracer.trace_path_set(index)
+        difference = np.abs(tracer.take() - gathered(scene, solution, lookup, index)).max(axis=-1)
+        # A path through an edge, or to the border of two elements, may be rounded to its other side.
+        assert np.mean(difference > 2e-5) < 0.01
+    assert tracer.statistics()["paths_lost"] == 0
+
+
+def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
+    scene = room(size=16)
+    with pytest.warns(glpath.SceneWarning, match="light"):
+        film = gather(scene, even(scene, [1.0, 2.0, 3.0]), spp=8)
+    wall = film.mean[0, 0]
+    np.testing.assert_allclose(wall, 0.5 * np.array([1.0, 2.0, 3.0]) / np.pi, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("depth", "directions"), [(2, "pair"), (2, "hemisphere"), (2, "sphere"), (4, "pair")])
+def test_furnace_is_the_endless_series_at_any_depth(depth: int, directions: Any) -> None:
+    scene = load_scene("furnace", {"reflectance": 0.6}).with_camera(resolution=(12, 12))
+    reflected = np.pi * (furnace_radiance(1.0, 0.6, 1000) - 1.0)
+    film = gather(scene, even(scene, reflected), spp=128, max_depth=depth, directions=directions)
+    batches = film.radiance_sums.mean(axis=(1, 2, 3)) / film.batch_counts
+    error = batches.std(ddof=1) / np.sqrt(len(batches))
+    assert error < 0.05
+    assert abs(film.mean.mean() - 2.5) < 4 * error
+
+
+def test_a_dark_solution_leaves_direct_light() -> None:
+    dark = gather(BOX, even(load_scene(BOX), 0.0), spp=256, resolution=(16, 16))
+    direct = glpath.render(BOX, max_depth=1, spp=256, resolution=(16, 16))
+    assert dark.mean.mean() == pytest.approx(direct.mean.mean(), rel=0.005)
+    assert relative_mse(dark.mean, direct.mean) < 1e-3
+
+
+def test_emission_is_not_looked_up() -> None:
+    """A two-sided lamp in the room: found by the direction and by the light sample, it counts once."""
+    scene = room(size=16, lamp=True)
+    film = gather(scene, even(scene, 0.0), spp=256)
+    direct = glpath.render(scene, max_depth=1, spp=256)
+    assert film.mean.mean() == pytest.approx(direct.mean.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("split", [32, 5])
+def test_path_sets_0_to_64_are_those_of_two_renders_merged_bit_for_bit(split: int) -> None:
+    size, solution = (40, 32), solution_of(load_scene(BOX), 3)
+    whole = gather(BOX, solution, spp=64, resolution=size)
+    first = gather(BOX, solution, spp=split, resolution=size)
+    second = gather(BOX, solution, spp=64 - split, first_path_set=split, resolution=size)
+    np.testing.assert_array_equal(second.merge(first).mean, whole.mean)
+
+
+def test_films_of_different_solutions_or_lookups_do_not_merge() -> None:
+    scene = load_scene(BOX)
+    size = (8, 8)
+    film = gather(BOX, even(scene, 1.0), spp=8, resolution=size)
+    others = (
+        gather(BOX, even(scene, 1.5), spp=8, first_path_set=8, resolution=size),
+        gather(BOX, even(scene, 1.0), spp=8, first_path_set=8, resolution=size, radiosity_lookup="constant"),
+        gather(BOX, even(scene, 1.0, 3), spp=8, first_path_set=8, resolution=size),
+    )
+    for other in others:
+        with pytest.raises(glpath.UsageError, match="settings"):
+            film.merge(other)
+    assert film.merge(gather(BOX, even(scene, 1.0), spp=8, first_path_set=8, resolution=size)).path_sets == 16
+
+
+def test_a_crop_and_tiles_are_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    size, solution = (50, 40), even(load_scene(BOX), 1.0)
+    whole = gather(BOX, solution, spp=64, resolution=size).mean
+    crop = gather(BOX, solution, spp=64, resolution=size, crop=(11, 5, 20, 30)).mean
+    assert relative_mse(crop, whole[5:35, 11:31]) < 4e-3
+    monkeypatch.setattr(rendering, "MAX_PATHS", 300)
+    assert relative_mse(gather(BOX, solution, spp=64, resolution=size).mean, whole) < 4e-3
+
+
+def test_frames_from_one_solution_are_the_renders_of_their_cameras() -> None:
+    scene = load_scene(BOX).with_camera(resolution=(24, 24))
+    solution = even(scene, 1.0)
+    cameras = [{}, {"position": (0.4, 0.2, 3.6)}, {"fov": 30.0}]
+    frames = [{}, replace(scene.camera, position=np.array([0.4, 0.2, 3.6])), scene.with_camera(fov=30.0)]
+    films = rendering.render_frames(scene, frames, integrator="gather", radiosity=solution, spp=4)
+    for film, camera in zip(films, cameras, strict=True):
+        alone = gather(scene, solution, camera=camera, spp=4)
+        np.testing.assert_array_equal(film.mean, alone.mean)
+        assert film.metadata.scene_hash == alone.metadata.scene_hash
+        assert film.metadata.statistics["paths_cast"] == alone.metadata.statistics["paths_cast"]
+
+
+def test_a_frame_of_another_scene_is_refused() -> None:
+    scene = load_scene(BOX).with_camera(resolution=(8, 8))
+    for options in ({"integrator": "gather", "radiosity": even(scene, 1.0)}, {"integrator": "path"}):
+        films = rendering.render_frames(scene, [{}, load_scene("furnace", {"resolution": 8})], spp=1, **options)
+        next(films)
+        with pytest.raises(glpath.SceneError, match="more than its camera"):
+            next(films)
+
+
+def test_a_solution_comes_from_a_file_and_must_be_of_this_scene(tmp_path: Path) -> None:
+    scene = load_scene(BOX)
+    path = tmp_path / "solution.npz"
+    even(scene, 1.0).save(path)
+    film = gather(BOX, path, spp=2, resolution=(8, 8))
+    np.testing.assert_array_equal(film.mean, gather(BOX, even(scene, 1.0), spp=2, resolution=(8, 8)).mean)
+    with pytest.raises(glpath.SceneError, match="another scene"):
+        gather("furnace", str(path), spp=2)
+    with pytest.raises(glpath.GlpathError, match="no such file"):
+        gather(BOX, tmp_path / "nothing.npz")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"integrator": "gather", "ambient": 1.0}, 'ambient: 1.0 with the integrator "gather"; it is an option of'),
+        ({"integrator": "gather", "roulette": 2}, "roulette"),
+        ({"integrator": "gather", "shadows": "rays"}, '"classic" and "t-buffer"'),
+        ({"integrator": "gather", "max_depth": 1}, "max_depth: 1"),
+        ({"integrator": "gather", "radiosity": 3}, "radiosity: 3"),
+        ({"integrator": "gather", "radiosity_lookup": "cubic"}, "interpolated, constant"),
+        ({"integrator": "path", "radiosity": "a.npz"}, 'it is an option of "gather"'),
+        ({"integrator": "t-buffer", "radiosity_lookup": "constant"}, 'it is an option of "gather"'),
+        ({"integrator": "radiosity"}, "path, gather, classic, t-buffer"),
+    ],
+)
+def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(glpath.UsageError) as caught:
+        glpath.render(BOX, **options)
+    assert words in str(caught.value)
+
+
+def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from glpath.gl import gpu_radiosity
+
+    monkeypatch.setattr(gpu_radiosity, "_MOST", 100)
+    with pytest.raises(glpath.SceneError, match="coarser mesh"):
+        gather(BOX, even(load_scene(BOX), 1.0, 4), spp=1)
+
+
+def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
+    film = gather(BOX, even(load_scene(BOX), 1.0), spp=2, resolution=(16, 16), timings=True)
+    stages = film.metadata.statistics["stage_ms"]
+    assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
+    assert film.metadata.max_depth == plans.DEFAULT_DEPTH["gather"] == 2
+    assert film.metadata.statistics["paths_cast"] <= 2 * 16 * 16
