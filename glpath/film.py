@@ -235,10 +235,10 @@ class Film:
         path = check_suffix(path)
         suffix = path.suffix.lower()
         if suffix == ".png":
-            write_png(path, tonemapped(self.mean, exposure, tonemap), self._header())
+            write_png(path, tonemapped(self.mean, exposure, tonemap), self.provenance())
         elif suffix == ".exr":
             window, full_resolution = self.metadata.window, self.metadata.full_resolution
-            write_exr(path, self.mean, self._header(), window=window, full_resolution=full_resolution)
+            write_exr(path, self.mean, self.provenance(), window=window, full_resolution=full_resolution)
         else:
             self._save_npz(path)
 
@@ -297,7 +297,8 @@ class Film:
             bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW)))
         return bundle
 
-    def _header(self) -> dict[str, str]:
+    def provenance(self) -> dict[str, str]:
+        """What made the film, and which path sets are in it, as texts for a file's header."""
         versions = self.metadata.versions
         return {
             "Software": f"glpath {versions.get('glpath', '')}".strip(),

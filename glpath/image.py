@@ -121,12 +121,14 @@ def write_exr(
     *,
     window: tuple[int, int, int, int] | None = None,
     full_resolution: tuple[int, int] | None = None,
+    layers: Mapping[str, Float64] | None = None,
 ) -> None:
     """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
 
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole picture, y from the top: the data window
     full_resolution : (width, height) of the whole picture: the display window
+    layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B
 
     Raises ImageError.
     """
@@ -144,8 +146,12 @@ def write_exr(
         "displayWindow": _box(0, 0, full_width, full_height),
         **(metadata or {}),
     }
+    channels = {"RGB": pixels}
+    for name, layer in (layers or {}).items():
+        for i, colour in enumerate("RGB"):
+            channels[f"{name}.{colour}"] = np.ascontiguousarray(layer[..., i], np.float32)
     with whole_file(path) as temporary:
-        OpenEXR.File(header, {"RGB": pixels}).write(str(temporary))
+        OpenEXR.File(header, channels).write(str(temporary))
 
 
 def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -223,6 +229,22 @@ def read_image(path: str | Path) -> Float64:
     except (*_BROKEN, KeyError, zipfile.BadZipFile) as error:
         raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
     return _three_channels(image, path)
+
+
+def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
+    """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
+    import OpenEXR
+
+    try:
+        with open(path, "rb"):  # what the system says is clearer than what OpenEXR does
+            file = OpenEXR.File(str(path), separate_channels=True)
+        channels = {name: channel.pixels.astype(np.float32) for name, channel in file.channels().items()}
+        texts = {key: value for key, value in file.header().items() if isinstance(value, str)}
+    except FileNotFoundError as error:
+        raise ImageError(f"{path}: there is no such file.") from error
+    except _BROKEN as error:
+        raise ImageError(f"{path}: cannot be read as .exr: {_reason(error)}.") from error
+    return channels, texts
 
 
 # What the libraries raise for files that are broken, cut off, or of another format.

@@ -11,6 +11,9 @@ import pytest
 
 from glpath.film import Film, FilmMetadata, blocks
 
+# A project of its own; `test_pytest_plugin` runs it.
+collect_ignore = ["example_project"]
+
 MakeFilm = Callable[..., Film]
 
 

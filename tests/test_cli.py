@@ -21,6 +21,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath import rendering
 from glpath.cli.main import app
+from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film import Film
 from glpath.image import read_image, write_exr
@@ -570,3 +571,41 @@ def test_diff_of_two_sizes_or_a_missing_file_fails_with_a_reason(pair: tuple[Pat
     assert "the picture is 9 x 8 and the reference 2 x 2" in run("diff", pair[0], tmp_path / "c.exr").stderr
     result = run("diff", pair[0], tmp_path / "none.exr")
     assert (result.exit_code, "there is no such file" in result.stderr) == (1, True)
+
+
+def test_diff_by_pixels(pair: tuple[Path, Path]) -> None:
+    result = run("diff", *pair, "--fail", 0.05, "--failpercent", 100)
+    assert result.exit_code == 0
+    assert "of the pixels differ by more than 0.05" in result.stdout
+    result = run("diff", *pair, "--fail", 0.05, "--failpercent", 5)
+    assert result.exit_code == 1
+    assert "% of the pixels differ by more than --fail 0.05, 5 % allowed" in result.stderr
+    assert run("diff", *pair, "--failpercent", 5).exit_code == 2
+    assert run("diff", *pair, "--fail", 1, "--failpercent", 101).exit_code == 2
+
+
+def test_diff_judges_as_an_image_test_does(pair: tuple[Path, Path]) -> None:
+    result = run("diff", *pair, "--mode", "fuzzy")
+    assert result.exit_code == 1
+    assert "fuzzy       not the same: 72 of 72 pixels (100 %) are off by more than 2 of 255 levels" in result.stdout
+    assert "not the same by --mode fuzzy" in result.stderr
+    assert run("diff", *pair, "--mode", "fuzzy", "--limit", "threshold=20").exit_code == 0
+    assert run("diff", pair[0], pair[0], "--mode", "exact").exit_code == 0
+    judged = json.loads(run("diff", *pair, "--mode", "fuzzy", "--json").stdout)
+    assert (judged["mode"], judged["same"], judged["limits"]["edge"]) == ("fuzzy", False, 0.25)
+    for wrong in (["--mode", "fuzy"], ["--limit", "threshold=2"], ["--stat", "--mode", "flip"], ["--stat"]):
+        assert run("diff", *pair, *wrong).exit_code == 2
+
+
+def test_diff_tells_noise_from_a_change(make_film: MakeFilm, tmp_path: Path) -> None:
+    film, other = make_film([(0, 64)], (32, 32)), make_film([(64, 128)], (32, 32), seed=4)
+    film.save(tmp_path / "a.npz")
+    other.save(tmp_path / "b.npz")
+    result = run("diff", tmp_path / "a.npz", tmp_path / "b.npz", "--stat")
+    assert result.exit_code == 0
+    assert "the same: the difference is within noise (compared as independent renders" in result.stdout
+    other.radiance_sums *= 1.1
+    Picture.of_film(other).save(tmp_path / "c.exr")
+    result = run("diff", tmp_path / "a.npz", tmp_path / "c.exr", "--stat")
+    assert result.exit_code == 1
+    assert "the whole picture is darker by 9" in result.stdout

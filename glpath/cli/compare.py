@@ -1,20 +1,24 @@
-"""`glpath diff`: how far one picture is from another."""
+"""`glpath diff`: how far one picture is from another, and whether they count as the same."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from glpath.errors import UsageError
 
+if TYPE_CHECKING:
+    from glpath.compare import Picture, Verdict
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command(epilog="Exit codes: 0 done, 1 failed or above --fail, 2 wrong usage.")(diff)
+    app.command(epilog="Exit codes: 0 done, 1 failed, above --fail or not the same by --mode, 2 wrong usage.")(diff)
 
 
 def diff(
@@ -27,16 +31,39 @@ def diff(
     scale: Annotated[
         float | None, typer.Option(help="Relative difference that gets the full colour; 99 % of pixels by itself.")
     ] = None,
-    fail: Annotated[float | None, typer.Option(metavar="X", help="Exit with 1 when relMSE is above X.")] = None,
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            metavar="exact|fuzzy|stat|flip", help="Judge as an image test does; exit with 1 if not the same."
+        ),
+    ] = None,
+    stat: Annotated[
+        bool, typer.Option("--stat", help="The same as --mode stat: is the difference more than noise?")
+    ] = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=X", help="A limit of the mode, for example tolerance=0.01; may be repeated."),
+    ] = None,
+    fail: Annotated[
+        float | None,
+        typer.Option(
+            metavar="X", help="Exit with 1 when relMSE is above X; with --failpercent, what makes a pixel differ."
+        ),
+    ] = None,
+    failpercent: Annotated[
+        float | None,
+        typer.Option(metavar="Y", help="Exit with 1 when more than Y % of the pixels differ by more than --fail."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """Compare two pictures of one size.
 
     relMSE is mean((A - B)² / (B² + 0.01)); the mean ratio, mean(A) / mean(B), shows energy lost or gained. Radiance
-    files compare radiance; a .png has been through the tone map.
+    files compare radiance; a .png has been through the tone map. --stat needs the noise: films (.npz) or baselines
+    and results of image tests (.exr).
     """
     from glpath import compare
-    from glpath.image import check_writable, read_image, write_png
+    from glpath.image import check_writable, write_png
 
     if out is not None:
         if out.suffix.lower() != ".png":
@@ -44,7 +71,20 @@ def diff(
         check_writable(out)
     if fail is not None and not fail >= 0:
         raise UsageError(f"--fail {fail}: must be at least 0.")
-    a, b = read_image(image), read_image(reference)
+    if failpercent is not None:
+        if fail is None:
+            raise UsageError("--failpercent: says how many pixels, and --fail by how much: give both.")
+        if not 0 <= failpercent <= 100:
+            raise UsageError(f"--failpercent {failpercent}: must be from 0 to 100.")
+    if stat and mode not in (None, "stat"):
+        raise UsageError(f"--stat and --mode {mode} contradict each other.", "Give one of them.")
+    mode = "stat" if stat else mode
+    if limit and mode is None:
+        raise UsageError("--limit: belongs to a --mode.")
+    limits = compare.read_limits(mode, limit or []) if mode is not None else {}
+    ours, theirs = _read(image), _read(reference)
+    a, b = ours.mean, theirs.mean
+    verdict = None if mode is None else compare.compare(ours, theirs, mode, **limits)
     measured = {
         "relMSE": compare.relative_mse(a, b),
         "RMSE": math.sqrt(compare.mse(a, b)),
@@ -52,6 +92,9 @@ def diff(
         "PSNR": compare.psnr(a, b),
         "mean ratio": compare.mean_ratio(a, b),
     }
+    beyond = None
+    if fail is not None and failpercent is not None:
+        beyond = measured["percent beyond"] = compare.percent_beyond(a, b, fail)
     full_colour = None
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
@@ -59,13 +102,62 @@ def diff(
     if as_json:
         # JSON has neither infinity nor NaN.
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
-        typer.echo(json.dumps({"image": str(image), "reference": str(reference), **plain, "scale": full_colour}))
+        judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
+        files = {"image": str(image), "reference": str(reference)}
+        typer.echo(json.dumps({**files, **plain, "scale": full_colour, **judged}))
     else:
         for key, value in measured.items():
-            unit = " dB" if key == "PSNR" else ""
+            unit = {"PSNR": " dB", "percent beyond": f" of the pixels differ by more than {fail}"}.get(key, "")
             typer.echo(f"{key:<10}  {value:.6g}{unit}")
+        if verdict is not None:
+            for line in _said(verdict, ours.differences_in_making(theirs)):
+                typer.echo(line)
         if out is not None:
             typer.echo(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
-    if fail is not None and measured["relMSE"] > fail:
-        typer.echo(f"glpath: relMSE {measured['relMSE']:.6g} is above --fail {fail:g}", err=True)
+    reasons = []
+    if verdict is not None and not verdict.passed:
+        reasons.append(f"not the same by --mode {mode}")
+    if beyond is not None and failpercent is not None and beyond > failpercent:
+        reasons.append(
+            f"{beyond:.6g} % of the pixels differ by more than --fail {fail:g}, {failpercent:g} % allowed"
+        )
+    if fail is not None and beyond is None and measured["relMSE"] > fail:
+        reasons.append(f"relMSE {measured['relMSE']:.6g} is above --fail {fail:g}")
+    for reason in reasons:
+        typer.echo(f"glpath: {reason}", err=True)
+    if reasons:
         raise typer.Exit(1)
+
+
+def _read(path: Path) -> Picture:
+    """With noise where the file has it: a film, or a baseline. Raises ImageError."""
+    from glpath.compare import Picture
+    from glpath.film import Film
+    from glpath.image import open_npz, read_exr_channels, read_image
+
+    image = read_image(path)
+    if path.suffix.lower() == ".npz":
+        with open_npz(path) as stored:
+            if "radiance_sums" in stored:
+                return Picture.of_film(Film.load(path))
+    elif path.suffix.lower() == ".exr" and Picture.is_baseline(read_exr_channels(path)[1]):
+        return Picture.load(path)
+    return Picture(image)
+
+
+def _said(verdict: Verdict, made_otherwise: Sequence[str]) -> list[str]:
+    return [
+        f"{verdict.mode:<10}  {'the same' if verdict.passed else 'not the same'}: {verdict.summary}",
+        *(f"            made otherwise: {text}" for text in made_otherwise),
+    ]
+
+
+def _as_json(verdict: Verdict, made_otherwise: Sequence[str]) -> dict[str, object]:
+    return {
+        "mode": verdict.mode,
+        "same": verdict.passed,
+        "summary": verdict.summary,
+        "measured": verdict.measured,
+        "limits": verdict.limits,
+        "made_otherwise": list(made_otherwise),
+    }

@@ -29,13 +29,13 @@ def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILO
     As in Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     Raises ImageError for shapes that differ, NaN or infinity.
     """
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
 
 def mse(image: ArrayLike, reference: ArrayLike) -> float:
     """mean((image - reference)²) over pixels and channels. Raises ImageError."""
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2))
 
 
@@ -46,7 +46,7 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
 
     Raises ImageError.
     """
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     error = float(np.mean((a - b) ** 2))
     top = float(b.max()) if peak is None else peak
     return math.inf if error == 0 else -math.inf if top <= 0 else 10 * math.log10(top**2 / error)
@@ -54,13 +54,19 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
 
 def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
     """The largest |image - reference| of any channel of any pixel. Raises ImageError."""
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     return float(np.max(np.abs(a - b)))
+
+
+def percent_beyond(image: ArrayLike, reference: ArrayLike, limit: float) -> float:
+    """Per cent of the pixels of which a channel differs by more than `limit`. Raises ImageError."""
+    a, b = matching_pair(image, reference)
+    return 100 * float(np.mean((np.abs(a - b) > limit).any(axis=-1)))
 
 
 def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
     """mean(image) / mean(reference): energy gained or lost. NaN if both are black. Raises ImageError."""
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     above, below = float(a.mean()), float(b.mean())
     if below == 0:
         return math.nan if above == 0 else math.copysign(math.inf, above)
@@ -81,7 +87,7 @@ def difference_image(
     """
     if scale is not None and not scale > 0:
         raise UsageError(f"scale: found {scale}, expected a number above 0.")
-    a, b = _pair(image, reference)
+    a, b = matching_pair(image, reference)
     y = luminance(b)
     relative = (luminance(a) - y) / np.sqrt(y**2 + epsilon)
     if scale is None:
@@ -93,7 +99,8 @@ def difference_image(
     return (colour + 0.5).astype(np.uint8), scale
 
 
-def _pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
+def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
+    """Both as (H, W, 3) float64. Raises ImageError for shapes that differ, NaN or infinity."""
     a, b = np.asarray(image, np.float64), np.asarray(reference, np.float64)
     if a.shape != b.shape:
         raise ImageError(

@@ -1,0 +1,92 @@
+"""How different two pictures look: the FLIP of NVIDIA's flip-evaluator, an optional package.
+
+Its Python face prints to the terminal and leaves the process by sys.exit where it does not like its input. Neither
+comes through here.
+
+Source: Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images".
+Poor at: numbers that must not change with the exposure: it judges the picture as it is shown, by the sRGB curve.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.compare.measures import matching_pair
+from glpath.compare.picture import Picture
+from glpath.compare.verdict import Verdict
+from glpath.errors import ImageError, UsageError
+from glpath.image import encode_srgb
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+#: Mean FLIP that passes, and the pixels per degree of sight that it assumes: a 4K screen of 70 cm seen from 70 cm.
+MEAN = 0.01
+PPD = 67.0
+
+
+def flip(picture: Picture, reference: Picture, *, mean: float = MEAN, ppd: float = PPD) -> Verdict:
+    """Whether the mean of the FLIP map is at most `mean`; 0 is equal, 1 black beside white.
+
+    ppd : pixels per degree of sight; more of them make fine differences harder to see
+
+    Raises UsageError where flip-evaluator is not installed, and for limits out of range.
+    """
+    if not 0 <= mean <= 1:
+        raise UsageError(f"mean: found {mean}, expected a number from 0 to 1.")
+    found = flip_map(picture.mean, reference.mean, ppd=ppd)
+    value, worst = float(found.mean()), float(found.max())
+    y, x = np.unravel_index(int(np.argmax(found)), found.shape)
+    summary = f"mean FLIP {value:.4f}, {mean:g} allowed; the worst pixel ({x}, {y}) has {worst:.2f}"
+    severity = value / mean if mean else 0.0 if value == 0 else 1.0 + value
+    measured = {"mean": value, "max": worst, "worst_at": [int(x), int(y)]}
+    return Verdict("flip", value <= mean, severity, summary, measured, {"mean": mean, "ppd": ppd})
+
+
+def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64:
+    """(H, W) float64 in [0, 1], how visible the difference is, of two (H, W, 3) pictures in linear Rec. 709.
+
+    Raises ImageError for pictures that cannot be compared; UsageError where flip-evaluator is not installed, or for
+    a `ppd` not above 0.
+    """
+    found: Float64 = (
+        _evaluated(image, reference, ppd, colours=False).reshape(np.shape(image)[:2]).astype(np.float64)
+    )
+    return found
+
+
+def flip_picture(image: Float64, reference: Float64, *, ppd: float = PPD) -> UInt8:
+    """The map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow most different. Raises as `flip_map`."""
+    coloured = _evaluated(image, reference, ppd, colours=True)
+    return np.asarray(np.clip(coloured, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool) -> NDArray[np.float32]:
+    if not 0 < ppd < math.inf:
+        raise UsageError(f"ppd: found {ppd}, expected pixels per degree above 0.")
+    evaluate = _evaluator()
+    a, b = (np.ascontiguousarray(encode_srgb(side), np.float32) for side in matching_pair(image, reference))
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            evaluated = evaluate(b, a, "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd})
+    except (SystemExit, RuntimeError, ValueError, TypeError) as error:
+        reason = " ".join(said.getvalue().replace("Exiting.", "").split()) or str(error)
+        raise ImageError(f"flip: flip-evaluator refused the pictures: {reason}") from error
+    return np.asarray(evaluated[0], np.float32)
+
+
+def _evaluator() -> Any:
+    try:
+        from flip_evaluator import evaluate
+    except ImportError as error:
+        raise UsageError(
+            "flip: the package flip-evaluator is not installed.", 'pip install "glpath[flip]"'
+        ) from error
+    return evaluate

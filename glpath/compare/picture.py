@@ -1,0 +1,216 @@
+"""A picture with its noise and its provenance: what is compared, and what a baseline file holds.
+
+Noise is kept so that it can be told from a change: the variance of every pixel between batches of path sets, and,
+as the paths of a set share their directions so that pixels err together, the mean of every batch over blocks of 16
+x 16 pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
+
+The file is one EXR that any viewer opens: R, G, B are the mean; `variance.R`, ... its variance; `batch0.R`, ... the
+batches, constant over each block, which compresses to next to nothing. All else stands in the header.
+
+Cost:     about 25 bytes per pixel on disk where there is noise, at most 12 where there is none.
+Poor at:  pixels that err together within a block: their batches are not kept singly.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import ImageError
+from glpath.film import Film
+from glpath.image import decode_srgb, read_exr_channels, write_exr
+
+Float64 = NDArray[np.float64]
+
+#: Pixels along the side of a block.
+BLOCK_SIDE = 16
+
+_FORMAT = "glpath.baseline"
+_VERSION = "1"
+
+# What decides a picture, as the header names it, and the word for it in a message. Not the seed, the path sets and
+# the device: two renders may differ in these and must still agree.
+_DECIDES = {
+    "glpath.kind": "kind",
+    "glpath.scene": "scene",
+    "glpath.scene_hash": "content of the scene",
+    "glpath.integrator": "integrator",
+    "glpath.max_depth": "max_depth",
+    "glpath.settings": "settings",
+    "glpath.full_resolution": "resolution",
+    "glpath.window": "crop",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """How much a picture varies from batch to batch.
+
+    variance      : (H, W, 3) float64, of the mean of each pixel, see `Film.variance_of_mean`
+    block_batches : (B, h, w, 3) float64, the mean of each batch over blocks of 16 x 16 pixels, those at the right
+                    and the lower border smaller
+    batch_counts  : (B,) int64, path sets in each
+    """
+
+    variance: Float64
+    block_batches: Float64
+    batch_counts: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What is compared.
+
+    mean       : (H, W, 3) float64, linear Rec. 709, row 0 at the top
+    noise      : None where nothing is known of it: arrays, and films of one batch
+    provenance : what made it, name to text, as in the header of an EXR
+    """
+
+    mean: Float64
+    noise: Noise | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of_film(cls, film: Film) -> Picture:
+        """The film's mean, with noise where it has two batches or more. Raises UsageError for an empty one."""
+        used = np.flatnonzero(film.batch_counts)
+        noise = None
+        if len(used) >= 2:
+            counts = film.batch_counts[used]
+            means = film.radiance_sums[used] / counts[:, None, None, None]
+            noise = Noise(film.variance_of_mean(), np.stack([_over_blocks(mean) for mean in means]), counts)
+        return cls(film.mean, noise, {"glpath.kind": "film", **film.provenance()})
+
+    @classmethod
+    def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
+        """Radiance, or sRGB where it is uint8: (H, W, 3), (H, W), or (H, W, 4), of which alpha is left out.
+
+        Raises ImageError.
+        """
+        given = np.asarray(array)
+        if given.dtype.kind not in "biuf" or given.ndim not in (2, 3) or given.size == 0:
+            raise ImageError(
+                f"picture: found an array of shape {given.shape} of {given.dtype}, expected numbers (H, W, 3)."
+            )
+        values = decode_srgb(given / 255) if given.dtype == np.uint8 else given.astype(np.float64)
+        if values.ndim == 2:
+            values = values[..., None]
+        if values.shape[2] not in (1, 3, 4):
+            raise ImageError(f"picture: found an array of shape {given.shape}, expected (H, W, 3).")
+        mean = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values[..., :3]
+        broken = int(np.count_nonzero(~np.isfinite(mean).all(axis=-1)))
+        if broken:
+            raise ImageError(
+                f"picture: {broken} of its {mean.shape[0] * mean.shape[1]} pixels are NaN or infinite."
+            )
+        return cls(mean, None, {"glpath.kind": "array", **(provenance or {})})
+
+    def save(self, path: str | Path) -> None:
+        """Write the EXR; it appears whole or not at all. Raises ImageError."""
+        layers: dict[str, Float64] = {}
+        header = {_FORMAT: _VERSION, **self.provenance}
+        if self.noise is not None:
+            header["glpath.batch_counts"] = json.dumps(self.noise.batch_counts.tolist())
+            layers["variance"] = self.noise.variance
+            shape = self.mean.shape[:2]
+            for i, blocks in enumerate(self.noise.block_batches):
+                layers[f"batch{i}"] = spread_blocks(blocks, shape)
+        write_exr(path, self.mean, header, layers=layers)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Picture:
+        """Read what `save` has written. Raises ImageError."""
+        channels, header = read_exr_channels(path)
+        if header.get(_FORMAT) != _VERSION:
+            found = (
+                f"version {header[_FORMAT]}" if _FORMAT in header else "another program's EXR, or a plain picture"
+            )
+            raise ImageError(
+                f"{path}: is not a baseline of this version of glpath, but {found}.",
+                "Make it again: pytest --glpath-update all.",
+            )
+        try:
+            mean = _layer(channels, "")
+            noise = None
+            if "glpath.batch_counts" in header:
+                counts = np.array(json.loads(header["glpath.batch_counts"]), np.int64)
+                blocks = [_layer(channels, f"batch{i}.")[::BLOCK_SIDE, ::BLOCK_SIDE] for i in range(len(counts))]
+                noise = Noise(_layer(channels, "variance."), np.stack(blocks), counts)
+        except (KeyError, ValueError) as error:
+            raise ImageError(f"{path}: is a baseline of which something is missing: {error}.") from error
+        if not np.isfinite(mean).all():
+            raise ImageError(f"{path}: holds pixels that are NaN or infinite.", "Make it again.")
+        return cls(mean, noise, {key: value for key, value in header.items() if key.startswith("glpath.")})
+
+    @staticmethod
+    def is_baseline(header: Mapping[str, str]) -> bool:
+        """Whether an EXR of this header is what `save` writes, of any version."""
+        return _FORMAT in header
+
+    def shares_samples_with(self, other: Picture) -> bool:
+        """Whether both were made from the same random numbers, so that they may be compared batch by batch."""
+        names = ("glpath.seed", "glpath.ranges")
+        return (
+            self.noise is not None
+            and other.noise is not None
+            and np.array_equal(self.noise.batch_counts, other.noise.batch_counts)
+            and all(self.provenance.get(name, "") == other.provenance.get(name) for name in names)
+        )
+
+    def differences_in_making(self, reference: Picture) -> list[str]:
+        """What was set otherwise when the two were made, one sentence each, for example
+        "max_depth is 4 here and 5 in the reference"."""
+        found = []
+        for key, word in _DECIDES.items():
+            ours, theirs = self.provenance.get(key), reference.provenance.get(key)
+            if ours == theirs or not (self.provenance and reference.provenance):
+                continue
+            if key == "glpath.settings" and ours and theirs:
+                found += _differing_settings(json.loads(ours), json.loads(theirs))
+            elif key == "glpath.scene_hash" and ours and theirs:
+                found.append("the scene's content (geometry, materials, lights or camera) is another one")
+            else:
+                found.append(f"{word} is {_said(ours)} here and {_said(theirs)} in the reference")
+        return found
+
+
+def _differing_settings(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
+    names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
+    return [
+        f"{name} is {_said(ours.get(name))} here and {_said(theirs.get(name))} in the reference" for name in names
+    ]
+
+
+def _said(value: object) -> str:
+    return "not stated" if value is None else str(value)
+
+
+def _layer(channels: Mapping[str, NDArray[np.float32]], prefix: str) -> Float64:
+    return np.stack([channels[f"{prefix}{colour}"] for colour in "RGB"], axis=-1).astype(np.float64)
+
+
+def _over_blocks(image: Float64) -> Float64:
+    """(h, w, 3) the mean of (H, W, 3) over each block."""
+    rows, columns = (np.arange(0, side, BLOCK_SIDE) for side in image.shape[:2])
+    sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
+    means: Float64 = sums / block_pixels(image.shape[:2])[..., None]
+    return means
+
+
+def block_pixels(shape: tuple[int, ...]) -> Float64:
+    """(h, w) how many pixels each block of a picture of `shape` (H, W) has."""
+    sides = [np.minimum(BLOCK_SIDE, side - np.arange(0, side, BLOCK_SIDE)) for side in shape[:2]]
+    counts: Float64 = np.multiply.outer(sides[0], sides[1]).astype(np.float64)
+    return counts
+
+
+def spread_blocks(blocks: Float64, shape: tuple[int, ...]) -> Float64:
+    """(H, W, ...) with each value of (h, w, ...) all over its block."""
+    height, width = shape[:2]
+    return np.repeat(np.repeat(blocks, BLOCK_SIDE, axis=0), BLOCK_SIDE, axis=1)[:height, :width]

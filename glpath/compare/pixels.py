@@ -1,0 +1,121 @@
+"""Comparisons of pictures without noise: to the bit, or as an eye lets pass.
+
+`exact` holds on one device with one seed only: another driver rounds otherwise. `fuzzy` is for deterministic
+engines on any device: their pictures differ in rounding, and at edges, where a sample falls on one side or the
+other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from glpath.compare.measures import matching_pair
+from glpath.compare.picture import Picture
+from glpath.compare.verdict import Verdict
+from glpath.errors import UsageError
+from glpath.image import encode_srgb
+
+Float64 = NDArray[np.float64]
+
+#: Levels of 255, as an 8-bit picture has them, that a pixel may be off; share of the contrast around it that is
+#: forgiven on top; per cent of the pixels that may be off by more.
+THRESHOLD = 2.0
+EDGE = 0.25
+FAILPERCENT = 0.0
+
+# Of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
+_ROUNDING = 1e-9
+
+
+def exact(picture: Picture, reference: Picture) -> Verdict:
+    """Whether every value is the same as float32, the precision that a baseline has."""
+    a, b = matching_pair(picture.mean, reference.mean)
+    differ = (a.astype(np.float32) != b.astype(np.float32)).any(axis=-1)
+    count = int(np.count_nonzero(differ))
+    measured: dict[str, object] = {"pixels": count, "max_difference": float(np.max(np.abs(a - b)))}
+    if not count:
+        return Verdict("exact", True, 0.0, "equal to the bit", measured)
+    y, x = np.unravel_index(int(np.argmax(np.abs(a - b).max(axis=-1))), differ.shape)
+    measured["worst_at"] = [int(x), int(y)]
+    summary = f"{_share(count, differ.size)} differ, the worst at ({x}, {y}) by {measured['max_difference']:.3g}"
+    ours, theirs = (p.provenance.get("glpath.device", "") for p in (picture, reference))
+    if ours != theirs:
+        summary += (
+            f"; another device rounds otherwise: {ours or 'unknown'} here, {theirs or 'unknown'} in the reference"
+        )
+    seeds = [p.provenance.get("glpath.seed") for p in (picture, reference)]
+    if seeds[0] != seeds[1]:
+        summary += f"; the seed is {seeds[0]} here and {seeds[1]} in the reference"
+    return Verdict("exact", False, 1.0 + count / differ.size, summary, measured)
+
+
+def fuzzy(
+    picture: Picture,
+    reference: Picture,
+    *,
+    threshold: float = THRESHOLD,
+    edge: float = EDGE,
+    failpercent: float = FAILPERCENT,
+) -> Verdict:
+    """Whether no more than `failpercent` of the pixels are off by more than what is allowed at their place.
+
+    threshold   : levels of 255 of an sRGB picture; above white, where one has no more, levels go on with the
+                  logarithm
+    edge        : share of the contrast among a pixel's eight neighbours in the reference, allowed on top: at an
+                  edge a quarter of a pixel may be covered otherwise. An edge one whole pixel off is found, and
+                  nothing is forgiven where it would add up to more than `threshold` in the mean of the picture
+    failpercent : of all pixels
+
+    Raises UsageError for a limit below 0.
+    """
+    for name, value in (("threshold", threshold), ("edge", edge), ("failpercent", failpercent)):
+        if not 0 <= value < math.inf:
+            raise UsageError(f"{name}: found {value}, expected a number of at least 0.")
+    a, b = (255 * _levels(image) for image in matching_pair(picture.mean, reference.mean))
+    off = np.abs(a - b)
+    around = (3, 3, 1)
+    contrast = ndimage.maximum_filter(b, around, mode="nearest") - ndimage.minimum_filter(b, around, mode="nearest")
+    forgiven = (off > threshold) & (off <= threshold + edge * contrast)
+    # At edges what is covered more here is covered less there; what adds up is a texture that is too bright.
+    adds_up = bool(np.any(np.abs(np.where(forgiven, a - b, 0.0).mean(axis=(0, 1))) > threshold))
+    beyond = (off if adds_up else off - edge * contrast).max(axis=-1)
+    failing = beyond > threshold + _ROUNDING
+    count, percent = int(np.count_nonzero(failing)), 100 * float(np.mean(failing))
+    y, x = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    worst = float(off[y, x].max())
+    measured = {
+        "pixels": count,
+        "percent": percent,
+        "worst_levels": worst,
+        "worst_at": [int(x), int(y)],
+        "max_difference": float(np.max(np.abs(picture.mean - reference.mean))),
+    }
+    limits = {"threshold": threshold, "edge": edge, "failpercent": failpercent}
+    # The pixel that decides: the worst one when all that are allowed to fail are left out.
+    allowed = int(failpercent / 100 * beyond.size)
+    deciding = 0.0 if allowed >= beyond.size else max(0.0, float(np.sort(beyond, axis=None)[::-1][allowed]))
+    passed = deciding <= threshold + _ROUNDING
+    severity = deciding / threshold if threshold else 0.0 if passed else 1.0 + deciding
+    if not count:
+        summary = f"no pixel is off by more than {threshold:g} of 255 levels"
+    else:
+        summary = (
+            f"{_share(count, failing.size)} are off by more than {threshold:g} of 255 levels, {failpercent:g} % "
+            f"allowed; the worst at ({x}, {y}) by {worst:.3g}"
+        )
+    return Verdict("fuzzy", passed, severity, summary, measured, limits)
+
+
+def _levels(radiance: Float64) -> Float64:
+    """sRGB, which goes on above white as a logarithm of the same slope, so that differences there count."""
+    above = np.log(np.maximum(radiance, 1.0)) * (1.055 / 2.4)
+    levels: Float64 = encode_srgb(radiance) + above + np.minimum(radiance, 0.0)
+    return levels
+
+
+def _share(count: int, of: int) -> str:
+    return f"{count} of {of} pixels ({100 * count / of:.3g} %)"

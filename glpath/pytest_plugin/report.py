@@ -1,0 +1,58 @@
+"""The report of a pytest run: one HTML file that needs nothing beside it, or JSON for programs.
+
+The page is `report.html` in this package; what was compared is put into it as JSON, pictures as data URIs.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from glpath.image import whole_file
+from glpath.versions import versions
+
+_PLACE = "/*RECORDS*/"
+
+
+def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], unused: Sequence[str]) -> Path:
+    """Write report.html or report.json into `folder`, the worst failure first, and return its path.
+
+    A .gitignore that ignores the folder comes with it. Raises ImageError when the system refuses.
+    """
+    # JSON first compares what is above its limit; what passed stands below, most nearly failed first.
+    ordered = sorted(records, key=lambda r: (r["outcome"] not in ("failed", "missing"), -r["severity"], r["test"]))
+    content: dict[str, Any] = {
+        "versions": versions("glpath", "flip-evaluator", "pytest"),
+        "records": ordered,
+        "unused_baselines": list(unused),
+    }
+    ignore = folder / ".gitignore"
+    if not ignore.exists():
+        with whole_file(ignore) as temporary:
+            temporary.write_text("*\n")
+    path = folder / f"report.{kind}"
+    if kind == "json":
+        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    else:
+        content["records"] = [{**record, "pictures": _embedded(record["files"])} for record in ordered]
+        page = resources.files(__package__).joinpath("report.html").read_text(encoding="utf-8")
+        # "<" would let a name like "</script>" end the script.
+        text = page.replace(_PLACE, json.dumps(content, allow_nan=False).replace("<", "\\u003c"))
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def _embedded(files: Mapping[str, str]) -> dict[str, str]:
+    found = {}
+    for kind, path in files.items():
+        try:
+            data = Path(path).read_bytes()
+        except OSError:
+            continue  # on a worker of another machine: the report shows what there is
+        found[kind] = f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"
+    return found

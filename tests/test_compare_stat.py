@@ -1,0 +1,234 @@
+"""The mode stat: how often it cries wolf, and which changes it finds.
+
+The rates that README states come from `pytest -m evidence -s tests/test_compare_stat.py`, which prints them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import MakeFilm
+
+import glpath
+from glpath.compare import Noise, Picture, compare
+from glpath.errors import UsageError
+from glpath.film import BATCHES, Film
+from glpath.scene import Scene
+
+SIZE = 32
+SPP = 64
+
+# Of the picture of 32 pixels, at the front of the short block: 865 mm from the eye, which sees 39.3077 degrees.
+PIXEL = 2 * 865 * np.tan(np.radians(39.3077 / 2)) / SIZE
+
+
+def picture_of(batches: np.ndarray, seed: int) -> Picture:
+    """A picture of (B, H, W, 3) means of batches, as a film of this seed would be."""
+    film = Film(batches * 8, np.full(len(batches), 8), ((0, 64),), None)  # type: ignore[arg-type]
+    noise = Noise(film.variance_of_mean(), blocks_of(batches), film.batch_counts)
+    return Picture(film.mean, noise, {"glpath.seed": str(seed), "glpath.ranges": "[[0, 64]]"})
+
+
+def blocks_of(batches: np.ndarray) -> np.ndarray:
+    count, height, width, _ = batches.shape
+    return batches.reshape(count, height // 16, 16, width // 16, 16, 3).mean(axis=(2, 4))
+
+
+def noisy(rng: np.random.Generator, noise: float = 0.1, common: float = 1 / 3) -> np.ndarray:
+    """Batches of a grey picture with noise of each pixel, and a share of it common to all (shared directions)."""
+    own = rng.standard_normal((BATCHES, SIZE, SIZE, 3))
+    shared = rng.standard_normal((BATCHES, 1, 1, 1))
+    return 0.5 * (1 + noise * own + common * noise * shared)
+
+
+@pytest.mark.parametrize("same_seed", [False, True])
+def test_false_alarms_of_independent_batches_are_as_rare_as_alpha_says(same_seed: bool) -> None:
+    rng = np.random.default_rng(1)
+    alpha, runs = 0.3, 200
+    alarms = {0.0: 0, 1 / 3: 0}
+    for _ in range(runs):
+        for common in alarms:
+            a, b = (picture_of(noisy(rng, common=common), 0 if same_seed else i) for i in range(2))
+            alarms[common] += not compare(a, b, "stat", alpha=alpha, tolerance=0).passed
+    three_errors = 3 * np.sqrt(alpha * (1 - alpha) / runs)
+    assert alarms[0.0] / runs == pytest.approx(alpha, abs=three_errors)
+    # Pixels that err together make false alarms rarer.
+    assert alarms[1 / 3] / runs < alarms[0.0] / runs
+
+
+def test_a_change_of_a_percent_is_found_batch_by_batch_in_noise_that_hides_it_otherwise() -> None:
+    batches = noisy(np.random.default_rng(2))
+    reference = picture_of(batches, 0)
+    together = compare(picture_of(0.99 * batches, 0), reference, "stat")
+    assert not together.passed
+    assert together.measured["paired"]
+    assert together.measured["image"]["relative_difference"] == pytest.approx(-0.01)
+    assert together.measured["smallest_bias"] < 0.01
+    apart = compare(picture_of(0.99 * batches, 1), reference, "stat")
+    assert apart.passed
+    assert apart.measured["smallest_bias"] > 0.01  # and it says so
+
+
+def test_a_wrong_pixel_and_a_wrong_block_are_named() -> None:
+    rng = np.random.default_rng(3)
+    reference = picture_of(noisy(rng, noise=0.02), 0)
+    batches = noisy(rng, noise=0.02)
+    batches[:, 5, 9, 1] *= 1.5
+    verdict = compare(picture_of(batches, 1), reference, "stat")
+    assert not verdict.passed
+    assert verdict.measured["pixel"]["worst_at"] == [9, 5]
+    assert verdict.measured["pixel"]["failing"] == 1
+    assert "pixels, the worst at (9, 5), brighter by" in verdict.summary
+    batches = noisy(rng, noise=0.02)
+    batches[:, 16:, :16] *= 0.9
+    verdict = compare(picture_of(batches, 1), reference, "stat")
+    assert verdict.measured["block"]["worst_at"] == [0, 16]
+    assert verdict.measured["block"]["failing"] == 3
+    assert "16 x 16 blocks, the worst at (0, 16), darker by" in verdict.summary
+
+
+def test_rounding_of_another_device_passes_where_there_is_no_noise() -> None:
+    steady = np.full((BATCHES, SIZE, SIZE, 3), 0.5)
+    assert compare(picture_of(steady * (1 + 1e-6), 0), picture_of(steady, 0), "stat").passed
+    verdict = compare(picture_of(steady * 1.01, 0), picture_of(steady, 0), "stat")
+    assert not verdict.passed
+    assert "without noise" in verdict.summary
+
+
+def test_too_few_batches_and_limits_out_of_range_are_refused(make_film: MakeFilm) -> None:
+    short, film = Picture.of_film(make_film([(0, 16)])), Picture.of_film(make_film([(0, 64)]))
+    with pytest.raises(
+        UsageError, match="the picture has 16 path sets; noise is told from a change with 32 or more"
+    ):
+        compare(short, film, "stat")
+    with pytest.raises(UsageError, match="the reference has no path sets"):
+        compare(film, Picture.of_array(film.mean), "stat")
+    for limits, message in (({"alpha": 0}, "alpha: found 0"), ({"tolerance": -1}, "tolerance: found -1")):
+        with pytest.raises(UsageError, match=message):
+            compare(film, film, "stat", **limits)
+
+
+# ---- renders
+# ---------------------------------------------------------------------------------------------------------
+
+
+def render(scene: str | Scene, seed: int, **options: object) -> Picture:
+    film = glpath.render(scene, **{"spp": SPP, "max_depth": 3, "resolution": (SIZE, SIZE), "seed": seed} | options)
+    return Picture.of_film(film)
+
+
+def darker(scene: Scene) -> Scene:
+    """The light 1 % weaker."""
+    return replace(scene, shapes=tuple(replace(s, emission=0.99 * s.emission) for s in scene.shapes))
+
+
+def moved(scene: Scene) -> Scene:
+    """The short block one pixel to the left."""
+    return with_triangles(scene, "short-block", lambda corners: corners + np.array([PIXEL, 0, 0]))
+
+
+def wrong_normal(scene: Scene, face: int = 0) -> Scene:
+    """A face of the short block turned inside out; the back of its material is black. 0 is its top, 2 its front."""
+    first = range_of(scene, "short-block")[0] + 2 * face
+    triangles = scene.triangles.copy()
+    triangles[first : first + 2] = triangles[first : first + 2, ::-1]
+    return replace(scene, triangles=triangles)
+
+
+def one_sided(scene: Scene) -> Scene:
+    shape = next(s for s in scene.shapes if s.name == "short-block")
+    materials = list(scene.materials)
+    shapes = [replace(s, material=len(materials)) if s is shape else s for s in scene.shapes]
+    materials.append(replace(scene.materials[shape.material], two_sided=False))
+    return replace(scene, shapes=tuple(shapes), materials=tuple(materials))
+
+
+def with_triangles(scene: Scene, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Scene:
+    first, count = range_of(scene, name)
+    triangles = scene.triangles.copy()
+    triangles[first : first + count] = change(triangles[first : first + count])
+    return replace(scene, triangles=triangles)
+
+
+def range_of(scene: Scene, name: str) -> tuple[int, int]:
+    shape = next(s for s in scene.shapes if s.name == name)
+    return shape.first, shape.count
+
+
+def changes() -> Iterator[tuple[str, Scene, dict[str, object]]]:
+    scene = one_sided(glpath.load_scene("cornell-box"))
+    yield "1 % darker", darker(scene), {}
+    yield "moved by a pixel", moved(scene), {}
+    yield "wrong normal", wrong_normal(scene), {}
+    yield "a bounce missing", scene, {"max_depth": 2}
+
+
+def test_renders_of_other_seeds_pass() -> None:
+    scene = glpath.load_scene("cornell-box")
+    pictures = [render(scene, seed) for seed in range(6)]
+    for a, b in pairwise(pictures):
+        verdict = compare(a, b)
+        assert verdict.mode == "stat"
+        assert not verdict.measured["paired"]
+        assert verdict.passed, verdict.summary
+
+
+def test_planted_changes_are_found_with_the_same_seed() -> None:
+    reference = render(one_sided(glpath.load_scene("cornell-box")), 0)
+    for name, changed, options in changes():
+        verdict = compare(render(changed, 0, **options), reference)
+        assert verdict.measured["paired"]
+        assert not verdict.passed, f"{name}: {verdict.summary}"
+
+
+@pytest.mark.evidence
+def test_a_thousand_renders_of_other_seeds_pass() -> None:
+    scene = glpath.load_scene("cornell-box")
+    before = render(scene, 0)
+    severities, at_a_twentieth = [], 0
+    for seed in range(1, 1001):
+        now = render(scene, seed)
+        severities.append(compare(now, before).severity)
+        at_a_twentieth += not compare(now, before, alpha=0.05).passed
+        before = now
+    print(
+        f"\n{sum(s > 1 for s in severities)} false alarms in 1000, at alpha 0.05 {at_a_twentieth}; "
+        f"largest severity {max(severities):.2f}"
+    )
+    assert max(severities) <= 1
+    assert at_a_twentieth <= 50
+
+
+@pytest.mark.evidence
+def test_planted_changes_are_found_in_all_of_forty_seeds() -> None:
+    scene = one_sided(glpath.load_scene("cornell-box"))
+    seeds = range(40)
+    references = [render(scene, seed) for seed in seeds]
+    others = [*references[1:], references[0]]
+    print()
+    for name, changed, options in changes():
+        pictures = [render(changed, seed, **options) for seed in seeds]
+        same = [compare(p, r).severity for p, r in zip(pictures, references, strict=True)]
+        other = [compare(p, r).severity for p, r in zip(pictures, others, strict=True)]
+        found = sum(s > 1 for s in same)
+        print(
+            f"{name}: same seed {found} of 40 (least {min(same):.2f}), other seed {sum(s > 1 for s in other)} of 40"
+        )
+        assert found == 40, name
+
+
+@pytest.mark.evidence
+def test_one_percent_between_other_seeds_is_found_where_smallest_bias_says_so() -> None:
+    scene = glpath.load_scene("cornell-box")
+    found, smallest = 0, []
+    for seed in range(8):
+        verdict = compare(render(darker(scene), seed, spp=2048), render(scene, 100 + seed, spp=2048))
+        smallest.append(verdict.measured["smallest_bias"])
+        found += not verdict.passed
+    print(f"\n2048 path sets: 1 % darker found in {found} of 8, smallest bias at most {max(smallest):.4f}")
+    assert max(smallest) < 0.01
+    assert found == 8
