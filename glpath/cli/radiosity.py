@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 import typer
 from rich.console import Console
 
-from glpath.cli.progress import MODES, duration, percent
 from glpath.cli.render import INTERRUPTED, sigterm_as_interrupt
 from glpath.errors import UsageError
 from glpath.image import check_writable
+from glpath.progress import MODES, duration, percent
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
