@@ -84,6 +84,11 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
     operator : "srgb" clips, "reinhard" and "aces" compress what is bright; the sRGB curve comes after each
 
     Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
+
+    Example
+    -------
+    >>> tonemap([[[0.0, 0.18, 1.0]]]).tolist()
+    [[[0, 118, 255]]]
     """
     check_tonemap(operator)
     light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)

@@ -97,7 +97,7 @@ def view(
     spp = DEFAULT_SPP[chosen] if spp is None else spp
     check_count("spp", spp, 1, 2**29 - 256)
     traced = planned.traceable(loaded)
-    planned = planned.prepared(traced, lambda _: None)
+    planned = planned.prepared(traced, lambda stage: None)
     context = get_context(backend, device, require_gpu)
     engine = planned.engine(context, traced, (0, 0, *loaded.camera.resolution), False)
     return View(loaded, engine, context, spp, exposure, tonemap)

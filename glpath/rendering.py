@@ -229,6 +229,13 @@ def render_frames(
 
     The other parameters are those of `render`. Yields a `Film` a frame, with its own time and counts.
 
+    Example
+    -------
+    >>> walk = [{"position": (x, -10.0, 3.0)} for x in (-1.0, 0.0, 1.0)]
+    >>> films = render_frames("three-spheres", walk, shadows="cube", spp=1, resolution=(64, 48))
+    >>> [film.mean.shape for film in films]
+    [(48, 64, 3), (48, 64, 3), (48, 64, 3)]
+
     Raises what `render` raises.
     """
     options = {

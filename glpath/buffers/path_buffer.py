@@ -295,6 +295,16 @@ class PathBuffer:
 
         A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 1e-4 of a
         cell) counts as the one that the ray starts on.
+
+        Example
+        -------
+        >>> from glpath.gl.context import get_context
+        >>> from glpath.scene import load_scene
+        >>> gl = get_context().gl
+        >>> buffer = PathBuffer(gl, GpuScene(gl, load_scene("cornell-box-36")), paths=(16, 16))
+        >>> hits = buffer.cast(origins=[[0, 0, 0.9], [0.5, 0.2, 0.9]], direction=(0, -1, 0))
+        >>> hits.t.round(3).tolist()
+        [1.0, 1.2]
         """
         start, d, sign = self._rays("cast", origins, direction, way)
         n = len(start)

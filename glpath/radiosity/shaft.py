@@ -76,6 +76,12 @@ class Shaft:
                        distance: a point x is outside where normal . x + distance > 0
     near, far        : (P, 3) int64, for each plane which of a box's six numbers are the corner nearest to the
                        inside, and the farthest
+
+    Example
+    -------
+    >>> shaft = Shaft.between([[0, 0, 0], [1, 1, 0]], [[0, 0, 5], [1, 1, 5]])
+    >>> shaft.classify([[[0.2, 0.2, 2], [0.4, 0.4, 3]], [[2, 0, 2], [3, 1, 3]]]).tolist()  # inside, outside
+    [2, 0]
     """
 
     box_a: Float64
