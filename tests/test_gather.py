@@ -281,7 +281,7 @@ def plates() -> Scene:
                 {"type": "quad", "corners": corners.tolist(), "material": "half"},
                 {
                     "type": "quad",
-                    "corners": (corners + [[0, 1, 0]])[::-1].tolist(),
+                    "corners": (corners + np.array([0.0, 1.0, 0.0]))[::-1].tolist(),
                     "material": "half",
                     "emission": {"radiance": 2.0},
                 },
