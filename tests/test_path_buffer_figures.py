@@ -42,8 +42,8 @@ def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path)
         scene = load_scene("cornell-box-36")
         assert truth.shape[:2] == scene.camera.resolution
         mean = truth[EyeHits.of(scene, 1).reflecting].mean()
-        # Eight path sets only, and coarser pixels.
-        assert measured["mean_depth_3"] == pytest.approx(mean, rel=0.1)
+        # Eight path sets only, and pixels so large that more is taken for an edge.
+        assert measured["mean_depth_3"] == pytest.approx(mean, rel=0.2)
     if name == "path-buffer-8":
         assert measured["elements"] == 210
     if name == "path-buffer-11":
@@ -56,7 +56,7 @@ def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path)
 
 @pytest.fixture(scope="module")
 def box() -> Scene:
-    return load_scene("cornell-box-36").with_camera(resolution=(48, 48))
+    return load_scene("cornell-box-36").with_camera(resolution=(96, 96))
 
 
 def solution_of(scene: Scene, n: int, elements: np.ndarray, vertices: np.ndarray) -> RadiositySolution:
@@ -82,8 +82,8 @@ def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):
         assert beyond.any()
         assert (shown[beyond] == 0).all()
     # The floor is in the lower half, and the red wall to the left.
-    assert np.flatnonzero(hits.only("floor").any(axis=1)).min() > 24
-    assert np.flatnonzero(hits.only("red-wall").any(axis=0)).max() < 24
+    assert np.flatnonzero(hits.only("floor").any(axis=1)).min() > 48
+    assert np.flatnonzero(hits.only("red-wall").any(axis=0)).max() < 48
 
 
 def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
@@ -98,4 +98,4 @@ def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
     solution = solution_of(box, n, elements, (3 + points.sum(axis=2)).ravel() + 1)
     stepped, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
     assert mesh_step(stepped, hits, solution) > 0.04
-    assert abs(mesh_step(smooth, hits, solution)) < 0.004
+    assert abs(mesh_step(smooth, hits, solution)) < 0.01

@@ -1,8 +1,8 @@
 """Figures 5 to 9 and 11 to 13 of the path-buffer paper [PB]: path tracing to depth 1, 2 and 3, radiosity, and the
 image gathered from it.
 
-Pictures are 256 x 256, as the paper's, down to scale 1/4 and smaller below; path sets and particles are as many as
-the paper's times the scale. The paper's times are those of its workstation, an HP 735. Its box and its room are
+Pictures are 256 x 256, as the paper's, down to a scale of 0.1, and smaller below; path sets are as many as the
+paper's times the scale. The paper's times are those of its workstation, an HP 735. Its box and its room are
 lost: `cornell-box-36` and `room` have as many triangles. Here a picture's time is that of its path sets, with the
 compilation of shaders, and without the radiosity solution, which is told beside it. Means are over the pixels that
 show no lamp, which would outweigh all else.
@@ -60,7 +60,7 @@ class _Picture:
 
 
 def _scene(name: str, scale: float) -> Scene:
-    side = SIDE if scale >= 0.25 else max(32, round(SIDE * math.sqrt(4 * scale)))
+    side = max(32, round(SIDE * min(1.0, math.sqrt(10 * scale))))
     return load_scene(name).with_camera(resolution=(side, side))
 
 
@@ -90,7 +90,7 @@ def _gathered(say: Say, what: str, hits: EyeHits, path_sets: int, solution: Radi
 def _solved(say: Say, scene: Scene, scale: float, seed: int = 0) -> tuple[RadiositySolution, float]:
     """Monte Carlo radiosity, and the seconds it took: of the box in 210 elements, of the room one a triangle."""
     box = scene.name == BOX
-    particles = max(32768, round(scale * (_BOX_PARTICLES if box else _ROOM_PARTICLES)))
+    particles = max(32768, round(min(1.0, 10 * scale) * (_BOX_PARTICLES if box else _ROOM_PARTICLES)))
     say(f"Monte Carlo radiosity of {scene.name}, {particles} particles")
     start = time.perf_counter()
     solution = solve_radiosity(
