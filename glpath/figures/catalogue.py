@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from glpath.figures import shaft, t_buffer
+from glpath.figures import path_buffer, shaft, t_buffer
 from glpath.figures.outcome import Outcome, Say
 
 Make = Callable[[float, Say], Outcome]
 
 FIGURES: dict[str, tuple[Make, str]] = {}
+FIGURES |= path_buffer.FIGURES
 FIGURES |= t_buffer.FIGURES
 FIGURES |= shaft.FIGURES

@@ -1,0 +1,127 @@
+"""A radiosity solution as it is, without a gather: what the eye's rays meet, looked up. On the CPU."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import binary_erosion
+
+from glpath.kernels import kernel
+from glpath.radiosity import RadiositySolution, lattice
+from glpath.radiosity.rays import nearest, rays_of
+from glpath.radiosity.solution import Lookup
+from glpath.scene import Scene, path_traceable
+from glpath.scene.model import Float64
+
+
+@dataclass(frozen=True)
+class EyeHits:
+    """What rays through a picture meet: k x k of them in every pixel, at the middles of its k x k parts.
+
+    triangle    : (H, W, k * k) int64, -1 for nothing
+    barycentric : (H, W, k * k, 2) float64, b1 and b2
+    back        : (H, W, k * k) int64, 1 where the back is seen
+    """
+
+    scene: Scene
+    triangle: NDArray[np.int64]
+    barycentric: Float64
+    back: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, scene: Scene, k: int = 4) -> EyeHits:
+        """Of a scene, seen by its camera."""
+        triangles = path_traceable(scene)
+        camera = triangles.camera
+        width, height = camera.resolution
+        right, up, forward = camera.frame()
+        half = np.tan(np.radians(camera.fov) / 2)
+        x = half * width / height * (2 * (np.arange(width * k) + 0.5) / (width * k) - 1)
+        y = half * (1 - 2 * (np.arange(height * k) + 0.5) / (height * k))
+        ways = forward + x[None, :, None] * right + y[:, None, None] * up
+        ways = ways.reshape(height, k, width, k, 3).swapaxes(1, 2).reshape(-1, 3)
+        hit, found = _first_hits(rays_of(triangles), np.asarray(camera.position, float), ways)
+        back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
+        shape = (height, width, k * k)
+        return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
+
+    def radiance(self, solution: RadiositySolution, mode: Lookup) -> Float64:
+        """(H, W, 3) radiance: what is emitted and what the solution says is reflected, each pixel the mean."""
+        seen = self.triangle >= 0
+        t, back = self.triangle[seen], self.back[seen]
+        shapes = self.scene.shapes
+        emission = np.array([shape.emission for shape in shapes])
+        both = np.array([shape.emission_two_sided for shape in shapes])
+        shape = self.scene.triangle_shape[t]
+        shining = (back == 0) | both[shape]
+        picture = np.zeros((*self.triangle.shape, 3))
+        reflected = solution.lookup(t, self.barycentric[seen], back, mode)
+        picture[seen] = reflected / np.pi + np.where(shining[:, None], emission[shape], 0)
+        return np.asarray(picture.mean(axis=2))
+
+    @property
+    def reflecting(self) -> NDArray[np.bool_]:
+        """(H, W): pixels that show neither a lamp nor what lies beyond the scene, nor do their neighbours."""
+        lamps = np.array([shape.emits for shape in self.scene.shapes])
+        lamp = np.append(lamps[self.scene.triangle_shape], True)
+        return _inner(np.logical_not(lamp[self.triangle].any(axis=2)))
+
+    def only(self, shape: str) -> NDArray[np.bool_]:
+        """(H, W): pixels that show the shape of that name alone, as do their neighbours."""
+        names = [s.name for s in self.scene.shapes]
+        number = np.append(self.scene.triangle_shape, -1)[self.triangle]
+        return _inner((number == names.index(shape)).all(axis=2))
+
+    def element(self, solution: RadiositySolution) -> NDArray[np.int64]:
+        """(H, W): the element that all rays of a pixel meet; -1 where they differ."""
+        t = self.triangle.ravel()
+        b = self.barycentric.reshape(-1, 2)
+        n = solution.divisions.astype(np.int64)[t]
+        i, j, upper, _, _ = lattice.locate(n, b[:, 0], b[:, 1])
+        found = solution.first_element[t] + lattice.element_index(n, i, j, upper)
+        found = np.where(t >= 0, found, -1).reshape(self.triangle.shape)
+        same = (found == found[..., :1]).all(axis=2)
+        return np.asarray(np.where(same, found[..., 0], -1))
+
+
+def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
+    """Those whose neighbours are of them too: a render's rays go nearer to a pixel's edge than those here."""
+    return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
+
+
+def mesh_step(picture: Float64, hits: EyeHits, solution: RadiositySolution) -> float:
+    """By how much more a picture changes from pixel to pixel where an element ends than within elements.
+
+    The mean of |difference| / sum of luminance over pixels two apart on one plane of one shape: of those with an
+    element's edge between them, less that of those within one element. A mesh shows as steps; light without one
+    does not know of its edges, and gives next to nothing.
+    """
+    scene = hits.scene
+    luminance = picture @ [0.2126, 0.7152, 0.0722]
+    element = hits.element(solution)
+    t = hits.triangle[..., 0]
+    planes = np.column_stack([scene.normals, np.sum(scene.normals * scene.triangles[:, 0], axis=1)])
+    shape = scene.triangle_shape
+    across, within = [np.zeros(0)], [np.zeros(0)]
+    for axis in (0, 1):
+        a, b = ([slice(None)] * axis + [part] for part in (slice(None, -2), slice(2, None)))
+        (ta, ea, la), (tb, eb, lb) = ([each[tuple(side)] for each in (t, element, luminance)] for side in (a, b))
+        fit = (ea >= 0) & (eb >= 0) & (la + lb > 0)
+        fit &= (shape[ta] == shape[tb]) & (np.abs(planes[ta] - planes[tb]).max(axis=-1) < 1e-6)
+        change = np.abs(la - lb) / np.where(fit, la + lb, 1)
+        across.append(change[fit & (ea != eb)])
+        within.append(change[fit & (ea == eb)])
+    edges, inside = np.concatenate(across), np.concatenate(within)
+    return float(edges.mean() - inside.mean()) if len(edges) and len(inside) else np.nan
+
+
+@kernel
+def _first_hits(rays: Any, origin: Any, ways: Any) -> Any:
+    hit = np.empty(len(ways), np.int64)
+    found = np.zeros((len(ways), 3))
+    for i in range(len(ways)):
+        hit[i] = nearest(rays, origin, ways[i], -1, found[i])
+    return hit, found

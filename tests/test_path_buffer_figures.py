@@ -1,0 +1,101 @@
+"""The figures of PB, each made small, and the radiosity solution as the eye sees it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from glpath.cli.main import app
+from glpath.figures import path_buffer
+from glpath.figures.radiosity_view import EyeHits, mesh_step
+from glpath.radiosity import RadiositySolution, lattice
+from glpath.scene import Scene, load_scene
+
+SCALE = "0.004"
+
+
+@pytest.mark.parametrize("name", path_buffer.FIGURES)
+def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["figure", name, "--scale", SCALE, "-o", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / f"{name}.json").read_text())
+    assert isinstance(report["holds"], bool)
+    measured = report["measured"]
+    assert all(isinstance(value, float) for value in measured.values())
+    rows = list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
+    assert len(rows) == len(report["rows"]) >= 2
+    picture = iio.imread(tmp_path / f"{name}.png")
+    assert picture.shape[1] >= 480
+    assert np.any(picture < 100)
+    if name in ("path-buffer-5", "path-buffer-6"):
+        assert report["holds"] is True, measured
+    if name == "path-buffer-7":
+        stored = Path(__file__).parent / "data" / "cornell-box-36-depth3.npz"
+        with np.load(stored) as file:
+            truth = file[file.files[0]]
+        scene = load_scene("cornell-box-36")
+        assert truth.shape[:2] == scene.camera.resolution
+        mean = truth[EyeHits.of(scene, 1).reflecting].mean()
+        # Eight path sets only, and pixels so large that more is taken for an edge.
+        assert measured["mean_depth_3"] == pytest.approx(mean, rel=0.2)
+    if name == "path-buffer-8":
+        assert measured["elements"] == 210
+    if name == "path-buffer-11":
+        assert measured["triangles"] == measured["elements"] == 14920
+        assert measured["noise_of_small"] > 2 * measured["noise_of_large"]
+
+
+# A radiosity solution, shown
+
+
+@pytest.fixture(scope="module")
+def box() -> Scene:
+    return load_scene("cornell-box-36").with_camera(resolution=(96, 96))
+
+
+def solution_of(scene: Scene, n: int, elements: np.ndarray, vertices: np.ndarray) -> RadiositySolution:
+    count = len(scene.triangles)
+    return RadiositySolution(
+        scene.digest(camera=False),
+        np.full(count, n),
+        np.broadcast_to(elements.reshape(-1, 1), (2, len(elements), 3)),
+        np.broadcast_to(vertices.reshape(-1, 1), (2, len(vertices), 3)),
+    )
+
+
+def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):
+    hits = EyeHits.of(box)
+    count = len(box.triangles)
+    even = solution_of(box, 1, np.full(count, np.pi), np.full(3 * count, np.pi))
+    for mode in ("constant", "interpolated"):
+        shown = hits.radiance(even, mode)
+        assert shown[hits.reflecting] == pytest.approx(1)
+        lamp = hits.only("light")
+        assert shown[lamp] == pytest.approx(np.broadcast_to(np.array([19.387, 14.9873, 7.75357]), (lamp.sum(), 3)))
+        beyond = (hits.triangle < 0).all(axis=2)
+        assert beyond.any()
+        assert (shown[beyond] == 0).all()
+    # The floor is in the lower half, and the red wall to the left.
+    assert np.flatnonzero(hits.only("floor").any(axis=1)).min() > 48
+    assert np.flatnonzero(hits.only("red-wall").any(axis=0)).max() < 48
+
+
+def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
+    hits = EyeHits.of(box)
+    n, count = 4, len(box.triangles)
+    rng = np.random.default_rng(2)
+    elements = rng.uniform(1, 1.5, count * n * n)
+    # At the vertices, light that is linear over the room.
+    where = lattice.vertex_barycentrics(n)
+    corners = box.triangles
+    points = corners[:, :1] + np.einsum("vk,tkj->tvj", where, corners[:, 1:] - corners[:, :1])
+    solution = solution_of(box, n, elements, (3 + points.sum(axis=2)).ravel() + 1)
+    stepped, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
+    assert mesh_step(stepped, hits, solution) > 0.04
+    assert abs(mesh_step(smooth, hits, solution)) < 0.01
