@@ -1,17 +1,19 @@
 """Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache.
 
-The cache knows when a function's own file has changed, not one that it calls from another file: after such an edit,
-remove __pycache__ (make clean).
+Numba takes a function for unchanged while its own file is, whatever became of those that it calls. Here all of
+its folder has to be, and an index that cannot be read (it names classes that are gone) counts as none.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.caching import IndexDataCacheFile
 
 _njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
@@ -19,7 +21,7 @@ log = logging.getLogger("glpath")
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side."""
-    return _njit(cache=True, nogil=True, error_model="numpy")(function)
+    return _watched(_njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
@@ -27,7 +29,36 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
 
     For functions called in inner loops, where that counting, which is atomic, takes longer than what they do.
     """
-    return _njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
+    return _watched(_njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+
+
+class _Index(IndexDataCacheFile):
+    """Of what is in the cache of one function."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return dict(super()._load_index())  # type: ignore[no-untyped-call]
+        except Exception:  # whatever unpickling may raise
+            return {}
+
+
+def folder_stamp(file: Path) -> tuple[tuple[str, int, int], ...]:
+    """Name, time and size of the Python files that kernels in `file` can depend on: those in its folder.
+
+    In the package's own folder, where nothing but a kernel's file concerns it, that one alone.
+    """
+    files = [file] if file.parent == Path(__file__).parent else sorted(file.parent.glob("*.py"))
+    status = [(path.name, path.stat()) for path in files]
+    return tuple((name, s.st_mtime_ns, s.st_size) for name, s in status)
+
+
+def _watched(dispatcher: Any) -> Any:
+    """The function, with a cache that knows of the files around it, where this numba keeps one as we know it."""
+    cache: Any = getattr(dispatcher, "_cache", None)
+    if isinstance(getattr(cache, "_cache_file", None), IndexDataCacheFile):
+        stamp = folder_stamp(Path(dispatcher.py_func.__code__.co_filename))
+        cache._cache_file = _Index(cache._cache_path, cache._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
+    return dispatcher
 
 
 class _Announcement(event.Listener):
