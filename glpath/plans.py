@@ -123,7 +123,8 @@ def plan(integrator: str, max_depth: int | None, seed: int, options: Mapping[str
     for name, value in given.items():
         if name not in _OPTIONS[integrator]:
             owners = " and ".join(f'"{other}"' for other, names in _OPTIONS.items() if name in names)
-            raise UsageError(f'{name}: {value!r} with the integrator "{integrator}"; it is an option of {owners}')
+            found = str(value) if isinstance(value, Path) else repr(value)
+            raise UsageError(f'{name}: {found} with the integrator "{integrator}"; it is an option of {owners}')
     if integrator in ("path", "gather"):
         check_word("sampling", given.get("sampling", "sobol"), get_args(Sampling))
         check_word("directions", given.get("directions", "pair"), get_args(Directions))

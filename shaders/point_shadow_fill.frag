@@ -5,6 +5,7 @@
 #include "object_intersect.glsl"
 #include "point_shadow_map.glsl"
 
+flat in ivec4 own_cells;
 flat in ivec2 face_corner;
 flat in int face;
 flat in float primitive;
@@ -28,7 +29,9 @@ layout(location = 0) out vec4 entry;  // as point_shadow.glsl reads it
 
 void main()
 {
-    vec3 d = normalize(shadow_direction(face, gl_FragCoord.xy - vec2(face_corner)));
+    vec2 cell = gl_FragCoord.xy - vec2(face_corner);
+    if (any(lessThan(cell, vec2(own_cells.xy))) || any(greaterThan(cell, vec2(own_cells.zw + 1)))) discard;
+    vec3 d = normalize(shadow_direction(face, cell));
 #if defined(KIND_SPHERE)
     float t = sphere_hit(from, radius, d, 0.0);
     vec3 normal = from.xyz + t * d;

@@ -1,5 +1,6 @@
-// point_shadow_fill.vert: the rectangles of cells whose rays may meet an object [TB III.E], two triangles each.
-// They end at the borders of cells, so every cell inside is shot at once and no other.
+// point_shadow_fill.vert: the rectangles of cells whose rays may meet an object [TB III.E], two triangles each, or a
+// point for a small one: a vertex instead of six. They end at the borders of cells, so every cell inside is shot at
+// once; of a point's the fragment shader leaves out the others.
 // Needs:  <OBJECTS>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
 #include <OBJECTS>
 #include "object_intersect.glsl"
@@ -10,7 +11,9 @@ uniform ivec2 tile_corner;      // in the texture of all lights
 uniform ivec2 tile_faces;       // columns and rows of faces in a tile
 uniform ivec2 tile_size;
 uniform vec2 shadow_cells;
+uniform bool as_points;
 
+flat out ivec4 own_cells;  // of the face, first and last
 flat out ivec2 face_corner;
 flat out int face;
 flat out float primitive;
@@ -33,7 +36,8 @@ flat out vec4 plane;
 
 void main()
 {
-    int i = gl_VertexID / 6, vertex = gl_VertexID - 6 * i;
+    int vertices = as_points ? 1 : 6;
+    int i = gl_VertexID / vertices, vertex = gl_VertexID - vertices * i;
     uvec4 rectangle = texelFetch(rectangles, ivec2(i % RECTANGLES_WIDTH, i / RECTANGLES_WIDTH), 0);
     face = int(rectangle.w);
     int number = int(rectangle.z);
@@ -61,10 +65,15 @@ void main()
     plane = vec4(normal, plane_from(light_position, normal, plane_texel(number - first_plane, PLANE_POINT).xyz));
 #endif
 
+    ivec2 low = ivec2(rectangle.x & 0xffffu, rectangle.x >> 16u);
+    ivec2 high = ivec2(rectangle.y & 0xffffu, rectangle.y >> 16u);
+    own_cells = ivec4(low, high);
     // Corners 0 1 2 and 2 1 3.
     int corner = vertex < 3 ? vertex : vertex == 5 ? 3 : 5 - vertex;
-    ivec2 low = ivec2(rectangle.x & 0xffffu, rectangle.x >> 16u);
-    ivec2 high = ivec2(rectangle.y & 0xffffu, rectangle.y >> 16u) + 1;
-    ivec2 at = in_tile + ivec2((corner & 1) == 0 ? low.x : high.x, (corner & 2) == 0 ? low.y : high.y);
-    gl_Position = vec4(2.0 * vec2(at) / vec2(tile_size) - 1.0, 0.0, 1.0);
+    vec2 at = vec2((corner & 1) == 0 ? low.x : high.x + 1, (corner & 2) == 0 ? low.y : high.y + 1);
+    int side = max(high.x - low.x, high.y - low.y) + 1;
+    // A point is drawn where its centre is inside the face's tile.
+    if (as_points) at = vec2(min(low, ivec2(shadow_cells) - side)) + 0.5 * float(side);
+    gl_PointSize = float(side);
+    gl_Position = vec4(2.0 * (vec2(in_tile) + at) / vec2(tile_size) - 1.0, 0.0, 1.0);
 }

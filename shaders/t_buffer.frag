@@ -5,6 +5,9 @@
 
 flat in int primitive;
 flat in Target aim;
+#ifdef SQUARES
+flat in ivec4 own_pixels;
+#endif
 
 #ifdef COUNT_TESTS
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
@@ -15,6 +18,9 @@ layout(location = 0) out vec2 found;
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
+#ifdef SQUARES
+    if (any(lessThan(pixel, own_pixels.xy)) || any(greaterThan(pixel, own_pixels.zw))) discard;
+#endif
 #ifdef COUNT_TESTS
     atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);
 #endif

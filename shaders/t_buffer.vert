@@ -1,11 +1,18 @@
 // t_buffer.vert: a primitive as the part of the window in which its rays are shot [TB II.B].
 // A sphere or ellipsoid is a rectangle of pixels, a triangle itself, grown a little, a plane what is on its side of the
-// horizon. All that the rays share goes along, flat.
+// horizon. All that the rays share goes along, flat. With SQUARES a rectangle is points, as many as the table says: one
+// vertex for a small one instead of six.
 #include "t_buffer_ray.glsl"
 
 uniform int first;  // number of the first primitive of the kind
 #ifdef FROM_LIST
 layout(std430, binding = 1) buffer List { uint listed[]; };
+#endif
+
+#ifdef SQUARES
+uniform int square_side;
+uniform usampler2D squares;  // item, number of the square | squares across << 20; see buffers/t_buffer.py
+flat out ivec4 own_pixels;   // first and last, that no pixel is shot at twice
 #endif
 
 flat out int primitive;
@@ -38,8 +45,10 @@ void main()
     const int vertices = 3;
     int item = gl_InstanceID, corner = gl_VertexID;
 #else
-#ifdef KIND_TRIANGLE
+#if defined(KIND_TRIANGLE)
     const int vertices = 3;
+#elif defined(SQUARES)
+    const int vertices = 1;
 #else
     const int vertices = 6;
 #endif
@@ -47,6 +56,10 @@ void main()
 #endif
 #ifdef FROM_LIST
     item = int(listed[item]);
+#endif
+#ifdef SQUARES
+    uvec2 square = texelFetch(squares, ivec2(item % SQUARES_WIDTH, item / SQUARES_WIDTH), 0).xy;
+    item = int(square.x);
 #endif
     primitive = first + item;
     aim = target(primitive);
@@ -81,6 +94,16 @@ void main()
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float height = abs(volume) / max(max(edges.x, edges.y), max(edges.z, 1e-37));  // pixels
     if (!(height > 0.1)) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+#elif defined(SQUARES)
+    int across = int(square.y >> 20), number = int(square.y & 0xfffffu);
+    ivec2 begin = low + square_side * ivec2(number % across, number / across);
+    ivec2 end = min(begin + square_side - 1, high);
+    int side = max(max(end.x - begin.x, end.y - begin.y) + 1, 1);
+    own_pixels = ivec4(begin, end);
+    // A point is drawn where its centre is inside the window.
+    gl_Position = vec4((vec2(2 * min(begin, eye_size - side)) + float(side)) / vec2(eye_size) - 1.0, 0.0, 1.0);
+    gl_PointSize = float(side);
+    if (any(lessThan(end, begin))) status = HIDDEN;
 #else
     ivec2 which = ivec2(corner & 1, corner == 2 || corner >= 4 ? 1 : 0);
     if (corner == 3) which = ivec2(1, 0);

@@ -49,7 +49,7 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft"]
+    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft", "shaft-options"]
 
 
 @pytest.mark.parametrize(
@@ -74,8 +74,8 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer, gather, t-buffer, shaft"),
-        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, t-buffer, shaft"),
+        ([], "no name; allowed are path-buffer, gather, t-buffer, shaft, shaft-options"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, t-buffer, shaft, shaft-options"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),

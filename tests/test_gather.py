@@ -267,3 +267,46 @@ def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
     assert film.metadata.max_depth == plans.DEFAULT_DEPTH["gather"] == 2
     assert film.metadata.statistics["paths_cast"] <= 2 * 16 * 16
+
+
+def plates() -> Scene:
+    """Two facing plates, the upper one a lamp."""
+    corners = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
+    return scene_from_dict(
+        {
+            "camera": {"position": [0.5, 0.5, 3], "target": [0, 0.4, 0], "fov": 40},
+            "film": {"resolution": [16, 16]},
+            "materials": {"half": {"reflectance": 0.5}},
+            "shapes": [
+                {"type": "quad", "corners": corners.tolist(), "material": "half"},
+                {
+                    "type": "quad",
+                    "corners": (corners + np.array([0.0, 1.0, 0.0]))[::-1].tolist(),
+                    "material": "half",
+                    "emission": {"radiance": 2.0},
+                },
+            ],
+        }
+    )
+
+
+def test_without_a_solution_the_scene_is_solved_first() -> None:
+    seen: list[glpath.Progress] = []
+    film = gather(plates(), None, spp=4, on_progress=seen.append)
+    solution = glpath.solve_radiosity(plates())
+    given = gather(plates(), solution, spp=4)
+    np.testing.assert_array_equal(film.mean, given.mean)
+    assert film.metadata.settings == given.metadata.settings
+    assert 0 < film.metadata.statistics["radiosity_s"] < film.metadata.elapsed_s
+    assert seen[0].stage == "solving radiosity"
+    assert seen[-1].stage == "rendering"
+
+
+def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise glpath.RadiosityInterrupted(None)
+
+    monkeypatch.setattr("glpath.radiosity.solve.solve_radiosity", interrupted)
+    with pytest.raises(glpath.RenderInterrupted) as caught:
+        gather(plates(), None, spp=4)
+    assert caught.value.film.path_sets == 0

@@ -300,13 +300,16 @@ def test_without_mitsuba_the_error_says_what_to_install(monkeypatch):
         mitsuba_peer.load_mitsuba("scalar_rgb")
 
 
-def test_the_stored_reference_is_what_its_note_says():
-    with np.load(DATA / "cornell-box-36-depth3.npz") as stored:
+@pytest.mark.parametrize(("depth", "error"), [(3, 1e-5), (64, 5e-5)])
+def test_the_stored_references_are_what_their_notes_say(depth, error):
+    path = DATA / f"cornell-box-36-depth{depth}.npz"
+    with np.load(path) as stored:
         radiance, made_with = stored["radiance"].astype(np.float64), json.loads(str(stored["made_with"]))
     assert radiance.shape == (256, 256, 3)
     assert np.allclose(radiance.mean(axis=(0, 1)), made_with["image_mean"], rtol=1e-4)
-    assert made_with["relmse_of_reference"] + made_with["relmse_of_rounding"] < 1e-5
-    assert (DATA / "cornell-box-36-depth3.npz").stat().st_size < 600 * 1024
+    assert made_with["relmse_of_reference"] + made_with["relmse_of_rounding"] < error
+    assert made_with["max_depth"] == depth
+    assert path.stat().st_size < 600 * 1024
 
 
 @pytest.fixture

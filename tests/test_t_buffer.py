@@ -287,3 +287,17 @@ def test_a_sphere_is_shot_at_within_its_rectangle_only(gl: moderngl.Context) -> 
         buffer.fill(eye_uniforms(scene.camera))
         rows, columns = np.nonzero(buffer.read()[0] == 0)
         assert buffer.take_tests() == (np.ptp(rows) + 1) * (np.ptp(columns) + 1)
+
+
+@pytest.mark.parametrize("size", [(200, 3), (5, 90), (1, 1), (131, 67)])
+def test_windows_narrower_than_a_square_of_pixels(gl: moderngl.Context, size: tuple[int, int]) -> None:
+    """A sphere is drawn as squares; each pixel of its rectangle is in one of them, also at the window's edges."""
+    spheres = [ball((0.1, 0, 0), 0.8), ball((0, -0.2, 4.9), 0.9), ball((3, 0.02, 0), 0.3), ball((0, 0, 6), 50)]
+    scene = scene_of(spheres=spheres, view=camera(fov=60, resolution=size))
+    assert_all_equal(see(gl, scene))
+    seen = []
+    for least in (0, 10**9):
+        buffer = TBuffer(gl, GpuObjects(gl, scene), size, count_tests=True, split_from=least)
+        buffer.fill(eye_uniforms(scene.camera))
+        seen.append(buffer.take_tests())
+    assert seen[0] == seen[1] >= size[0] * size[1]  # the eye is inside the last one

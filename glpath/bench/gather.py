@@ -55,7 +55,7 @@ PATH_DEPTH = 8
 PATCHES = 500
 _GATHER_SETS = (32, 64, 128, 256)
 _PATH_SETS = (64, 128, 256)
-_SAMPLES = (64, 144, 256)
+_SAMPLES = (64, 169)
 _RULE = (Condition("vs_path_buffer", ">", 1.0), Condition("vs_mitsuba", ">", 1.0))
 
 

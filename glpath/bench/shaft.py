@@ -60,7 +60,7 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
         "best, clumps of 8": replace(BEST, clump=8),
         "best, clumps of 128": replace(BEST, clump=128),
         "best, largest first": replace(BEST, order="largest first"),
-        "best, planes from 2 % on": replace(BEST, least_cut=0.02),
+        "best, all planes": replace(BEST, least_cut=None),
         "best, few rays without shafts": replace(BEST, no_shaft_below=8 * side**2),
         "best, few rays keep closed": replace(BEST, keep_closed_below=100 * side**2),
         "best, overlap open": replace(BEST, strategy="overlap open"),
@@ -212,6 +212,36 @@ def _occluded_in_process(share: tuple[int, int]) -> int:
     return _embree(slice(int(edges[index]), int(edges[index + 1])))
 
 
+def bench_shaft_options(scale: float = 1.0, rounds: int = 3, say: Say = lambda text: None) -> Report:
+    """What each enhancement of the paper, and each thing it leaves to the future, is worth; see `option_rows`.
+
+    The report's numbers are the times of `BEST` and of the paper's options over the quickest of their variants. It
+    takes about a minute on two cores.
+
+    scale, rounds, say : see `bench_shaft`
+    """
+    rows: list[Row] = []
+    for name in OFFICES:
+        say(f"{name}: each option in turns, on one thread")
+        rows += option_rows(min(0.25 / scale, 2.0), 4, rounds, [name])
+    numbers = {}
+    for name in OFFICES:
+        short = "premesh" if name == "office-premesh" else "office"
+        for base in ("best", "paper"):
+            times = [row["time"] for row in rows if row["scene"] == name and row["options"].startswith(base)]
+            numbers[f"{base}_over_quickest_{short}"] = 1.0 / min(times)
+    return Report(
+        name="shaft-options",
+        claim="",
+        measured=numbers,
+        holds=None,
+        rows=rows,
+        machine=machine("none; on the CPU"),
+        versions=versions("glpath", "numpy", "numba"),
+        notes=[f"at scale {scale:g}"] if scale < 1 else [],
+    )
+
+
 def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), threads: int = 1) -> list[Row]:
     """What a step costs in ever larger scenes: small triangles scattered in a cube, one light, 20,000 points."""
     rows = []
@@ -231,7 +261,12 @@ def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), thre
         assert len(visibility.tree)
         built = time.perf_counter() - start
         prepared = visibility.prepare(receivers)
-        seconds, (result,) = in_turns([partial(visibility.step, emitter, prepared)], 3)
+        caster = Visibility(blockers, BASELINE, threads=threads)
+        steps = [
+            partial(visibility.step, emitter, prepared),
+            partial(caster.step, emitter, caster.prepare(receivers)),
+        ]
+        seconds, (result, _) = in_turns(steps, 3)
         counts = result[1]
         rows.append(
             {
@@ -239,6 +274,7 @@ def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), thre
                 "hierarchy s": built,
                 "step s": seconds[0],
                 "ns/ray": seconds[0] / counts.rays * 1e9,
+                "baseline over ours": seconds[1] / seconds[0],
                 "blocked": counts.blocked / counts.rays,
                 "tests/ray": counts.tests / counts.rays,
                 "candidates/list": counts.candidates / max(counts.lists, 1),

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.kernels import kernel
 from glpath.scene.model import Float64
 
 Int64 = NDArray[np.int64]
@@ -50,7 +51,8 @@ class CellRectangles(NamedTuple):
     @property
     def cells(self) -> int:
         """How many cells there are in all: as many rays are shot."""
-        return int(np.prod(self.last - self.first + 1, axis=1).sum())
+        width, height = (self.last - self.first + 1).T
+        return int(np.dot(width, height))
 
 
 class Caps(NamedTuple):
@@ -78,12 +80,19 @@ def spheres_around(world_from_unit: Float64) -> Spheres:
 
 def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
     """The caps that spheres fill as seen from `light` (3,)."""
-    way = spheres.centre - light
-    distance = np.sqrt(np.einsum("ij,ij->i", way, way))
-    radius = spheres.radius
-    outside = distance > radius
-    angle = np.where(outside, np.arcsin(np.minimum(radius / np.maximum(distance, _TINY), 1.0)), np.pi)
-    return Caps(way / np.maximum(distance, _TINY)[:, None], angle)
+    return Caps(*_caps(spheres.centre, spheres.radius, light))
+
+
+@kernel
+def _caps(centre: Float64, radius: Float64, light: Float64) -> tuple[Float64, Float64]:
+    axis, angle = np.empty((len(radius), 3)), np.empty(len(radius))
+    for i in range(len(radius)):
+        x, y, z = centre[i, 0] - light[0], centre[i, 1] - light[1], centre[i, 2] - light[2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        angle[i] = np.arcsin(radius[i] / distance) if distance > radius[i] else np.pi
+        scale = 1.0 / max(distance, _TINY)
+        axis[i, 0], axis[i, 1], axis[i, 2] = x * scale, y * scale, z * scale
+    return axis, angle
 
 
 def _longest_radius(axes: Float64) -> Float64:
@@ -104,29 +113,48 @@ def _cells(low: Float64, high: Float64) -> tuple[Int64, Int64]:
     return np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
 
 
+@kernel
+def _ranges_to_cells(
+    south: Float64, north: Float64, west: Float64, east: Float64, rows: int, columns: int
+) -> tuple[Int64, Int64]:
+    """Of each range of angles, its number, and its first column and row and its last ones; none is empty.
+
+    Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
+    """
+    count = len(south)
+    primitive = np.empty(2 * count, np.int64)
+    cells = np.empty((2 * count, 4), np.int64)
+    found = 0
+    for part in range(2):
+        for i in range(count):
+            # A margin of longitude is wider than one of latitude towards the poles.
+            nearest_pole = min(max(abs(south[i]), abs(north[i])), np.pi / 2)
+            margin = MARGIN / max(np.cos(nearest_pole), MARGIN)
+            row_first = max(int(np.ceil(((south[i] - MARGIN) / np.pi + 0.5) * rows - 0.5)), 0)
+            row_last = min(int(np.floor(((north[i] + MARGIN) / np.pi + 0.5) * rows - 0.5)), rows - 1)
+            if east[i] - west[i] + 2 * margin >= 2 * np.pi:
+                first, last = 0, columns - 1
+            else:
+                first = int(np.ceil((west[i] - margin) / (2 * np.pi) * columns - 0.5))
+                last = int(np.floor((east[i] + margin) / (2 * np.pi) * columns - 0.5))
+                turn = first // columns * columns  # the first column lies within the first turn
+                first, last = first - turn, min(last - turn, first - turn + columns - 1)
+            if part == 0:
+                last = min(last, columns - 1)
+            else:
+                first, last = 0, last - columns
+            if first <= last and row_first <= row_last:
+                primitive[found] = i
+                cells[found] = first, row_first, last, row_last
+                found += 1
+    return primitive[:found], cells[:found]
+
+
 def _latitude_longitude(
     latitude: tuple[Float64, Float64], longitude: tuple[Float64, Float64], rows: int, columns: int
 ) -> CellRectangles:
-    """From ranges of angles, longitudes up to a turn wide and anywhere; what reaches over the seam is split."""
-    south, north = latitude
-    west, east = longitude
-    # A margin of longitude is wider than one of latitude towards the poles.
-    nearest_pole = np.maximum(np.abs(south), np.abs(north))
-    margin = MARGIN / np.maximum(np.cos(np.minimum(nearest_pole, np.pi / 2)), MARGIN)
-    whole = east - west + 2 * margin >= 2 * np.pi
-    row_first, row_last = _cells(((south - MARGIN) / np.pi + 0.5) * rows, ((north + MARGIN) / np.pi + 0.5) * rows)
-    row_first, row_last = np.maximum(row_first, 0), np.minimum(row_last, rows - 1)
-    first, last = _cells((west - margin) / (2 * np.pi) * columns, (east + margin) / (2 * np.pi) * columns)
-    # First column within the first turn.
-    turn = np.floor_divide(first, columns) * columns
-    first, last = first - turn, last - turn
-    first, last = np.where(whole, 0, first), np.where(whole, columns - 1, np.minimum(last, first + columns - 1))
-    index = np.arange(len(south))
-    parts = [(index, first, np.minimum(last, columns - 1)), (index, np.zeros_like(first), last - columns)]
-    primitive = np.concatenate([p[0] for p in parts])
-    corner = np.stack([np.concatenate([p[1] for p in parts]), np.tile(row_first, 2)], axis=1)
-    opposite = np.stack([np.concatenate([p[2] for p in parts]), np.tile(row_last, 2)], axis=1)
-    return _without_empty(primitive, np.zeros_like(primitive), corner, opposite)
+    primitive, cells = _ranges_to_cells(*latitude, *longitude, rows, columns)
+    return CellRectangles(primitive, np.zeros_like(primitive), cells[:, :2], cells[:, 2:])
 
 
 #: No rectangle at all.
@@ -144,14 +172,27 @@ def _without_empty(primitive: Int64, face: Int64, first: Int64, last: Int64) -> 
     return CellRectangles(primitive[some], face[some], first[some], last[some])
 
 
+@kernel
+def _cap_ranges(axis: Float64, angle: Float64) -> tuple[Float64, Float64, Float64]:
+    """Of each cap the latitude and longitude of its axis, and by how much its longitudes differ from that."""
+    count = len(angle)
+    latitude, middle, half = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        x, y, z = axis[i]
+        level = np.sqrt(x * x + y * y)
+        latitude[i] = np.arctan2(z, level)
+        middle[i] = np.arctan2(y, x)
+        if abs(latitude[i]) + angle[i] >= np.pi / 2 - MARGIN:
+            half[i] = np.pi
+        else:
+            half[i] = np.arcsin(min(np.sin(angle[i]) / max(np.cos(latitude[i]), _TINY), 1.0))
+    return latitude, middle, half
+
+
 def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
     """The cells of a sphere-buffer whose rays lie in each cap."""
     axis, angle = caps
-    latitude = np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
-    middle = np.arctan2(axis[:, 1], axis[:, 0])
-    pole = np.abs(latitude) + angle >= np.pi / 2 - MARGIN
-    ratio = np.sin(np.minimum(angle, np.pi / 2)) / np.maximum(np.cos(latitude), _TINY)
-    half = np.where(pole, np.pi, np.arcsin(np.minimum(ratio, 1.0)))
+    latitude, middle, half = _cap_ranges(axis, angle)
     south = np.maximum(latitude - angle, -np.pi / 2)
     north = np.minimum(latitude + angle, np.pi / 2)
     rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)

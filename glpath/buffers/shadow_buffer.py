@@ -35,7 +35,6 @@ from glpath.buffers.frame import frame_about
 from glpath.buffers.light_bounds import (
     Caps,
     CellRectangles,
-    Int64,
     Spheres,
     cube_rectangles_of_caps,
     cube_rectangles_of_planes,
@@ -61,6 +60,8 @@ KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 #: The widest filter of a lookup, in cells across.
 MAX_TAPS = 15
 _RECTANGLES_WIDTH = 4096
+#: Rectangles up to so many cells wide and high are drawn as points.
+_POINT = 8
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
@@ -182,9 +183,9 @@ class PointShadowBuffer(ABC):
         self._keys: list[tuple[object, ...] | None] = [None] * lights
         self._spheres: tuple[str, Spheres] | None = None  # those around round objects, and of which geometry
         self.intersection_tests = 0
-        self._passes = []
+        self._passes: list[Pass] = []  # of each kind: rectangles, and points
         self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
-        for number, kind in enumerate(KINDS):
+        for kind in KINDS:
             program = load_program(
                 gl,
                 vertex="point_shadow_fill.vert",
@@ -198,17 +199,19 @@ class PointShadowBuffer(ABC):
                     "DEPTH_SCALE": DISTANCE_TO_DEPTH,
                 },
             )
-            self._passes.append(
-                Pass(
-                    f"shadow-buffer: {kind}s",
-                    gl,
-                    program,
-                    target,
-                    depth=True,
-                    clear=(0.0, 0.0, 0.0, -1.0) if number == 0 else None,
-                    textures={**objects.textures, "rectangles": self._table(np.zeros((0, 4)))},
+            for points in (False, True):
+                self._passes.append(
+                    Pass(
+                        f"shadow-buffer: {kind}s",
+                        gl,
+                        program,
+                        target,
+                        depth=True,
+                        clear=None if self._passes else (0.0, 0.0, 0.0, -1.0),
+                        textures={**objects.textures, "rectangles": self._table(np.zeros((0, 4), np.uint32))},
+                        points=points,
+                    )
                 )
-            )
 
     @abstractmethod
     def _of_caps(self, caps: Caps) -> CellRectangles: ...
@@ -233,7 +236,7 @@ class PointShadowBuffer(ABC):
             self._of_planes(scene.planes, light),
         ]
 
-    def _table(self, rows: NDArray[np.float64] | Int64) -> moderngl.Texture:
+    def _table(self, rows: NDArray[np.uint32]) -> moderngl.Texture:
         height = max(1, -(-len(rows) // _RECTANGLES_WIDTH))
         table = np.zeros((height * _RECTANGLES_WIDTH, 4), np.uint32)
         table[: len(rows)] = rows
@@ -270,23 +273,22 @@ class PointShadowBuffer(ABC):
             "tile_size": self.tile,
         }
         numbers = self.objects.numbering.kinds
-        for kind, stage, found in zip(KINDS, self._passes, self._rectangles(at), strict=True):
+        pairs = zip(self._passes[::2], self._passes[1::2], strict=True)
+        for kind, pair, found in zip(KINDS, pairs, self._rectangles(at), strict=True):
             self.intersection_tests += found.cells
-            stage.area = (*corner, *self.tile)
-            stage.vertices = 6 * len(found.primitive)
-            if stage.vertices == 0 and stage.clear is None:
-                continue
-            rows = np.stack(
-                [
-                    found.first[:, 0] | found.first[:, 1] << 16,
-                    found.last[:, 0] | found.last[:, 1] << 16,
-                    found.primitive + numbers[kind].start,
-                    found.face,
-                ],
-                axis=1,
-            )
-            stage.textures = {**self.objects.textures, "rectangles": self._table(rows)}
-            stage.run(uniforms)
+            rows = np.empty((len(found.primitive), 4), np.uint32)
+            rows[:, 0] = found.first[:, 0] | found.first[:, 1] << 16
+            rows[:, 1] = found.last[:, 0] | found.last[:, 1] << 16
+            rows[:, 2] = found.primitive + numbers[kind].start
+            rows[:, 3] = found.face
+            width, height = (found.last - found.first).T
+            small = np.maximum(width, height) < min(_POINT, *self.cells)
+            for stage, table in zip(pair, (rows[~small], rows[small]), strict=True):
+                stage.area = (*corner, *self.tile)
+                stage.vertices = len(table) if stage.points else 6 * len(table)
+                if stage.vertices or stage.clear is not None:
+                    stage.textures = {**self.objects.textures, "rectangles": self._table(table)}
+                    stage.run(uniforms | {"as_points": stage.points})
         self._keys[light] = key
         return True
 

@@ -4,7 +4,8 @@ Both shoot the ray through every pixel with the same routines (`shaders/object_i
 same bits; they differ in which rays they shoot. The T-buffer takes object by object and shoots the rays that may
 hit it: those of the pixels in a conservative projection. Two ways lead from an object to its pixels:
 
-- *Drawn*: the rasteriser finds the pixels, the depth test is the rule t' < t.
+- *Drawn*: the rasteriser finds the pixels, the depth test is the rule t' < t. A round sphere is a point of so many
+  pixels, a large one several: where vertices are the cost, as in llvmpipe, one does for six.
 - *Small*: an object of few pixels is one invocation of a compute shader that goes through them. Setting up a
   triangle costs a rasteriser as much as many rays, in Mesa's llvmpipe in one thread; a million small triangles are
   six times as fast this way.
@@ -34,6 +35,9 @@ SPLIT_FROM = 32768
 
 _GROUP = 64  # of t_buffer_small.comp
 _WIDEST = 1 << 15  # groups across, below every device's limit
+# Pixels along a point, which every device draws; larger ones would shoot at more pixels only to leave them out.
+_SQUARE = 32
+_SQUARES_WIDTH = 1024  # texels, of the table
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
@@ -149,6 +153,7 @@ class TBuffer(EyeBuffer):
         drawn = self._pair_texture() if split else self.texture
         target = gl.framebuffer([drawn], float_depth_texture(gl, size))
         self._small: _SmallPrimitives | None = _SmallPrimitives(self, drawn) if split else None
+        self._squares: _Squares | None = None
         self._draws: list[tuple[Pass, Uniforms]] = []
         for kind, numbers in objects.numbering.kinds.items():
             if not numbers:
@@ -156,35 +161,101 @@ class TBuffer(EyeBuffer):
             corners = 6 if kind in ("sphere", "ellipsoid") else 3
             plane = kind == "plane"
             listed = self._small.lists.get(kind) if self._small else None
+            squares = _Squares(objects, size) if kind == "sphere" and not listed else None
+            defines: dict[str, object] = {f"KIND_{kind.upper()}": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH}
+            if listed:
+                defines["FROM_LIST"] = 1
+            if squares:
+                defines |= {"SQUARES": 1, "SQUARES_WIDTH": _SQUARES_WIDTH}
             draw = Pass(
                 f"t-buffer: {kind}s",
                 gl,
-                self._program(
-                    {f"KIND_{kind.upper()}": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH}
-                    | ({"FROM_LIST": 1} if listed else {}),
-                    vertex="t_buffer.vert",
-                    fragment="t_buffer.frag",
-                ),
+                self._program(defines, vertex="t_buffer.vert", fragment="t_buffer.frag"),
                 target,
                 vertices=corners if plane else corners * len(numbers),
                 instances=len(numbers) if plane else 1,
                 depth=True,
                 clip_distances=1 if plane else 0,
                 clear=None if self._draws else (0.0, 0.0, 0.0, 0.0),
-                textures=objects.textures,
+                textures=objects.textures | ({"squares": squares.texture} if squares else {}),
                 buffers=self._buffers | ({1: listed.numbers} if listed else {}),
                 indirect=listed.command if listed else None,
+                points=squares is not None,
             )
+            if squares:
+                self._squares = squares
             self._draws.append((draw, {"first": numbers.start}))
 
     def fill(self, eye: Uniforms) -> None:
         uniforms = self.objects.uniforms | dict(eye)
         if self._small:
             self._small.shoot(uniforms)
+        if self._squares:
+            self._squares.place(eye)
+            spheres = self._draws[0][0]  # they have the first numbers
+            spheres.vertices = self._squares.count
+            spheres.textures = self.objects.textures | {"squares": self._squares.texture}
+            uniforms["square_side"] = self._squares.side
         for draw, own in self._draws:
             draw.run(uniforms | dict(own))
         if self._small:
             self._small.merge(uniforms)
+
+
+class _Squares:
+    """Round spheres as squares of pixels, in the order of their numbers, so that of equal t the lowest stays.
+
+    How many squares cover a sphere is bounded here, generously; where they lie, and whether there is anything in
+    them, the vertex shader finds.
+
+    texture : RG32UI, see t_buffer.vert
+    count   : of squares
+    side    : of the largest, pixels
+    """
+
+    def __init__(self, objects: GpuObjects, size: tuple[int, int]) -> None:
+        scene, numbers = objects.scene, objects.numbering
+        # As the device has them, so that rounding cannot part the two bounds.
+        spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
+        self._centres = spheres[:, :, 3]
+        self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
+        self._gl = objects.gl
+        self._size = size
+        # A point is clipped by its centre: with squares no wider than the window there is a place for each.
+        self.side = min(_SQUARE, *size)
+        self.count = 0
+        self.texture = self._table(len(spheres))
+
+    def _table(self, entries: int) -> moderngl.Texture:
+        texture = self._gl.texture((_SQUARES_WIDTH, max(1, -(-entries // _SQUARES_WIDTH))), 2, dtype="u4")
+        texture.filter = _NEAREST
+        return texture
+
+    def place(self, eye: Uniforms) -> None:
+        """Cover the spheres as this camera sees them."""
+        position, forward = (
+            np.asarray(eye[key], np.float32).astype(float) for key in ("eye_position", "eye_forward")
+        )
+        way, radius = self._centres - position, self._radii
+        depth = way @ forward
+        square = depth**2 - radius**2
+        reach = np.sqrt(np.maximum(np.einsum("ij,ij->i", way, way) - radius**2, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            extent = 2.0 * float(eye["eye_focal"]) * radius * reach / square  # type: ignore[arg-type]
+        # The image of a sphere that nears the plane of the eye has no bounds.
+        most = np.where(depth > 1.01 * radius, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
+        across, down = (np.ceil(np.minimum(most, length) / self.side).astype(np.int64) for length in self._size)
+        squares = np.where(depth + 1.01 * radius > 0.0, across * down, 0)
+        items = np.repeat(np.arange(len(squares)), squares)
+        number = np.arange(len(items)) - np.repeat(np.cumsum(squares) - squares, squares)
+        self.count = len(items)
+        if self.count > self.texture.width * self.texture.height:
+            self.texture = self._table(self.count)
+        rows = -(-self.count // _SQUARES_WIDTH)
+        entries = np.zeros((rows * _SQUARES_WIDTH, 2), np.uint32)
+        entries[: self.count, 0], entries[: self.count, 1] = items, number | across[items] << 20
+        if rows:
+            self.texture.write(entries.tobytes(), viewport=(0, 0, _SQUARES_WIDTH, rows))
 
 
 class _LargePrimitives:

@@ -29,6 +29,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "visibility for radiosity: shafts beside a ray caster and Embree, and the cost of growth",
         ("--rounds", "--scale"),
     ),
+    "shaft-options": (
+        "shafts: what each enhancement of the paper, and of its future work, is worth",
+        ("--rounds", "--scale"),
+    ),
 }
 
 
@@ -45,10 +49,11 @@ def bench(
     ] = None,
     rounds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="t-buffer, shaft: turns of each program, whose median counts; 7."),
+        typer.Option(metavar="N", help="t-buffer, shafts: turns of each program, whose median counts; 7."),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(metavar="S", help="gather, t-buffer, shaft: below 1, less work; 1.")
+        float | None,
+        typer.Option(metavar="S", help="All but path-buffer: below 1, less work; 1."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -101,6 +106,10 @@ def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: 
         from glpath.bench.shaft import bench_shaft
 
         return bench_shaft(scale, rounds, say)
+    if name == "shaft-options":
+        from glpath.bench.shaft import bench_shaft_options
+
+        return bench_shaft_options(scale, rounds, say)
     from glpath.bench.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, say)

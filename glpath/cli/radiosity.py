@@ -32,7 +32,7 @@ _LINE_INTERVAL = 5.0
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")]
 Patches = Annotated[
     int | None,
-    typer.Option(help="About so many patches, which shoot. [default: 1000]", rich_help_panel=_MESH),
+    typer.Option(help="About so many patches, which shoot; by default 1000.", rich_help_panel=_MESH),
 ]
 Size = Annotated[
     float | None,
@@ -144,7 +144,7 @@ def bake(
     adaptive: Annotated[
         int | None,
         typer.Option(
-            help="So many times, split elements where the radiosity changes fast. [default: 2]",
+            help="So many times, split elements where the radiosity changes fast; by default 2.",
             rich_help_panel=_MESH,
         ),
     ] = None,

@@ -50,6 +50,7 @@ class Pass:
     depth    : test and write depth (less)
     clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
     indirect : a buffer whose first four words, written on the device, say what to draw, instead of `vertices`
+    points   : draw squares of gl_PointSize pixels about the vertices, not triangles
     """
 
     name: str
@@ -66,10 +67,13 @@ class Pass:
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
     indirect: moderngl.Buffer | None = None
     area: tuple[int, int, int, int] | None = None
+    points: bool = False
 
     def __post_init__(self) -> None:
         self._vertex_array = self.gl.vertex_array(self.program.gl, [])
         self._flags = (moderngl.BLEND if self.blend else 0) | (moderngl.DEPTH_TEST if self.depth else 0)
+        self._flags |= moderngl.PROGRAM_POINT_SIZE if self.points else 0
+        self._mode = moderngl.POINTS if self.points else moderngl.TRIANGLES
         _check_textures(self.name, self.program, self.textures)
 
     def run(self, uniforms: Mapping[str, object]) -> None:
@@ -98,9 +102,9 @@ class Pass:
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
             if self.indirect is None:
-                self._vertex_array.render(moderngl.TRIANGLES, vertices=self.vertices, instances=self.instances)
+                self._vertex_array.render(self._mode, vertices=self.vertices, instances=self.instances)
             else:
-                self._vertex_array.render_indirect(self.indirect, moderngl.TRIANGLES, count=1)
+                self._vertex_array.render_indirect(self.indirect, self._mode, count=1)
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
 

@@ -8,8 +8,9 @@ path tracer's, see `path_stages`; direct light and emission are weighed as there
 Cost:     a path set of depth two, less the direct light at the second vertex, plus the lookup; whatever the solver
           took. A camera that moves needs no new solution.
 Poor at:  corners and contacts, nearer than an element is large: the light that an element smears over a shadow's
-          edge comes back from so near by that it shows. `max_depth` 3 looks up one bounce later, at the cost of a
-          scan. Materials that are not Lambertian.
+          edge comes back from so near by that it shows. In the Cornell box the foot of the block's dark side is
+          three quarters too bright from 258 elements, 6 % from 3,970. `max_depth` 3 looks up one bounce later, at
+          the cost of a scan, and is within 3 % from either. Materials that are not Lambertian.
 Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
           A two-pass radiosity method driven by lights and viewer position.
 """

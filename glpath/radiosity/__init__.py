@@ -2,19 +2,12 @@
 
 from glpath.radiosity.blockers import Blockers
 from glpath.radiosity.clusters import cluster
+from glpath.radiosity.ends import Emitter, Receivers, facing
+from glpath.radiosity.options import PAPER, Options, Statistics
 from glpath.radiosity.shaft import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
-from glpath.radiosity.visibility import (
-    PAPER,
-    Emitter,
-    Options,
-    Receivers,
-    Statistics,
-    Visibility,
-    facing,
-    visible,
-)
+from glpath.radiosity.visibility import Visibility, visible
 
 __all__ = [
     "PAPER",

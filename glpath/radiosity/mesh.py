@@ -13,8 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from glpath.radiosity import lattice
 from glpath.scene import Scene
@@ -175,6 +173,9 @@ def size_for_count(scene: Scene, surface: Int64, count: int) -> float:
 
 def surfaces(scene: Scene) -> Int64:
     """(T,) int64: triangles of one shape that meet along edges at less than 30 degrees are one surface."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     count = len(scene.triangles)
     shape = scene.triangle_shape.astype(np.int64)
     node = weld(scene, scene.triangles.reshape(-1, 3), np.repeat(shape, 3)).reshape(-1, 3)

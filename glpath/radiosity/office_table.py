@@ -16,7 +16,9 @@ from typing import Any, Literal
 import numpy as np
 
 from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.visibility import PAPER, Emitter, Options, Receivers, Statistics, Visibility
+from glpath.radiosity.ends import Emitter, Receivers
+from glpath.radiosity.options import PAPER, Options, Statistics
+from glpath.radiosity.visibility import Visibility
 from glpath.scene import Scene, load_scene
 
 Row = dict[str, Any]

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from glpath.radiosity.blockers import Blockers
 from glpath.radiosity.form_factor import FormFactors, Kind, ReceiverPoints
 from glpath.radiosity.mesh import Int64, Mesh
+from glpath.radiosity.options import Statistics
 from glpath.radiosity.sides import Sides
-from glpath.radiosity.visibility import Statistics, Visibility
+from glpath.radiosity.visibility import Visibility
 from glpath.scene.model import Float64
 
 Float32 = NDArray[np.float32]

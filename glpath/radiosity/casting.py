@@ -1,0 +1,370 @@
+"""Segments between an emitter's samples and receiver points against candidate lists, until something stops them.
+
+Kernels. All rays of a group go against one candidate after the other, so that the processor tests several at once;
+or one ray after the other, each until it is blocked, as in the paper.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
+from glpath.radiosity.ends import before_emitter, before_receiver
+from glpath.radiosity.options import (
+    BLOCKED,
+    BOX_TESTS,
+    CACHED,
+    FREE,
+    LAST_BLOCKER_FIRST,
+    OBJECT_TESTS,
+    RAYS,
+)
+from glpath.radiosity.points import SEVERAL
+from glpath.radiosity.search import BLOCKER, CandidateRange, Work, highest, objects_of, rays_of, shaft_list
+from glpath.radiosity.shaft import empty_shaft, empty_stack
+
+
+@inner_kernel
+def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
+    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of the way from a to b, finite.
+
+    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the
+    order.
+    """
+    t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
+    near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
+    t0, t1 = (boxes[i, 1] - ay) * iy, (boxes[i, 4] - ay) * iy
+    near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+    t0, t1 = (boxes[i, 2] - az) * iz, (boxes[i, 5] - az) * iz
+    near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+    return near <= far
+
+
+@inner_kernel
+def _inverse(d):  # type: ignore[no-untyped-def]
+    """1 / d, or so: never infinite, so that 0 times it is no NaN."""
+    return 1 / d if abs(d) > 1e-300 else (1e300 if d >= 0 else -1e300)
+
+
+@inner_kernel
+def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
+    """The first polygon of a list between a and b, or -1; its place there; tests of boxes and of objects."""
+    ix = iy = iz = 0.0
+    if found.boxed:
+        ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
+    box_tests, object_tests = 0, 0
+    forms, bounds, flags = polygons.forms, polygons.bounds, polygons.flags
+    boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
+    nodes, objects, mark, number = work.nodes, work.objects, work.mark, found.number
+    for i in range(found.begin, found.end):
+        x = np.int64(objects[i])  # one type everywhere, so that functions are compiled once
+        if x >= 0:
+            if (x == own_a) | (x == own_b):
+                continue
+            if object_boxes:
+                box_tests += 1
+                if not _box_hit(boxes, nodes[i], ax, ay, az, ix, iy, iz):
+                    continue
+            object_tests += 1
+            if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
+                return x, i, box_tests, object_tests
+            continue
+        node = np.int64(nodes[i])
+        last = skip[node]
+        while node < last:
+            if len(mark) and mark[node] == number:
+                node = np.int64(skip[node])
+                continue
+            leaf = items[node] > 0
+            if not leaf or object_boxes:
+                box_tests += 1
+                if not _box_hit(boxes, node, ax, ay, az, ix, iy, iz):
+                    node = np.int64(skip[node])
+                    continue
+            if leaf:
+                for k in range(first[node], first[node] + items[node]):
+                    x = np.int64(order[k])
+                    if (x != own_a) & (x != own_b):
+                        object_tests += 1
+                        if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
+                            return x, i, box_tests, object_tests
+            node += 1
+    return -1, -1, box_tests, object_tests
+
+
+@kernel
+def _cast_one_by_one(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+):
+    """The rays of a group as in the paper: the last blocker, then the shaft's list until something is hit.
+
+    found, built : the candidates, if the shaft is built; else the parent's, from which it will be
+    """
+    samples = len(source.points)
+    for k in range(groups.begin[group], groups.end[group]):
+        if not before_emitter(lit, k, source):
+            continue
+        p = groups.order[k]
+        bx, by, bz, own_b = lit.x[k], lit.y[k], lit.z[k], lit.own[k]
+        for s in range(samples):
+            ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
+            if not before_receiver(lit, k, source, s):
+                continue
+            counts[RAYS] += 1
+            if not built or found.begin < found.end:
+                last = work.latest[BLOCKER]
+                if settings.coherency and last >= 0 and last != own_b:
+                    counts[OBJECT_TESTS] += 1
+                    if hits(last, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
+                        counts[CACHED] += 1
+                        counts[BLOCKED] += 1
+                        continue
+                if not built:
+                    built = True
+                    found = shaft_list(
+                        tree, polygons, source, groups, group, found, settings, True, work, counts
+                    )  # fmt: skip
+            if found.begin == found.end:
+                counts[FREE] += 1
+                visible[p, s] = True
+                continue
+            x, at, box_tests, object_tests = _blocker(
+                ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
+            )
+            counts[BOX_TESTS] += box_tests
+            counts[OBJECT_TESTS] += object_tests
+            if x < 0:
+                visible[p, s] = True
+                continue
+            counts[BLOCKED] += 1
+            work.latest[BLOCKER] = x
+            if settings.order == LAST_BLOCKER_FIRST:
+                _to_front(at, found.begin, work)
+
+
+@inner_kernel
+def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
+    node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
+    for k in range(at, begin, -1):
+        work.nodes[k], work.flags[k], work.objects[k] = work.nodes[k - 1], work.flags[k - 1], work.objects[k - 1]
+    work.nodes[begin], work.flags[begin], work.objects[begin] = node, flag, x
+
+
+@kernel
+def _cast_together(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+):
+    """All rays of a group against one candidate after the other, so that the processor tests several at once."""
+    samples, begin = len(source.points), groups.begin[group]
+    count = groups.end[group] - begin
+    own = groups.polygon[group]
+    clear = np.empty((samples, count), np.uint8)
+    at_a, at_b = np.empty((3, samples)), np.empty((3, count))
+    left = _start(source, lit, groups.normal, group, begin, count, clear)
+    if left == 0:
+        return
+    rays = left
+    counts[RAYS] += rays
+    last = work.latest[BLOCKER]
+    if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
+        counts[OBJECT_TESTS] += left
+        left = _block(last, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+        counts[CACHED] += rays - left
+    if left and not built:
+        found = shaft_list(tree, polygons, source, groups, group, found, settings, True, work, counts)
+    if found.begin == found.end:
+        counts[FREE] += left
+    boxes = False
+    most = 0
+    for i in range(found.begin, found.end):
+        if left == 0:
+            break
+        x = np.int64(work.objects[i])
+        if x < 0:
+            boxes = True
+        elif x != own:
+            counts[OBJECT_TESTS] += left
+            before = left
+            left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+            if before - left > most:
+                most = before - left
+                work.latest[BLOCKER] = x
+    if left and boxes:
+        for k in range(count):
+            for s in range(samples):
+                if clear[s, k]:
+                    x, _, box_tests, object_tests = _blocker(
+                        source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
+                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree,
+                        polygons, False, work,
+                    )  # fmt: skip
+                    counts[BOX_TESTS] += box_tests
+                    counts[OBJECT_TESTS] += object_tests
+                    if x >= 0:
+                        clear[s, k] = 0
+                        left -= 1
+    counts[BLOCKED] += rays - left
+    if left:  # it was all False before
+        order = groups.order
+        for k in range(count):
+            p = order[begin + k]
+            for s in range(samples):
+                visible[p, s] = clear[s, k]
+
+
+@kernel
+def _start(source, lit, common, group, begin, count, clear):  # type: ignore[no-untyped-def]
+    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
+    samples = len(source.points)
+    n, a, heights = lit.normals, source.points, lit.heights
+    before = np.empty(count, np.uint8)
+    left = 0
+    for k in range(count):
+        before[k] = before_emitter(lit, begin + k, source)
+        left += before[k]
+    if left == 0:
+        return 0
+    flat = lit.one_sided and (common[group, 0] != 0 or common[group, 1] != 0 or common[group, 2] != 0)
+    left = 0
+    for s in range(samples):
+        if not lit.one_sided:
+            for k in range(count):
+                clear[s, k] = before[k]
+        elif flat:  # as `before_receiver`, with one normal
+            reach = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
+            for k in range(count):
+                clear[s, k] = before[k] & (reach > heights[begin + k])
+        else:
+            for k in range(count):
+                clear[s, k] = before[k] and before_receiver(lit, begin + k, source, s)
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@inner_kernel
+def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
+    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    forms, flag = polygons.forms, polygons.flags[x]
+    a, bx, by, bz, own_b = source.points, lit.x, lit.y, lit.z, lit.own
+    samples = len(a)
+    before_a = before_b = 0
+    f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
+    for s in range(samples):
+        at_a[0, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        before_a += at_a[0, s] > 0
+    for k in range(count):
+        at_b[0, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+        before_b += at_b[0, k] > 0
+    # Nothing to do where no segment can cross the plane, or only from the back of a solid.
+    if not ((before_a and before_b < count) or (before_a < samples and before_b and not flag & SOLID)):
+        return left
+    for j in range(1, 3):
+        i = 4 * j
+        f0, f1, f2, f3 = forms[x, i], forms[x, i + 1], forms[x, i + 2], forms[x, i + 3]
+        for s in range(samples):
+            at_a[j, s] = height(f0, f1, f2, f3, a[s, 0], a[s, 1], a[s, 2])
+        for k in range(count):
+            at_b[j, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
+    mine = False
+    if own == SEVERAL:
+        for k in range(count):
+            mine |= own_b[begin + k] == x
+    if flag & SLIVER or mine:
+        for s in range(samples):
+            for k in range(count):
+                b = begin + k
+                if clear[s, k] and own_b[b] != x and hits(
+                    x, a[s, 0], a[s, 1], a[s, 2], bx[b], by[b], bz[b], forms, polygons.bounds, polygons.flags
+                ):  # fmt: skip
+                    clear[s, k] = 0
+    elif flag & PARALLELOGRAM:
+        _cross_all(at_a, at_b, True, flag & SOLID != 0, samples, count, clear)
+    else:
+        _cross_all(at_a, at_b, False, flag & SOLID != 0, samples, count, clear)
+    left = 0
+    for s in range(samples):
+        for k in range(count):
+            left += clear[s, k]
+    return left
+
+
+@inner_kernel
+def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type: ignore[no-untyped-def]
+    """As `hits`, for all segments at once. at_a, at_b: (3, n), the polygon's three forms at both ends."""
+    for s in range(samples):
+        ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
+        if ha > 0:
+            for k in range(count):
+                clear[s, k] &= not crosses(ha, ua, va, at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+        elif not solid:
+            for k in range(count):
+                clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
+
+
+@inner_kernel
+def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
+    """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
+    most = 0.0
+    for k in range(3):
+        n = groups.normal[group, k]
+        i, j = (k + 3, k) if n > 0 else (k, k + 3)
+        most += n * (source.box[i] - groups.boxes[group, j])
+    return most
+
+
+@kernel
+def cast_groups(  # type: ignore[no-untyped-def]
+    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts
+):
+    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
+    size = len(tree.skip)
+    room = (groups.levels + 2) * size + 1
+    planes, near, extent = empty_shaft()
+    work = Work(
+        np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
+        np.empty(6), np.empty(6), empty_stack(size), mark, np.array([0, -1]),
+    )  # fmt: skip
+    work.nodes[: len(roots)] = roots
+    work.flags[: len(roots)] = root_flags
+    top, boxed = objects_of(
+        tree, polygons, False, settings.object_boxes, settings.size, source.polygon, -1, 0, len(roots), work
+    )
+    found = CandidateRange(0, top, boxed, -1)
+    # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
+    ends = np.empty(groups.levels + 2, np.int64)
+    lists = [found]
+    ends[0] = last
+    tiny = -1e-12 * settings.size
+
+    group = first
+    while group < last:
+        while group >= ends[len(lists) - 1]:
+            lists.pop()
+        # Facing tests first, of all of them at once.
+        if (source.one_sided and highest(groups.boxes, group, source.plane) < tiny) or (
+            lit.one_sided and _turned_away(source, groups, group) < tiny
+        ):
+            group = groups.skip[group]
+            continue
+        found = lists[-1]
+        built = settings.strategy < 0 or rays_of(source, groups, group) < settings.no_shaft_below
+        if groups.skip[group] > group + 1:
+            if not built:
+                found = shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)
+            if found.begin < found.end:
+                ends[len(lists)] = groups.skip[group]
+                lists.append(found)
+                group += 1
+                continue
+            built = True  # nothing is in the way of any of its parts
+        if settings.together:
+            _cast_together(
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+            )  # fmt: skip
+        else:
+            _cast_one_by_one(
+                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
+            )  # fmt: skip
+        group = groups.skip[group]

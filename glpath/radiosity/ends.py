@@ -1,0 +1,172 @@
+"""The two ends of what is cast: the samples of an emitter, and the points of receivers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.hierarchy import Float64, Int32
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.blockers import Blockers
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """Points that light comes from.
+
+    points  : (S, 3) float64
+    normal  : (3,) of a one-sided emitter, which lights only what lies before it; None for light to all sides
+    polygon : the blocker that the points lie on, which does not block them; -1 for none
+    box     : (6,) lower and upper corner, around the points; None for the smallest
+    """
+
+    points: Float64
+    normal: Float64 | None = None
+    polygon: int = -1
+    box: Float64 | None = None
+
+    @classmethod
+    def on(cls, blockers: Blockers, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
+        """The front of a polygon, with side x side samples in the middles of cells; a triangle has half of them.
+
+        whole : shafts are made for all of the polygon, as in the paper, and not only for where the samples lie
+        """
+        middles = (np.arange(side) + 0.5) / side
+        points = _on_polygons(blockers, np.array([polygon]), middles, middles)[0]
+        a, b, c = blockers.corners[polygon]
+        outline = np.stack([a, b, c, b + c - a] if blockers.parallelogram[polygon] else [a, b, c])
+        box = np.concatenate([outline.min(axis=0), outline.max(axis=0)])
+        return cls(points, blockers.normals[polygon], polygon, box if whole else None)
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Points that light comes to, receiver after receiver.
+
+    points   : (P, 3) float64
+    receiver : (P,) int32, the receiver of each point, in ascending order
+    normals  : (P, 3) of one-sided receivers, which are lit from their front only; None for all sides
+    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at
+               all
+    """
+
+    points: Float64
+    receiver: Int32
+    normals: Float64 | None = None
+    polygons: Int32 | None = None
+
+    @classmethod
+    def on(cls, blockers: Blockers, spacing: float) -> Receivers:
+        """The front of every polygon, with the vertices of a grid at most `spacing` apart, corners included."""
+        edges = np.linalg.norm(blockers.corners[:, 1:] - blockers.corners[:, :1], axis=2)
+        cells = np.maximum(np.ceil(edges / spacing - 1e-9), 1).astype(int)
+        kinds, kind = np.unique(np.column_stack([cells, blockers.parallelogram]), axis=0, return_inverse=True)
+        points, number = [], []
+        for i, (n, m, _) in enumerate(kinds):
+            which = np.flatnonzero(kind.ravel() == i)
+            grid = _on_polygons(blockers, which, np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1))
+            points.append(grid.reshape(-1, 3))
+            number.append(np.repeat(which, grid.shape[1]))
+        numbers = np.concatenate([np.zeros(0, int), *number])
+        order = np.argsort(numbers, kind="stable")
+        numbers = numbers[order].astype(np.int32)
+        return cls(np.concatenate([np.zeros((0, 3)), *points])[order], numbers, blockers.normals[numbers], numbers)
+
+
+def _on_polygons(blockers: Blockers, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
+    """(n, points, 3): the points u, v of n polygons of one kind, triangles or parallelograms."""
+    uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    if not blockers.parallelogram[which[0]]:
+        uv = uv[uv.sum(axis=1) <= 1 + 1e-12]
+    corner = blockers.corners[which, :1]
+    edges = blockers.corners[which, 1:] - corner
+    return np.asarray(corner + np.einsum("pk,nkj->npj", uv, edges))
+
+
+class Source(NamedTuple):
+    """The emitter."""
+
+    points: Float64
+    box: Float64
+    plane: Float64
+    one_sided: bool
+    polygon: int
+
+
+class Lit(NamedTuple):
+    """The receivers' points in the order of the groups: x, y, z, normals, normal . point and their polygons."""
+
+    x: Float64
+    y: Float64
+    z: Float64
+    normals: Float64
+    heights: Float64
+    one_sided: bool
+    own: NDArray[np.int64]
+
+
+def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
+    """(P, S) bool: which receiver points and emitter samples lie before each other."""
+    order = np.arange(len(receivers.points))
+    faces = np.zeros((len(order), len(emitter.points)), np.bool_)
+    _facing(source_of(emitter), lit_of(receivers, order), order, faces)
+    return faces
+
+
+def source_of(emitter: Emitter) -> Source:
+    points = np.ascontiguousarray(emitter.points, np.float64)
+    return Source(points, _box(emitter), _plane(emitter), emitter.normal is not None, emitter.polygon)
+
+
+def lit_of(receivers: Receivers, order: NDArray[np.int64]) -> Lit:
+    points = np.asarray(receivers.points, np.float64)[order]
+    one_sided = receivers.normals is not None
+    normals = np.zeros((0, 3)) if receivers.normals is None else _unit(receivers.normals)[order]
+    heights = (normals * points).sum(axis=1) if one_sided else np.zeros(0)
+    own = np.full(len(order), -1, np.int32) if receivers.polygons is None else receivers.polygons[order]
+    x, y, z = np.ascontiguousarray(points.T)
+    return Lit(x, y, z, normals, heights, one_sided, np.ascontiguousarray(own, np.int64))
+
+
+def _plane(emitter: Emitter) -> Float64:
+    """(4,): the height before the emitter, of the farthest back of its points."""
+    if emitter.normal is None:
+        return np.zeros(4)
+    normal = _unit(np.asarray(emitter.normal, np.float64))
+    return np.array([*normal, -np.min(emitter.points @ normal)])
+
+
+def _box(emitter: Emitter) -> Float64:
+    if emitter.box is not None:
+        return np.ascontiguousarray(emitter.box, np.float64).reshape(6)
+    return np.concatenate([emitter.points.min(axis=0), emitter.points.max(axis=0)])
+
+
+def _unit(vectors: Float64) -> Float64:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+@inner_kernel
+def before_emitter(lit, k, source):  # type: ignore[no-untyped-def]
+    """Receiver point k lies where the emitter shines."""
+    p = source.plane
+    return not source.one_sided or p[0] * lit.x[k] + p[1] * lit.y[k] + p[2] * lit.z[k] + p[3] > 0
+
+
+@inner_kernel
+def before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
+    """Sample s lies before receiver point k."""
+    if not lit.one_sided:
+        return True
+    n, a = lit.normals, source.points
+    return n[k, 0] * a[s, 0] + n[k, 1] * a[s, 1] + n[k, 2] * a[s, 2] > lit.heights[k]
+
+
+@kernel
+def _facing(source, lit, order, faces):  # type: ignore[no-untyped-def]
+    for k in range(len(order)):
+        for s in range(len(source.points)):
+            faces[order[k], s] = before_emitter(lit, k, source) and before_receiver(lit, k, source, s)

@@ -1,0 +1,275 @@
+"""What can stand between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
+
+Kernels. A list is a range of `Work`, and starts from the list of the group around, if there is one: shafts within
+shafts [SC, Future Work].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.hierarchy import Float64, Hierarchy, Int32
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.blockers import ENDS, never_hit
+from glpath.radiosity.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
+from glpath.radiosity.shaft import Strategy, Tree, encloses, form_shaft, gather, overlaps
+
+_KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
+    int(s) for s in (Strategy.KEEP_CLOSED, Strategy.ALWAYS_OPEN, Strategy.RATIO_OPEN)
+)
+
+
+class SearchTree(NamedTuple):
+    """`Tree`, with the way up."""
+
+    boxes: Float64
+    skip: Int32
+    first: Int32
+    items: Int32
+    order: Int32
+    parent: Int32
+    leaf_of: Int32
+
+    @classmethod
+    def of(cls, hierarchy: Hierarchy) -> SearchTree:
+        tree = Tree.of(hierarchy)
+        return cls(*tree, *_upwards(tree))
+
+
+class Settings(NamedTuple):
+    """`Options` for the kernels."""
+
+    strategy: int
+    ratio: float
+    open_enclosing: bool
+    coplanar: bool
+    tolerance: bool
+    coherency: bool
+    together: bool
+    object_boxes: bool
+    order: int
+    least_cut: float
+    longest: int
+    no_shaft_below: int
+    keep_closed_below: int
+    slack: float
+    size: float
+
+
+class Work(NamedTuple):
+    """Room that a thread works in.
+
+    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's
+                            own: nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf
+                            or -1
+    planes .. extent      : the latest shaft
+    a, b                  : its reference boxes
+    stack                 : of `gather`
+    mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
+    latest                : (2,) the latest shaft's number, and the latest blocker or -1
+    """
+
+    nodes: Int32
+    flags: NDArray[np.int8]
+    objects: Int32
+    planes: Float64
+    near: NDArray[np.int64]
+    extent: Float64
+    a: Float64
+    b: Float64
+    stack: Int32
+    mark: NDArray[np.int64]
+    latest: NDArray[np.int64]
+
+
+NUMBER, BLOCKER = 0, 1
+
+
+class CandidateRange(NamedTuple):
+    """Candidates in `Work`: their range, whether boxes are tested, and the number of the shaft (-1: of none)."""
+
+    begin: int
+    end: int
+    boxed: bool
+    number: int
+
+
+@kernel
+def _upwards(tree):  # type: ignore[no-untyped-def]
+    parent = np.full(len(tree.skip), -1, np.int32)
+    leaf_of = np.full(len(tree.order), -1, np.int32)
+    for node in range(len(tree.skip)):
+        child = node + 1
+        while child < tree.skip[node]:
+            parent[child] = node
+            child = tree.skip[child]
+        for i in range(tree.first[node], tree.first[node] + tree.items[node]):
+            leaf_of[tree.order[i]] = node
+    return parent, leaf_of
+
+
+@inner_kernel
+def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
+    """The largest height of boxes[i] over a plane (4,)."""
+    most = plane[3]
+    for k in range(3):
+        most += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
+    return most
+
+
+@kernel
+def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ignore[no-untyped-def]
+    """See `Visibility.emitter_list`.
+
+    leaf     : of the emitter's polygon, left out; -1 where it has none
+    touching : the flag of what overlaps the emitter's box
+    """
+    size = len(tree.skip)
+    found = np.empty(size, np.int32)
+    flags = np.empty(size, np.int8)
+    n = 0
+    if not size:
+        return found, flags
+    pending = np.empty(size, np.int32)
+    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or
+    # that has a larger box than its polygon, starts at the root.
+    below = leaf
+    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
+    if node < 0:
+        pending[0] = 0
+        node, below, waiting = -1, -1, 1
+    else:
+        waiting = 0
+    while True:
+        if node >= 0:
+            child = node + 1
+            while child < tree.skip[node]:
+                if child != below:
+                    pending[waiting] = child
+                    waiting += 1
+                child = tree.skip[child]
+        while waiting:
+            waiting -= 1
+            item = pending[waiting]
+            if item == leaf or (behind and highest(tree.boxes, item, plane) < 0):
+                continue
+            opened = wanted and tree.items[item] == 0 and encloses(tree.boxes, item, box)
+            if opened:
+                child = item + 1
+                while child < tree.skip[item]:
+                    pending[waiting] = child
+                    waiting += 1
+                    child = tree.skip[child]
+            else:
+                touches = overlaps(tree.boxes, item, box)
+                found[n] = item
+                flags[n] = -1 if encloses(tree.boxes, item, box) else (touching if touches else 0)
+                n += 1
+        if node < 0:
+            break
+        below, node = node, tree.parent[node]
+    return found[:n].copy(), flags[:n].copy()
+
+
+@inner_kernel
+def objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
+    """Note which candidates are single polygons; leave out those that can't block between work.a and work.b.
+
+    Returns the new end, and whether boxes are left.
+    """
+    items, first, order = tree.items, tree.first, tree.order
+    nodes, flags, objects, a, b = work.nodes, work.flags, work.objects, work.a, work.b
+    forms, kinds, length = polygons.forms, polygons.flags, polygons.length
+    n = begin
+    boxed = object_boxes
+    for i in range(begin, end):
+        node = np.int64(nodes[i])
+        x = np.int64(-1)
+        if items[node] == 1:
+            x = np.int64(order[first[node]])
+            if (x == own_a) | (x == own_b):
+                continue
+            if coplanar and never_hit(x, a, b, forms, kinds, length, size):
+                continue
+        else:
+            boxed = True
+        nodes[n], flags[n], objects[n] = node, flags[i], x
+        n += 1
+    return n, boxed
+
+
+@kernel
+def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
+    """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
+    n = end - begin
+    keys = np.empty(n)
+    extent = work.extent
+    for i in range(n):
+        box = tree.boxes[work.nodes[begin + i]]
+        x = min(box[3], extent[3]) - max(box[0], extent[0])
+        y = min(box[4], extent[4]) - max(box[1], extent[1])
+        z = min(box[5], extent[5]) - max(box[2], extent[2])
+        keys[i] = -(x * y + y * z + z * x)
+    by = np.argsort(keys, kind="mergesort")
+    nodes, flags, objects = (
+        work.nodes[begin:end].copy(),
+        work.flags[begin:end].copy(),
+        work.objects[begin:end].copy(),
+    )
+    for i in range(n):
+        work.nodes[begin + i] = nodes[by[i]]
+        work.flags[begin + i] = flags[by[i]]
+        work.objects[begin + i] = objects[by[i]]
+
+
+@kernel
+def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
+    """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
+    share = ENDS if settings.tolerance else 0.0
+    for k in range(6):
+        # The points that lie this share along the segments from all of one box to all of the other.
+        emitter, receiver = source.box[k], groups.boxes[group, k]
+        work.a[k] = emitter + share * (receiver - emitter)
+        work.b[k] = receiver + share * (emitter - receiver)
+    work.latest[NUMBER] += 1
+    number = work.latest[NUMBER]
+    strategy = settings.strategy
+    if rays_of(source, groups, group) < settings.keep_closed_below:
+        strategy = _KEEP_CLOSED
+    n = form_shaft(
+        work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
+    )  # fmt: skip
+    size, tests = gather(
+        tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,
+        n, strategy, settings.ratio, settings.open_enclosing, work.mark, number, work.stack, work.nodes, work.flags,
+        parent.end, settings.longest if strategy == _ALWAYS_OPEN else len(tree.skip),
+    )  # fmt: skip
+    if size < 0:  # too many to test one by one: keep boxes of them
+        size, more = gather(
+            tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes,
+            work.near, n, _RATIO_OPEN, settings.ratio, settings.open_enclosing, work.mark, number, work.stack,
+            work.nodes, work.flags, parent.end, len(tree.skip),
+        )  # fmt: skip
+        tests += more
+    end, boxed = objects_of(
+        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon,
+        groups.polygon[group], parent.end, size, work,
+    )  # fmt: skip
+    if leaf and settings.order == LARGEST_FIRST:
+        _largest_first(tree, parent.end, end, work)
+    counts[SHAFTS] += 1
+    counts[SHAFT_TESTS] += tests
+    if end == parent.end:
+        counts[EMPTY] += 1
+    elif leaf:
+        counts[LISTS] += 1
+        counts[CANDIDATES] += end - parent.end
+    return CandidateRange(parent.end, end, boxed, number)
+
+
+@inner_kernel
+def rays_of(source, groups, group):  # type: ignore[no-untyped-def]
+    return (groups.end[group] - groups.begin[group]) * len(source.points)
