@@ -10,6 +10,6 @@ from glpath.figures.outcome import Outcome, Say
 Make = Callable[[float, Say], Outcome]
 
 FIGURES: dict[str, tuple[Make, str]] = {}
-FIGURES |= path_buffer.FIGURES
 FIGURES |= t_buffer.FIGURES
 FIGURES |= shaft.FIGURES
+FIGURES |= path_buffer.FIGURES
