@@ -63,6 +63,15 @@ class EyeHits:
         return np.asarray(picture.mean(axis=2))
 
     @property
+    def position(self) -> Float64:
+        """(H, W, k * k, 3): where the rays end; NaN where they meet nothing."""
+        c = self.scene.triangles[self.triangle]
+        b = self.barycentric[..., None]
+        along, across = c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :]
+        where = c[..., 0, :] + b[..., 0, :] * along + b[..., 1, :] * across
+        return np.where(self.triangle[..., None] >= 0, where, np.nan)
+
+    @property
     def reflecting(self) -> NDArray[np.bool_]:
         """(H, W): pixels that show neither a lamp nor what lies beyond the scene, nor do their neighbours."""
         lamps = np.array([shape.emits for shape in self.scene.shapes])
@@ -71,9 +80,12 @@ class EyeHits:
 
     def only(self, shape: str) -> NDArray[np.bool_]:
         """(H, W): pixels that show the shape of that name alone, as do their neighbours."""
-        names = [s.name for s in self.scene.shapes]
-        number = np.append(self.scene.triangle_shape, -1)[self.triangle]
-        return _inner((number == names.index(shape)).all(axis=2))
+        return _inner(self.shape(shape).all(axis=2))
+
+    def shape(self, name: str) -> NDArray[np.bool_]:
+        """(H, W, k * k): rays that meet the shape of that name."""
+        names = [shape.name for shape in self.scene.shapes]
+        return np.asarray(np.append(self.scene.triangle_shape, -1)[self.triangle] == names.index(name))
 
     def element(self, solution: RadiositySolution) -> NDArray[np.int64]:
         """(H, W): the element that all rays of a pixel meet; -1 where they differ."""
