@@ -401,7 +401,7 @@ def test_without_flip_evaluator_all_else_works(run: Run, suite, monkeypatch: pyt
 def test_the_example_project_passes_and_finds_a_change(run: Run, pytester: pytest.Pytester) -> None:
     shutil.copytree(Path(__file__).parent / "example_project", pytester.path, dirs_exist_ok=True)
     run().assert_outcomes(passed=4)
-    assert len(list((pytester.path / "baseline/test_room").glob("*.exr"))) == 5
+    assert len(list((pytester.path / "baseline/test_example").glob("*.exr"))) == 5
     scene = pytester.path / "room.toml"
     scene.write_text(scene.read_text().replace("min = [-0.6, 0, -0.5]", "min = [-0.5, 0, -0.5]"))
     result = run()

@@ -313,7 +313,7 @@ def test_tests_are_counted_exactly() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"integrator": "rays"}, "path, classic, t-buffer"),
+        ({"integrator": "rays"}, "path, gather, classic, t-buffer"),
         ({"integrator": "classic", "directions": "pair"}, "directions"),
         ({"integrator": "path", "shadows": "cube"}, "shadows"),
         ({"shadows": "pyramid"}, "rays, sphere, cube"),
