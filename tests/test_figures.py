@@ -89,8 +89,8 @@ def test_without_a_folder_it_goes_to_out_figures(scales, tmp_path: Path, monkeyp
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer-5"),
-        (["t-buffer-99"], "'t-buffer-99'; allowed are path-buffer-5"),
+        ([], "no name; allowed are t-buffer-9"),
+        (["t-buffer-99"], "'t-buffer-99'; allowed are t-buffer-9"),
         (["t-buffer-9", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
         (["t-buffer-9", "--scale", "2"], "--scale 2: must be above 0"),
         (["t-buffer-9", "--scale", "nan"], "--scale nan: must be above 0"),

@@ -16,7 +16,9 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-import glpath.pytest_plugin.report  # loaded here once: pytester unloads what a run of its own has loaded
+# Loaded here once: pytester unloads what a run of its own has loaded, and numba cannot be loaded twice.
+import glpath.hierarchy
+import glpath.pytest_plugin.report
 import glpath.rendering  # noqa: F401
 from glpath.compare import Picture
 from glpath.image import read_image, write_exr
