@@ -16,11 +16,11 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-# Loaded here once: pytester unloads what a run of its own has loaded, and numba cannot be loaded twice.
-import glpath.hierarchy
+# Loaded here once: pytester unloads what a run of its own has loaded.
 import glpath.pytest_plugin.report
 import glpath.rendering  # noqa: F401
 from glpath.compare import Picture
+from glpath.hierarchy import build_hierarchy
 from glpath.image import read_image, write_exr
 
 pytest_plugins = ["pytester"]
@@ -50,6 +50,7 @@ def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the suite in pytester's folder, by default not as CI."""
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
+    build_hierarchy(np.zeros((2, 3)), np.ones((2, 3)))  # numba loads parts of itself late, and none of them twice
 
     def run_with(*options: str | Path) -> pytest.RunResult:
         return pytester.runpytest_inprocess(*LOADED, *map(str, options))
