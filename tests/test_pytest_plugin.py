@@ -45,12 +45,17 @@ def test_grey(render_regression):
 """
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _numba_is_loaded() -> None:
+    """It loads parts of itself late, and none of them twice."""
+    build_hierarchy(np.zeros((2, 3)), np.ones((2, 3)))
+
+
 @pytest.fixture
 def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the suite in pytester's folder, by default not as CI."""
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
-    build_hierarchy(np.zeros((2, 3)), np.ones((2, 3)))  # numba loads parts of itself late, and none of them twice
 
     def run_with(*options: str | Path) -> pytest.RunResult:
         return pytester.runpytest_inprocess(*LOADED, *map(str, options))
