@@ -4,6 +4,7 @@
 
 SPP    ?= 128
 BENCH  ?= path-buffer
+JOBS   ?= auto
 PYTHON ?=
 export PYTHON
 
@@ -16,15 +17,16 @@ STAMPS := .venv/.glpath
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' Makefile
-	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), PYTHON=python3.12 (which one to use)"
+	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), JOBS=auto (make test: processes),"
+	@echo "           PYTHON=python3.12 (which one to use)"
 
 render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png and .exr
 	@mkdir -p out
 	$(BIN)/glpath render cornell-box -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
 
 test: lint ## set up, check the style and the types, run the test suite and the notebooks
-	$(BIN)/python -m pytest -m "not evidence"
-	$(BIN)/python -m pytest --nbmake --nbmake-timeout=240 notebooks
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence"
+	$(BIN)/python -m pytest -n $(JOBS) --nbmake --nbmake-timeout=240 notebooks
 
 lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/ruff check .
