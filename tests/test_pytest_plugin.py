@@ -389,7 +389,7 @@ def test_the_plugin_loads_nothing_until_a_picture_is_compared(pytester: pytest.P
 
 def test_only_one_fixture_is_registered(run: Run, suite) -> None:
     suite(GREY.format(level=0.5))
-    listed = re.findall(r"^(\w+).* -- .*glpath", run("--fixtures").stdout.str(), re.MULTILINE)
+    listed = re.findall(r"^(\w+).* -- .*glpath/pytest_plugin/", run("--fixtures").stdout.str(), re.MULTILINE)
     assert listed == ["render_regression"]
 
 
