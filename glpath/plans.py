@@ -55,6 +55,9 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
 # From this share of lost rays on, the picture is noisier than its path sets let expect.
 _CROWDED = 0.25
 
+# Each triangle is a patch at least. With so many, particles are sooner done than patches have shot.
+_MANY_PATCHES = 4000
+
 
 class Engine(Protocol):
     """What a render asks of an integrator. A window is (x, y, width, height) in pixels, y from the top."""
@@ -216,7 +219,7 @@ class _Gathering:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         # All of radiosity is slow to import.
         from glpath.radiosity.solution import RadiositySolution
-        from glpath.radiosity.solve import RadiosityProgress, solve_radiosity
+        from glpath.radiosity.solve import Method, RadiosityProgress, solve_radiosity
 
         def report(progress: RadiosityProgress) -> None:
             unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
@@ -225,7 +228,8 @@ class _Gathering:
         solution = self.given
         if solution is None:
             say("solving radiosity")
-            solution = solve_radiosity(scene, on_progress=report)
+            method: Method = "monte-carlo" if len(scene.triangles) > _MANY_PATCHES else "progressive"
+            solution = solve_radiosity(scene, method=method, on_progress=report)
         elif isinstance(solution, Path):
             solution = RadiositySolution.load(solution)
         solution.check_scene(scene)

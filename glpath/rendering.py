@@ -120,7 +120,7 @@ def render(
     Of "gather" only:
 
     radiosity      : a `RadiositySolution` of the scene (whatever its camera), or the file of one; None: the scene
-                     is solved first, see `solve_radiosity`
+                     is solved first, see `solve_radiosity`; by Monte Carlo from 4000 triangles on
     radiosity_lookup : "interpolated" between the vertices of an element, or "constant" over it
 
     Of "t-buffer" and "classic" only:

@@ -310,3 +310,18 @@ def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: p
     with pytest.raises(glpath.RenderInterrupted) as caught:
         gather(plates(), None, spp=4)
     assert caught.value.film.path_sets == 0
+
+
+@pytest.mark.parametrize(("scene", "method"), [("cornell-box-36", "progressive"), ("room", "monte-carlo")])
+def test_a_large_scene_is_solved_by_particles(monkeypatch: pytest.MonkeyPatch, scene: str, method: str) -> None:
+    """Every triangle of the room would have to shoot: minutes, where particles take seconds."""
+    asked = []
+
+    def solve(_: object, **options: object) -> None:
+        asked.append(options["method"])
+        raise glpath.UsageError("enough")
+
+    monkeypatch.setattr("glpath.radiosity.solve.solve_radiosity", solve)
+    with pytest.raises(glpath.UsageError, match="enough"):
+        glpath.render(scene, integrator="gather", spp=1, resolution=(8, 8))
+    assert asked == [method]
