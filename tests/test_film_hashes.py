@@ -1,0 +1,107 @@
+"""The bits of a dozen films, all engines: nothing inside may move a picture unnoticed.
+
+Bits are those of one device; `tests/data/film_hashes.json` has them by its name, and on another one there is nothing
+to compare with. Where a change moves a picture on purpose, `python -m tests.test_film_hashes` writes the file anew,
+and the commit says which and why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.film import Film
+from glpath.gl.context import get_context
+
+STORED = Path(__file__).parent / "data" / "film_hashes.json"
+
+SMALL = {"resolution": (48, 36), "spp": 4}
+
+FILMS: dict[str, dict[str, object]] = {
+    "path-cornell-box": {"scene": "cornell-box", **SMALL},
+    "path-cornell-box-36-depth-1": {"scene": "cornell-box-36", "max_depth": 1, **SMALL},
+    "path-cornell-box-36-hemisphere": {"scene": "cornell-box-36", "directions": "hemisphere", "seed": 3, **SMALL},
+    "path-cornell-box-36-paper": {
+        "scene": "cornell-box-36",
+        "directions": "sphere",
+        "sampling": "random",
+        "ambient": 0.1,
+        **SMALL,
+    },
+    "path-cornell-box-36-crop": {"scene": "cornell-box-36", "crop": (10, 5, 20, 18), "roulette": 2, **SMALL},
+    "path-room": {"scene": "room", "max_depth": 3, **SMALL},
+    "gather-cornell-box-36": {"scene": "cornell-box-36", "integrator": "gather", **SMALL},
+    "gather-cornell-box-36-constant": {
+        "scene": "cornell-box-36",
+        "integrator": "gather",
+        "radiosity_lookup": "constant",
+        "max_depth": 3,
+        **SMALL,
+    },
+    "t-buffer-three-spheres": {"scene": "three-spheres", "integrator": "t-buffer", **SMALL},
+    "t-buffer-three-spheres-cube": {
+        "scene": "three-spheres",
+        "integrator": "t-buffer",
+        "shadows": "cube",
+        "shadow_resolution": 128,
+        **SMALL,
+    },
+    "classic-three-spheres-sphere": {
+        "scene": "three-spheres",
+        "integrator": "classic",
+        "shadows": "sphere",
+        "shadow_resolution": 128,
+        "shadow_test": "identity",
+        **SMALL,
+    },
+    "t-buffer-stacked-triangles": {
+        "scene": "stacked",
+        "parameters": {"kind": "triangle", "objects": 40000, "ground": True},
+        "integrator": "t-buffer",
+        **SMALL,
+    },
+    "classic-stacked-spheres": {
+        "scene": "stacked",
+        "parameters": {"objects": 50},
+        "integrator": "classic",
+        **SMALL,
+    },
+}
+
+
+def device() -> str:
+    info = get_context().info
+    return f"{info.renderer}, {info.driver}"
+
+
+def film_of(name: str) -> Film:
+    options = dict(FILMS[name])
+    if options.get("integrator") == "gather":
+        # Particles are the same on every machine; quadrature rests on how many threads there are.
+        options["radiosity"] = glpath.solve_radiosity(
+            str(options["scene"]), method="monte-carlo", patches=200, particles=32768
+        )
+    return glpath.render(**options)  # type: ignore[arg-type]
+
+
+def film_hash(film: Film) -> str:
+    return hashlib.sha256(np.ascontiguousarray(film.radiance_sums, "<f8").tobytes()).hexdigest()
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_a_film_has_the_bits_that_it_had(name: str):
+    stored = json.loads(STORED.read_text()).get(device())
+    if stored is None:
+        pytest.skip(f"no bits are stored of {device()}")
+    assert film_hash(film_of(name)) == stored[name]
+
+
+if __name__ == "__main__":
+    known = json.loads(STORED.read_text()) if STORED.exists() else {}
+    known[device()] = {name: film_hash(film_of(name)) for name in FILMS}
+    STORED.write_text(json.dumps(known, indent=2) + "\n")
