@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from glpath.cli.main import app
 from glpath.figures import path_buffer
-from glpath.figures.radiosity_view import EyeHits, mesh_step
+from glpath.figures.mesh_step import mesh_step
 from glpath.radiosity import RadiositySolution, lattice
+from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene, load_scene
 from glpath.scene.room import POSTS
 

@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from glpath.figures.mesh_step import mesh_step
 from glpath.figures.outcome import Outcome, Rows, Say, judged
-from glpath.figures.radiosity_view import EyeHits, mesh_step
 from glpath.figures.style import pictures
 from glpath.image import tonemap
 from glpath.measure import Condition
 from glpath.radiosity import RadiositySolution, solve_radiosity
+from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
 from glpath.scene import Scene, load_scene
 from glpath.scene.model import Float64

@@ -21,7 +21,7 @@ from glpath.radiosity.options import (
     RAYS,
 )
 from glpath.radiosity.points import SEVERAL
-from glpath.radiosity.search import BLOCKER, CandidateRange, Work, highest, objects_of, rays_of, shaft_list
+from glpath.radiosity.search import BLOCKER, CandidateRange, Work, highest, objects_of, ray_count, shaft_list
 from glpath.radiosity.shaft import empty_shaft, empty_stack
 
 
@@ -349,7 +349,7 @@ def cast_groups(  # type: ignore[no-untyped-def]
             group = groups.skip[group]
             continue
         found = lists[-1]
-        built = settings.strategy < 0 or rays_of(source, groups, group) < settings.no_shaft_below
+        built = settings.strategy < 0 or ray_count(source, groups, group) < settings.no_shaft_below
         if groups.skip[group] > group + 1:
             if not built:
                 found = shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass, replace
+from typing import Any
 
-from glpath.hierarchy import Float64
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import binary_erosion
+
+from glpath.kernels import kernel
+from glpath.radiosity import lattice
+from glpath.radiosity.rays import nearest, rays_of
 from glpath.radiosity.solution import Lookup, RadiositySolution
 from glpath.scene import Scene, path_traceable
-from glpath.scene.preview import first_hits
+from glpath.scene.model import Float64
 
 
 def picture(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpolated") -> Float64:
@@ -19,22 +26,96 @@ def picture(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpo
     Black where nothing is seen. Raises SceneError for a solution of another scene, UsageError for another lookup.
     """
     solution.check_scene(scene)
-    traced = path_traceable(scene)
-    triangle, distance = first_hits(traced)
-    seen = triangle >= 0
-    number, rays = triangle[seen], traced.camera.rays()[seen]
-    places = traced.camera.position + distance[seen, None] * rays
-    corners = traced.triangles[number]
-    edges = corners[:, 1:] - corners[:, :1]
-    # Least squares, as a place is never quite in the plane.
-    gram = np.einsum("nik,njk->nij", edges, edges)
-    along = np.einsum("nik,nk->ni", edges, places - corners[:, 0])
-    barycentric = np.linalg.solve(gram, along[..., None])[..., 0]
-    back = (np.einsum("ij,ij->i", traced.normals[number], rays) > 0).astype(np.int64)
-    shape = traced.triangle_shape[number]
-    emission = np.array([s.emission for s in traced.shapes])[shape]
-    sides = np.array([s.emission_two_sided for s in traced.shapes])[shape]
-    emitted = emission * ((back == 0) | sides)[:, None]
-    image = np.zeros((*triangle.shape, 3))
-    image[seen] = emitted + solution.lookup(number, barycentric, back, lookup) / np.pi
-    return image
+    return EyeHits.of(scene, 1).radiance(solution, lookup)
+
+
+@dataclass(frozen=True)
+class EyeHits:
+    """What rays through a picture meet: k x k of them in every pixel, at the middles of its k x k parts.
+
+    triangle    : (H, W, k * k) int64, -1 for nothing
+    barycentric : (H, W, k * k, 2) float64, b1 and b2
+    back        : (H, W, k * k) int64, 1 where the back is seen
+    """
+
+    scene: Scene
+    triangle: NDArray[np.int64]
+    barycentric: Float64
+    back: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, scene: Scene, k: int = 4) -> EyeHits:
+        """Of a scene, seen by its camera."""
+        triangles = path_traceable(scene)
+        camera = triangles.camera
+        width, height = camera.resolution
+        fine = replace(camera, resolution=(width * k, height * k)).rays()
+        ways = fine.reshape(height, k, width, k, 3).swapaxes(1, 2).reshape(-1, 3)
+        hit, found = _first_hits(rays_of(triangles), np.asarray(camera.position, float), ways)
+        back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
+        shape = (height, width, k * k)
+        return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
+
+    def radiance(self, solution: RadiositySolution, mode: Lookup) -> Float64:
+        """(H, W, 3) radiance: what is emitted and what the solution says is reflected, each pixel the mean."""
+        seen = self.triangle >= 0
+        t, back = self.triangle[seen], self.back[seen]
+        shapes = self.scene.shapes
+        emission = np.array([shape.emission for shape in shapes])
+        both = np.array([shape.emission_two_sided for shape in shapes])
+        shape = self.scene.triangle_shape[t]
+        shining = (back == 0) | both[shape]
+        picture = np.zeros((*self.triangle.shape, 3))
+        reflected = solution.lookup(t, self.barycentric[seen], back, mode)
+        picture[seen] = reflected / np.pi + np.where(shining[:, None], emission[shape], 0)
+        return np.asarray(picture.mean(axis=2))
+
+    @property
+    def position(self) -> Float64:
+        """(H, W, k * k, 3): where the rays end; NaN where they meet nothing."""
+        c = self.scene.triangles[self.triangle]
+        b = self.barycentric[..., None]
+        along, across = c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :]
+        where = c[..., 0, :] + b[..., 0, :] * along + b[..., 1, :] * across
+        return np.where(self.triangle[..., None] >= 0, where, np.nan)
+
+    @property
+    def reflecting(self) -> NDArray[np.bool_]:
+        """(H, W): pixels that show neither a lamp nor what lies beyond the scene, nor do their neighbours."""
+        lamps = np.array([shape.emits for shape in self.scene.shapes])
+        lamp = np.append(lamps[self.scene.triangle_shape], True)
+        return _inner(np.logical_not(lamp[self.triangle].any(axis=2)))
+
+    def only(self, shape: str) -> NDArray[np.bool_]:
+        """(H, W): pixels that show the shape of that name alone, as do their neighbours."""
+        return _inner(self.shape(shape).all(axis=2))
+
+    def shape(self, name: str) -> NDArray[np.bool_]:
+        """(H, W, k * k): rays that meet the shape of that name."""
+        names = [shape.name for shape in self.scene.shapes]
+        return np.asarray(np.append(self.scene.triangle_shape, -1)[self.triangle] == names.index(name))
+
+    def element(self, solution: RadiositySolution) -> NDArray[np.int64]:
+        """(H, W): the element that all rays of a pixel meet; -1 where they differ."""
+        t = self.triangle.ravel()
+        b = self.barycentric.reshape(-1, 2)
+        n = solution.divisions.astype(np.int64)[t]
+        i, j, upper, _, _ = lattice.locate(n, b[:, 0], b[:, 1])
+        found = solution.first_element[t] + lattice.element_index(n, i, j, upper)
+        found = np.where(t >= 0, found, -1).reshape(self.triangle.shape)
+        same = (found == found[..., :1]).all(axis=2)
+        return np.asarray(np.where(same, found[..., 0], -1))
+
+
+def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
+    """Those whose neighbours are of them too: a render's rays go nearer to a pixel's edge than those here."""
+    return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
+
+
+@kernel
+def _first_hits(rays: Any, origin: Any, ways: Any) -> Any:
+    hit = np.empty(len(ways), np.int64)
+    found = np.zeros((len(ways), 3))
+    for i in range(len(ways)):
+        hit[i] = nearest(rays, origin, ways[i], -1, found[i])
+    return hit, found

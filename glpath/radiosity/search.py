@@ -237,7 +237,7 @@ def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, wo
     work.latest[NUMBER] += 1
     number = work.latest[NUMBER]
     strategy = settings.strategy
-    if rays_of(source, groups, group) < settings.keep_closed_below:
+    if ray_count(source, groups, group) < settings.keep_closed_below:
         strategy = _KEEP_CLOSED
     n = form_shaft(
         work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
@@ -271,5 +271,5 @@ def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, wo
 
 
 @inner_kernel
-def rays_of(source, groups, group):  # type: ignore[no-untyped-def]
+def ray_count(source, groups, group):  # type: ignore[no-untyped-def]
     return (groups.end[group] - groups.begin[group]) * len(source.points)
