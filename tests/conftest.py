@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
-from collections.abc import Callable, Sequence
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
 
 import hypothesis
 import numpy as np
@@ -15,6 +18,20 @@ from glpath.film import Film, FilmMetadata, blocks
 collect_ignore = ["example_project"]
 
 MakeFilm = Callable[..., Film]
+
+
+@pytest.fixture(autouse=True)
+def no_gl_error() -> Iterator[None]:
+    """A test that leaves a GL error behind fails, as moderngl looks for none itself."""
+    yield
+    # Most tests make no context; asking for one would cost more than they do.
+    module = sys.modules.get("glpath.gl.context")
+    context = module._context if module else None
+    if context is None or (context.pid, context._thread) != (os.getpid(), threading.get_ident()):
+        return
+    error = context.gl.error
+    assert error == "GL_NO_ERROR", f"the test left {error} behind"
+
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import glpath.gl.program as program
 from glpath.errors import ShaderError
 from glpath.gl.context import get_context
 
+pytest_plugins = ["pytester"]
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -60,3 +61,28 @@ def test_text_from_python_stands_where_the_shader_asks_for_it(folder: Path) -> N
 def test_every_shader_file_says_what_it_is_in_its_first_line() -> None:
     for path in program.shader_folder().iterdir():
         assert path.read_text().startswith(f"// {path.name}: "), path
+
+
+def test_a_draw_without_a_value_for_a_uniform_is_refused(folder: Path) -> None:
+    """It would be 0, or what another draw with the same program left there."""
+    (folder / "a.frag").write_text("uniform float a, b;\nout vec4 o;\nvoid main() { o = vec4(a + b); }\n")
+    drawn = load("a.frag")
+    drawn.set({"a": 1.0, "b": 2.0, "of another pass": 3.0})
+    with pytest.raises(AssertionError, match=r"no value for the uniforms \['b'\]"):
+        drawn.set({"a": 1.0})
+
+
+def test_a_test_that_leaves_a_gl_error_behind_fails(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        from glpath.gl.context import get_context
+
+        def test_an_enum_that_does_not_exist():
+            get_context().gl.enable_direct(1)
+
+        def test_nothing():
+            pass
+    """)
+    pytester.makeconftest((Path(__file__).parent / "conftest.py").read_text())
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(passed=2, errors=1)
+    result.stdout.fnmatch_lines("*the test left GL_INVALID_ENUM behind*")

@@ -131,7 +131,13 @@ class Program:
                 self._uniforms[name] = member
 
     def set(self, uniforms: Mapping[str, object]) -> None:
-        """Set those of the given uniforms that this program uses: numbers, or tuples for vectors."""
+        """Set those of the given uniforms that this program uses: numbers, or tuples for vectors.
+
+        All that it uses must be given, as a family of passes shares one mapping and programs are shared too: what
+        is not there would be 0, or whatever the draw before had.
+        """
+        missing = self._uniforms.keys() - uniforms.keys()
+        assert not missing, f"{self.label}: no value for the uniforms {sorted(missing)}"
         for name, value in uniforms.items():
             uniform = self._uniforms.get(name)
             # Most stay as they were from set to set, and a call into GL costs more than a comparison.
