@@ -33,7 +33,6 @@ def no_gl_error() -> Iterator[None]:
     assert error == "GL_NO_ERROR", f"the test left {error} behind"
 
 
-
 @pytest.fixture
 def make_film() -> MakeFilm:
     """A maker of films as a path tracer makes them: `make_film(ranges, size, **metadata)`.

@@ -1,8 +1,8 @@
 """The bits of a dozen films, all engines: nothing inside may move a picture unnoticed.
 
-Bits are those of one device; `tests/data/film_hashes.json` has them by its name, and on another one there is nothing
-to compare with. Where a change moves a picture on purpose, `python -m tests.test_film_hashes` writes the file anew,
-and the commit says which and why.
+Bits are those of one device; `tests/data/film_hashes.json` has them by its name, and on another one there is
+nothing to compare with. Where a change moves a picture on purpose, `python -m tests.test_film_hashes` writes the
+file anew, and the commit says which and why.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from glpath.gl.context import get_context
 
 pytest_plugins = ["pytester"]
 
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(program, "shader_folder", lambda: tmp_path)
