@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# Where each public name lives. The module of `render` is called `rendering`, as a module `glpath.render` would take
-# the function's place in this package whenever somebody imports from it.
+# Where each public name lives. `render` lives in `rendering`, as a module `glpath.render` would take the function's
+# place in this package whenever somebody imports from it.
 _HOME = {
     "ContextError": "errors",
     "Film": "film",

@@ -25,8 +25,9 @@ from glpath import image
 from glpath.errors import GlpathError, SceneError
 from glpath.figures.candidates import ShaftScene
 from glpath.gl.context import Context, get_context
-from glpath.plans import DEFAULT_SPP, Engine, Integrator, check_count, numbers, plan
 from glpath.radiosity import Strategy
+from glpath.rendering.factory import DEFAULT_SPP, Engine, Integrator, plan
+from glpath.rendering.options import check_count, numbers
 from glpath.scene import Camera, Scene, check_camera, load_scene, path_traceable
 
 try:

@@ -13,12 +13,14 @@ from reference.closed_forms import furnace_radiance
 from reference.numpy_path_tracer import nearest_hits
 
 import glpath
-from glpath import RadiositySolution, plans, rendering
+from glpath import RadiositySolution, rendering
 from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.gpu_scene import GpuScene
 from glpath.integrators.gather import GatherSettings, GatherTracer, gpu_radiosity
 from glpath.radiosity import lattice
+from glpath.rendering import tiles
+from glpath.rendering.factory import DEFAULT_DEPTH
 from glpath.sampling import PathSetSampler, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
@@ -195,7 +197,7 @@ def test_a_crop_and_tiles_are_the_picture(monkeypatch: pytest.MonkeyPatch) -> No
     whole = gather(BOX, solution, spp=64, resolution=size).mean
     crop = gather(BOX, solution, spp=64, resolution=size, crop=(11, 5, 20, 30)).mean
     assert relative_mse(crop, whole[5:35, 11:31]) < 4e-3
-    monkeypatch.setattr(rendering, "MAX_PATHS", 300)
+    monkeypatch.setattr(tiles, "MAX_PATHS", 300)
     assert relative_mse(gather(BOX, solution, spp=64, resolution=size).mean, whole) < 4e-3
 
 
@@ -265,7 +267,7 @@ def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
     film = gather(BOX, even(load_scene(BOX), 1.0), spp=2, resolution=(16, 16), timings=True)
     stages = film.metadata.statistics["stage_ms"]
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
-    assert film.metadata.max_depth == plans.DEFAULT_DEPTH["gather"] == 2
+    assert film.metadata.max_depth == DEFAULT_DEPTH["gather"] == 2
     assert film.metadata.statistics["paths_cast"] <= 2 * 16 * 16
 
 

@@ -18,7 +18,7 @@ import pytest
 
 # Loaded here once: pytester unloads what a run of its own has loaded.
 import glpath.pytest_plugin.report
-import glpath.rendering  # noqa: F401
+import glpath.rendering.calls  # noqa: F401
 from glpath.compare import Picture
 from glpath.hierarchy import build_hierarchy
 from glpath.image import read_image, write_exr

@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath import rendering
 from glpath.compare import relative_mse
+from glpath.rendering import tiles
 
 BOX = "cornell-box-36"
 
 
 @pytest.mark.parametrize("window", [(0, 0, 7, 5), (3, 2, 4000, 900), (0, 0, 1, 3000), (0, 0, 3000, 1)])
 def test_tiles_of_one_size_cover_the_window_once(window: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rendering, "MAX_PATHS", 1 << 16)
+    monkeypatch.setattr(tiles, "MAX_PATHS", 1 << 16)
     x, y, width, height = window
     covered = np.zeros((height, width), int)
-    tiles = rendering._tiles(window, limit=512)
-    for tile in tiles:
+    found = tiles.cover(window, limit=512)
+    for tile in found:
         tx, ty, w, h = tile.window
-        assert (w, h) == tiles[0].window[2:]
+        assert (w, h) == found[0].window[2:]
         assert w * h <= 1 << 16
         assert max(w, h) <= 512
         assert x <= tx <= tx + w <= x + width
@@ -42,7 +42,7 @@ def test_tiles_of_one_size_cover_the_window_once(window: Any, monkeypatch: pytes
 
 def test_a_picture_in_tiles_is_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = glpath.render(BOX, spp=64, max_depth=1, resolution=(50, 40)).mean
-    monkeypatch.setattr(rendering, "MAX_PATHS", 300)
+    monkeypatch.setattr(tiles, "MAX_PATHS", 300)
     tiled = glpath.render(BOX, spp=64, max_depth=1, resolution=(50, 40)).mean
     # Rounding may put a sample on the other side of an edge.
     assert np.mean(np.abs(tiled - whole).max(axis=-1) > 1e-3 * whole.max()) < 0.01

@@ -12,6 +12,7 @@ from reference import numpy_ray_tracer
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.rendering import tiles
 from glpath.sampling import pixel_place
 from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture
 
@@ -209,7 +210,7 @@ def test_shadow_buffers_come_close_to_shadow_rays(shadows: str) -> None:
 def test_tiles_have_the_bits_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     options: dict[str, Any] = {"integrator": "t-buffer", "spp": 3, "max_depth": 3, "count_tests": True}
     whole = glpath.render(everything(), **options)
-    monkeypatch.setattr(glpath.rendering, "MAX_PATHS", 700)
+    monkeypatch.setattr(tiles, "MAX_PATHS", 700)
     tiled = glpath.render(everything(), **options)
     np.testing.assert_array_equal(tiled.mean, whole.mean)
 

@@ -17,7 +17,7 @@ from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError
 from glpath.image import read_image
 from glpath.integrators.path_stages import PathStages
-from glpath.plans import Engine
+from glpath.rendering.factory import Engine
 from glpath.scene import load_scene
 from glpath.scene.model import Float64, Scene
 

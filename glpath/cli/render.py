@@ -247,7 +247,7 @@ def render(
     from glpath.integrators.gather import Lookup
     from glpath.integrators.path_stages import Directions
     from glpath.integrators.whitted import Secondary, Shadows
-    from glpath.plans import DEFAULT_SPP, Integrator
+    from glpath.rendering.factory import DEFAULT_SPP, Integrator
     from glpath.sampling import Sampling
     from glpath.scene import load_scene, parameters_from_options
 

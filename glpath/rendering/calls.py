@@ -1,52 +1,35 @@
-"""One render: a scene, an engine and a film, from the first path set to the last.
-
-(`rendering`, not `render`: a module of that name would take the place of the function `glpath.render`.)
-"""
+"""`glpath.render` and `glpath.render_frames`."""
 
 from __future__ import annotations
 
-import math
-import signal
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from glpath.buffers.path_buffer import MAX_PATHS
 from glpath.buffers.shadow_buffer import ShadowTest
 from glpath.errors import SceneWarning, UsageError
-from glpath.film import BLOCK, Film, FilmMetadata, blocks
+from glpath.film import Film, FilmMetadata
 from glpath.gl.context import Context, get_context
 from glpath.integrators.gather import Lookup
 from glpath.integrators.path_stages import Directions, PathSetSettings
 from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings
-from glpath.plans import DEFAULT_SPP, Engine, Integrator, Plan, check_count, numbers, plan
 from glpath.progress import Progress, Report, reporting
+from glpath.rendering.factory import DEFAULT_SPP, Engine, Integrator, Plan, plan
+from glpath.rendering.interrupts import RenderInterrupted
+from glpath.rendering.loop import Clock, trace
+from glpath.rendering.options import check_count, window_of, with_overrides
+from glpath.rendering.tiles import cover
 from glpath.sampling import Sampling
 from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene
 from glpath.versions import versions
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
-
-# How long one step may take: Ctrl-C and the progress wait for its end.
-_STEP_SECONDS = 0.5
-
-
-class RenderInterrupted(KeyboardInterrupt):
-    """Ctrl-C came during a render. `film` holds all whole path sets done until then."""
-
-    def __init__(self, film: Film) -> None:
-        super().__init__(f"interrupted after {film.path_sets} path sets")
-        self.film = film
 
 
 def render(
@@ -170,21 +153,21 @@ def render(
     spp = DEFAULT_SPP[integrator] if spp is None else spp
     check_count("spp", spp, 1, 2**29 - 256)  # a Sobol sequence of 30 bits ends at 2**30
     check_count("first_path_set", first_path_set, 0, 2**29)
-    loaded = _with_overrides(load_scene(scene, parameters), resolution, camera)
-    window = _window(loaded, crop)
+    loaded = with_overrides(load_scene(scene, parameters), resolution, camera)
+    window = window_of(loaded, crop)
     for text in check_scene(loaded) + planned.warnings(loaded):
         warnings.warn(text, SceneWarning, stacklevel=2)
     traced = planned.traceable(loaded)
     context = get_context(backend, device, require_gpu)
     film = Film.empty(_metadata(loaded, integrator, planned.settings, window, context))
     with _reporting(progress, on_progress) as report:
-        job = _Job(film, spp, context.info.renderer, report)
-        planned = _prepared(planned, traced, job)
+        clock = Clock(film, spp, context.info.renderer, report)
+        planned = _prepared(planned, traced, clock)
         film.metadata = _metadata(loaded, integrator, planned.settings, window, context)
-        job.report("compiling shaders")
-        tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
-        engine = planned.engine(context, traced, tiles[0].window, timings)
-        _trace(engine, tiles, job, first_path_set)
+        clock.report("compiling shaders")
+        parts = cover(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
+        engine = planned.engine(context, traced, parts[0].window, timings)
+        trace(engine, parts, clock, first_path_set)
     for text in planned.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film
@@ -255,21 +238,21 @@ def render_frames(
     planned = plan(integrator, max_depth, seed, options)
     spp = DEFAULT_SPP[integrator] if spp is None else spp
     check_count("spp", spp, 1, 2**29 - 256)
-    base = _with_overrides(load_scene(scene, parameters), resolution, None)
+    base = with_overrides(load_scene(scene, parameters), resolution, None)
     context = get_context(backend, device, require_gpu)
     engine: Engine | None = None
     size = (0, 0)
     for frame in frames:
         started = time.perf_counter()
         shown = _frame_scene(base, frame)
-        window = _window(shown, None)
-        tiles = _tiles(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
+        window = window_of(shown, None)
+        parts = cover(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
         if engine is None:
             for text in check_scene(shown) + planned.warnings(shown):
                 warnings.warn(text, SceneWarning, stacklevel=2)
             traced = planned.traceable(shown)
             planned = planned.prepared(traced, lambda text: None)
-            engine, size = planned.engine(context, traced, tiles[0].window, timings), shown.camera.resolution
+            engine, size = planned.engine(context, traced, parts[0].window, timings), shown.camera.resolution
         elif shown.camera.resolution != size:
             raise UsageError(
                 f"render_frames: a frame of {shown.camera.resolution} pixels after {size}",
@@ -281,8 +264,8 @@ def render_frames(
             engine.move_camera(shown.camera)
         engine.forget_statistics()
         film = Film.empty(_metadata(shown, integrator, planned.settings, window, context))
-        job = _Job(film, spp, context.info.renderer, None, started=started)
-        _trace(engine, tiles, job, 0)
+        clock = Clock(film, spp, context.info.renderer, None, started=started)
+        trace(engine, parts, clock, 0)
         yield film
 
 
@@ -302,15 +285,15 @@ def _reporting(shown: bool, on_progress: Report | None) -> Iterator[Report | Non
         yield both
 
 
-def _prepared(planned: Plan, scene: Scene, job: _Job) -> Plan:
+def _prepared(planned: Plan, scene: Scene, clock: Clock) -> Plan:
     """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
     started = time.perf_counter()
     try:
-        prepared = planned.prepared(scene, job.report)
+        prepared = planned.prepared(scene, clock.report)
     except KeyboardInterrupt:
-        raise RenderInterrupted(job.film) from None
+        raise RenderInterrupted(clock.film) from None
     if prepared is not planned:
-        job.statistics["radiosity_s"] = time.perf_counter() - started
+        clock.statistics["radiosity_s"] = time.perf_counter() - started
     return prepared
 
 
@@ -320,201 +303,7 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
     if isinstance(frame, Camera):
         check_camera(frame, base.source or base.name)
         return replace(base, camera=frame)
-    return _with_overrides(base, None, frame)
-
-
-def _trace(engine: Engine, tiles: list[_Tile], job: _Job, first: int) -> None:
-    """Fill the job's film with its path sets, in steps. Raises RenderInterrupted."""
-    film = job.film
-    with _interrupt_as_flag() as interrupted:
-        try:
-            for start, stop in blocks(first, first + job.total):
-                while start < stop and not interrupted:
-                    count = _step(engine, tiles, film, start, min(stop - start, job.step), interrupted)
-                    start += count
-                    job.stepped(count)
-                if interrupted:
-                    raise KeyboardInterrupt
-        except KeyboardInterrupt:
-            # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
-            raise RenderInterrupted(job.finish(engine)) from None
-    job.finish(engine)
-
-
-@dataclass
-class _Job:
-    """The clock of one render: how long a step may be, and when to report."""
-
-    film: Film
-    total: int
-    renderer: str
-    on_progress: Callable[[Progress], None] | None
-    step: int = 1
-    statistics: dict[str, object] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
-    _last_step: float = field(default_factory=time.perf_counter)
-    _last_report: float = -math.inf
-    _error: float | None = None
-
-    def report(self, stage: str) -> None:
-        if self.on_progress is None:
-            return
-        done, now = self.film.path_sets, time.perf_counter()
-        last = done == self.total
-        if not last and now - self._last_report < _STEP_SECONDS:
-            return
-        if done:
-            self._error = self.film.relative_error()
-        self.on_progress(
-            Progress(done, self.total, now - self.started, self._error, self.film, stage, self.renderer)
-        )
-        # The estimate reads the whole film, a picture has to be encoded; that must not be what the time goes into.
-        self._last_report = now + 5 * (time.perf_counter() - now)
-
-    def stepped(self, count: int) -> None:
-        """A step of so many path sets is done; the next is as long as fits into the time for one."""
-        now = time.perf_counter()
-        each = (now - self._last_step) / count
-        self.step = max(1, min(BLOCK, int(_STEP_SECONDS / max(each, 1e-9))))
-        self._last_step = now
-        self.report("rendering")
-
-    def finish(self, engine: Engine) -> Film:
-        """The film with its statistics, which are known only now."""
-        elapsed = time.perf_counter() - self.started
-        self.film.metadata = replace(
-            self.film.metadata, elapsed_s=elapsed, statistics=self.statistics | engine.statistics()
-        )
-        return self.film
-
-
-@dataclass(frozen=True)
-class _Tile:
-    """A part of the picture that is traced at once.
-
-    window : (x, y, width, height) of what is traced, pixels of the whole picture; every tile has the same size
-    keep   : rows and columns of it that belong to the film, and where in the film
-    """
-
-    window: tuple[int, int, int, int]
-    keep: tuple[slice, slice]
-    place: tuple[slice, slice]
-
-
-def _tiles(window: tuple[int, int, int, int], limit: int) -> list[_Tile]:
-    """Tiles of one size that cover the window; the last of a row or column overlaps the one before."""
-    x0, y0, width, height = window
-    side = min(limit, math.isqrt(MAX_PATHS))
-    # A flat picture may be as wide as the device allows.
-    across = -(-width // side) if height > side else -(-width // min(limit, MAX_PATHS // height))
-    w = -(-width // across)
-    down = -(-height // min(limit, MAX_PATHS // w))
-    h = -(-height // down)
-    tiles = []
-    for i in range(down):
-        for j in range(across):
-            x, y = min(j * w, width - w), min(i * h, height - h)
-            # Columns x..j * w were the neighbour's.
-            keep = slice(i * h - y, h), slice(j * w - x, w)
-            place = slice(i * h, y + h), slice(j * w, x + w)
-            tiles.append(_Tile((x0 + x, y0 + y, w, h), keep, place))
-    return tiles
-
-
-def _step(engine: Engine, tiles: list[_Tile], film: Film, start: int, count: int, interrupted: _Flag) -> int:
-    """Trace path sets start..start + count in every tile and add them to the film. Returns how many it were.
-
-    When interrupted in the first tile, the others follow as far as that one came.
-    """
-    total = np.zeros(film.radiance_sums.shape[1:])
-    for tile in tiles:
-        engine.look_at(tile.window)
-        traced = 0
-        while traced < count:
-            engine.trace_path_set(start + traced)
-            traced += 1
-            if interrupted and tile is tiles[0]:
-                break
-        count = traced
-        total[tile.place] = engine.take()[tile.keep]
-    film.add(start, start + count, total)
-    return count
-
-
-class _Flag:
-    """Truth that a signal handler can set."""
-
-    def __init__(self) -> None:
-        self.set = False
-
-    def __bool__(self) -> bool:
-        return self.set
-
-
-@contextmanager
-def _interrupt_as_flag() -> Iterator[_Flag]:
-    """Ctrl-C sets a flag instead of breaking into the middle of a path set; a second one breaks in.
-
-    The same holds for SIGTERM where somebody handles it in Python, as the command line does; a shell starts
-    background jobs with SIGINT ignored, so neither stands for the other. Only the main thread gets signals,
-    elsewhere this does nothing.
-    """
-    flag = _Flag()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    if threading.current_thread() is not threading.main_thread():
-        before = {}
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        earlier = before[signal.Signals(number)]
-        if flag and callable(earlier):
-            earlier(number, frame)
-        flag.set = True
-
-    handled = {number: handler for number, handler in before.items() if callable(handler)}
-    for number in handled:
-        signal.signal(number, stop)
-    try:
-        yield flag
-    finally:
-        for number, handler in handled.items():
-            signal.signal(number, handler)
-
-
-def _whole_numbers(name: str, value: Any, count: int) -> list[int]:
-    found = numbers(name, value, count)
-    if np.any(found != np.floor(found)):
-        raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
-    return [int(n) for n in found]
-
-
-def _with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
-    changes: dict[str, Any] = {}
-    for name, value in (camera or {}).items():
-        if name not in ("position", "target", "up", "fov"):
-            raise UsageError(f"camera: no field is named {name!r}; allowed are position, target, up, fov")
-        found = numbers(f"camera {name}", value, 1 if name == "fov" else 3)
-        changes[name] = float(found[0]) if name == "fov" else found
-    if resolution is not None:
-        width, height = _whole_numbers("resolution", resolution, 2)
-        changes["resolution"] = (width, height)
-    if not changes:
-        return scene
-    changed = scene.with_camera(**changes)
-    check_camera(changed.camera, scene.source or scene.name)
-    return changed
-
-
-def _window(scene: Scene, crop: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
-    width, height = scene.camera.resolution
-    if crop is None:
-        return 0, 0, width, height
-    x, y, w, h = _whole_numbers("crop", crop, 4)
-    if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
-        raise UsageError(
-            f"crop: {w} x {h} pixels from ({x}, {y}) of a picture of {width} x {height}",
-            "The crop is x, y, width, height in pixels, from the top left, and lies inside the picture.",
-        )
-    return x, y, w, h
+    return with_overrides(base, None, frame)
 
 
 def _metadata(

@@ -5,7 +5,7 @@ Everything that can be wrong with the options is found here, before a context is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
@@ -23,6 +23,7 @@ from glpath.integrators.gather import GatherSettings, GatherTracer, Lookup, gpu_
 from glpath.integrators.path_stages import Directions, PathSetSettings, PathStages
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings, WhittedTracer
+from glpath.rendering.options import Window, check_count, check_word, colour
 from glpath.sampling import Sampling
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Camera
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
 
 Integrator = Literal["path", "gather", "classic", "t-buffer"]
-Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
 #: Path sets where it is not said how many. A ray tracer's differ only in their place in the pixel.
@@ -170,7 +170,7 @@ def _path_tracing(depth: int, seed: int, given: dict[str, Any]) -> _PathTracing:
     if "roulette" in given:
         check_count("roulette", given["roulette"], 1, DEEPEST)
     if "ambient" in given:
-        given["ambient"] = _colour(given["ambient"])
+        given["ambient"] = colour(given["ambient"])
     return _PathTracing(PathTraceSettings(max_depth=depth, seed=seed, **given))
 
 
@@ -330,34 +330,3 @@ def _whitted(integrator: str, depth: int, seed: int, given: dict[str, Any]) -> _
     given.setdefault("secondary", "hierarchy" if integrator == "t-buffer" else "classic")
     primary: Any = integrator
     return _Whitted(WhittedSettings(max_depth=depth, seed=seed, primary=primary, **given), count_tests)
-
-
-def check_count(name: str, value: object, least: int, most: int) -> None:
-    """A whole number from `least` to `most`, or a UsageError that names the option."""
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value <= most:
-        raise UsageError(f"{name}: {value!r} where a whole number from {least} to {most} is needed")
-
-
-def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
-    """One of the words, or a UsageError that names them."""
-    if word not in allowed:
-        raise UsageError(f"{name}: {word!r}; allowed are {', '.join(allowed)}")
-
-
-def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
-    """So many finite numbers, or a UsageError that names the option."""
-    try:
-        found = np.atleast_1d(np.asarray(value, np.float64))
-    except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.shape != (count,) or not np.all(np.isfinite(found)) or isinstance(value, str):
-        needed = "a finite number is" if count == 1 else f"{count} finite numbers are"
-        raise UsageError(f"{name}: {value!r} where {needed} needed")
-    return found
-
-
-def _colour(value: float | Sequence[float]) -> tuple[float, float, float]:
-    r, g, b = numbers("ambient", [value] * 3 if isinstance(value, int | float) else value, 3)
-    if min(r, g, b) < 0:
-        raise UsageError(f"ambient: {value!r} where radiance, one or three numbers >= 0, is needed")
-    return float(r), float(g), float(b)

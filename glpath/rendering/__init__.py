@@ -1,0 +1,37 @@
+"""A render: its options, the engine that they make, and the loop that fills a film.
+
+    options     words, numbers, cameras and windows, checked
+    factory     an integrator with its options, as an engine for a scene
+    tiles       the parts of an image that a device holds at once
+    interrupts  Ctrl-C keeps what is done
+    loop        path sets into a film, in steps
+    calls       `render` and `render_frames`, which put these in order
+
+Each name loads what it needs when it is first used: whoever only asks for options gets no OpenGL.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glpath.progress import Progress
+    from glpath.rendering.calls import render, render_frames
+    from glpath.rendering.interrupts import RenderInterrupted
+
+_HOME = {
+    "Progress": "glpath.progress",
+    "RenderInterrupted": "glpath.rendering.interrupts",
+    "render": "glpath.rendering.calls",
+    "render_frames": "glpath.rendering.calls",
+}
+
+__all__ = ["Progress", "RenderInterrupted", "render", "render_frames"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = getattr(import_module(_HOME[name]), name)
+    return globals()[name]
