@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from glpath.buffers.frame import frame_about, tight_frame
-from glpath.gl.context import get_context
-from glpath.gl.gpu_scene import GpuScene
 from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere, uniform_sphere
-from glpath.scene import scene_from_dict
 
 
 def numbers(sampler: PathSetSampler, index: int) -> np.ndarray:
@@ -78,34 +75,3 @@ def test_frames_are_right_handed_and_the_tight_one_is_no_larger(d: np.ndarray) -
     for u, v in (frame_about(d), frame_about(d, 0.7), tight_frame(d, corners)):
         np.testing.assert_allclose(np.cross(u, v), d, atol=1e-12)
     assert area(*tight_frame(d, corners)) <= min(area(*frame_about(d, roll)) for roll in (0.0, np.pi / 4))
-
-
-def test_light_points_are_chosen_by_power_and_lie_uniformly_on_their_emitter() -> None:
-    """A weak large lamp, a strong small one, and a two-sided one, of which each side counts."""
-
-    def lamp(x: float, size: float, radiance: float, two_sided: bool = False) -> dict[str, Any]:
-        corners = [[x, 0, 0], [x + size, 0, 0], [x + size, 0, -size], [x, 0, -size]]
-        return {"type": "quad", "corners": corners, "emission": {"radiance": radiance, "two_sided": two_sided}}
-
-    scene = scene_from_dict(
-        {
-            "camera": {"type": "perspective", "position": [0, 5, 9], "target": [0, 0, 0], "fov": 40},
-            "shapes": [lamp(0, 2, 1), lamp(10, 1, 8), lamp(20, 1, 2, True)],
-        }
-    )
-    emitters = GpuScene(get_context().gl, scene).emitters
-    assert emitters is not None
-    points = [emitters.sample(u) for u in np.random.default_rng(1).random((20_000, 3))]
-    x = np.array([p[0][0] for p in points])
-    # Powers: 4 x 1, 1 x 8, and twice 1 x 2.
-    np.testing.assert_allclose(
-        [np.mean(x < 5), np.mean((x > 5) & (x < 15)), np.mean(x > 15)], [0.25, 0.5, 0.25], atol=0.015
-    )
-    assert all(p[3] == pytest.approx(0.25 / 4) for p in points[:100] if p[0][0] < 5)
-    sides = [p[1][1] for p in points if p[0][0] > 15]
-    assert np.mean(sides) == pytest.approx(0.0, abs=0.05)
-    on_small = np.array([p[0] for p in points if 5 < p[0][0] < 15]) - [10, 0, -1]
-    counts, _, _ = np.histogram2d(on_small[:, 0], on_small[:, 2], bins=4, range=[[0, 1], [0, 1]])
-    np.testing.assert_allclose(counts / counts.sum(), 1 / 16, atol=0.012)
-    # Unbiased: radiance over density averages to the total of area times radiance, sides counted.
-    assert np.mean([p[2][0] / p[3] for p in points]) == pytest.approx(4 + 8 + 4, rel=0.01)

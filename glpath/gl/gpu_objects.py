@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
+from glpath.lighting import LIGHT_KINDS
 from glpath.scene.model import Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section; each is an RGBA float32 texel.
@@ -63,7 +64,6 @@ LAYOUT: dict[str, dict[str, str]] = {
         "CONE": "of a spot: cosines of the angles of full light and of its end",
     },
 }
-LIGHT_KINDS = ("point", "spot", "directional")
 #: A program defines it that fetches in its fragment shader alone: texels.glsl then finds the quicker way.
 STORES_ARE_TEXELS = "STORES_ARE_TEXELS"
 STORE_WIDTH = 4096  # texels in a row

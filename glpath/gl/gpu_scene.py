@@ -1,4 +1,4 @@
-"""A `Scene` on the device: triangles as texels, emitters as a table for sampling.
+"""A `Scene` on the device: triangles as texels, and its lights to sample from.
 
 Triangles lie in a float texture rather than in a storage buffer: Mesa's llvmpipe fetches texels with vector
 gathers, but loads from buffers lane by lane. The layout is declared once, here, and handed to GLSL as text.
@@ -6,13 +6,12 @@ gathers, but loads from buffers lane by lane. The layout is declared once, here,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
 
 from glpath.errors import SceneError
-from glpath.scene.model import Float64, Scene
+from glpath.lighting import Lighting, max_radiance
+from glpath.scene.model import Scene
 
 #: What a triangle's texels hold, in order; each is an RGBA float32 texel.
 TRIANGLE_LAYOUT = {
@@ -42,51 +41,11 @@ def triangle_glsl() -> str:
     return "\n".join(lines)
 
 
-@dataclass(frozen=True)
-class Emitters:
-    """Light points by power [PB 3.3, A.3]: a shape by its share of the power, a point uniform by area.
-
-    A shape that emits on both sides counts as two, one per side. Within a shape, a triangle is chosen by area with
-    the same random number that then places the point, so that a quad keeps a two-dimensional stratification.
-    """
-
-    shape_cdf: Float64  # (E + 1,) over emitting sides
-    side_first: np.ndarray  # (E,) index of the first emitting triangle of the shape
-    side_sign: Float64  # (E,) +1 front, -1 back
-    side_density: Float64  # (E,) per area, of a light point on that side
-    side_cdf: tuple[Float64, ...]  # (E,) of (n + 1,) cumulated share of area
-    corners: Float64  # (T, 3, 3) of the scene
-    normals: Float64  # (T, 3)
-    radiance: Float64  # (E, 3)
-
-    def sample(self, u: Float64) -> tuple[Float64, Float64, Float64, float]:
-        """A light point from u (3,) in [0, 1).
-
-        Returns position (3,), normal (3,) of the side that emits, radiance (3,), density per area.
-        """
-        side = int(np.searchsorted(self.shape_cdf, u[0], side="right")) - 1
-        side = min(side, len(self.side_first) - 1)
-        cdf = self.side_cdf[side]
-        k = min(int(np.searchsorted(cdf, u[1], side="right")) - 1, len(cdf) - 2)
-        triangle = int(self.side_first[side]) + k
-        s = (u[1] - cdf[k]) / (cdf[k + 1] - cdf[k])
-        # Area-preserving: parallel lines to the edge opposite corner 0.
-        root = np.sqrt(s)
-        a, b, c = self.corners[triangle]
-        position = (1 - root) * a + root * ((1 - u[2]) * b + u[2] * c)
-        return (
-            position,
-            self.normals[triangle] * self.side_sign[side],
-            self.radiance[side],
-            float(self.side_density[side]),
-        )
-
-
 class GpuScene:
     """The triangles of a scene in a texture.
 
     texture  : RGBA float32, see TRIANGLE_LAYOUT
-    emitters : None for a scene without light
+    lighting : where light samples come from
     centre, radius : a sphere around everything, scene units
     corners  : (8, 3) of the box around everything, about the centre
     """
@@ -94,8 +53,8 @@ class GpuScene:
     def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
         self.scene = scene
         self.count = len(scene.triangles)
-        self.emitters, density = _emitters(scene)
-        self.brightest = max((float(s.emission.max()) for s in scene.shapes), default=0.0)
+        self.lighting = Lighting.of(scene)
+        self.max_radiance = max_radiance(scene)
         low, high = scene.bounds
         self.centre = 0.5 * (low + high)
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
@@ -113,7 +72,7 @@ class GpuScene:
             table[rows, 1, :3] = material.reflectance
             table[rows, 1, 3] = material.two_sided
             table[rows, 2, :3] = shape.emission
-            table[rows, 2, 3] = density[rows] * (-1 if shape.emission_two_sided else 1)
+            table[rows, 2, 3] = self.lighting.triangle_density[rows] * (-1 if shape.emission_two_sided else 1)
         table[:, 3:6, :3] = scene.triangles
         height = -(-self.count * len(TRIANGLE_LAYOUT) // _WIDTH)
         # A float holds a triangle's number, 0 for none.
@@ -130,41 +89,3 @@ class GpuScene:
 
     def release(self) -> None:
         self.texture.release()
-
-
-def _emitters(scene: Scene) -> tuple[Emitters | None, Float64]:
-    """The table of emitting sides, and for every triangle the density of a light point on it (0: no light)."""
-    areas = scene.areas
-    density = np.zeros(len(areas))
-    sides: list[tuple[int, float, float, Float64, Float64]] = []
-    shape_of_side: list[int] = []
-    for i, shape in enumerate(scene.shapes):
-        if not shape.emits:
-            continue
-        own = areas[shape.first : shape.first + shape.count]
-        cdf = np.concatenate([[0.0], np.cumsum(own) / own.sum()])
-        for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
-            sides.append((shape.first, sign, float(own.sum()), cdf, shape.emission))
-            shape_of_side.append(i)
-    if not sides:
-        return None, density
-    # Power up to the factor pi; the mean of the channels, so that no coloured light is starved.
-    power = np.array([area * radiance.mean() for _, _, area, _, radiance in sides])
-    share = power / power.sum()
-    per_area = share / np.array([area for _, _, area, _, _ in sides])
-    for i, value in zip(shape_of_side, per_area, strict=True):
-        shape = scene.shapes[i]
-        density[shape.first : shape.first + shape.count] = value
-    return (
-        Emitters(
-            shape_cdf=np.concatenate([[0.0], np.cumsum(share)]),
-            side_first=np.array([s[0] for s in sides]),
-            side_sign=np.array([s[1] for s in sides]),
-            side_density=per_area,
-            side_cdf=tuple(s[3] for s in sides),
-            corners=scene.triangles,
-            normals=scene.normals,
-            radiance=np.array([s[4] for s in sides]),
-        ),
-        density,
-    )

@@ -124,7 +124,7 @@ class PathStages(ABC):
         cells = (max(1, round(share * size[0])), max(1, round(share * size[1])))
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
-        self._sums = PixelSums(gl, size, max(scene.brightest, brightest))
+        self._sums = PixelSums(gl, size, max(scene.max_radiance, brightest))
         self._make_states(size)
         self.look_at(window)
 
@@ -152,16 +152,16 @@ class PathStages(ABC):
 
     def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
         """A light point and its shadow-buffer [PB 3.3]."""
-        emitters = self.scene.emitters
-        if emitters is None:
+        lighting = self.scene.lighting
+        if lighting.dark:
             frame = self.shadow_buffer.frame(self.scene.centre, np.array([0.0, 0.0, 1.0]), 0.0)
             return frame | {"light_radiance": (0.0, 0.0, 0.0), "light_density": 1.0}
-        position, normal, radiance, density = emitters.sample(u)
+        drawn = lighting.sample(u)
         roll = 2.0 * np.pi * counter_hash(self._settings.seed, index, 0, 1) / 2**32
-        frame = self.shadow_buffer.frame(position, normal, roll)
+        frame = self.shadow_buffer.frame(drawn.position, drawn.direction, roll)
         with self.stopwatch.stage("shadow-buffer"):
             self.shadow_buffer.scan(frame)
-        return frame | {"light_radiance": tuple(radiance), "light_density": density}
+        return frame | {"light_radiance": tuple(drawn.radiance), "light_density": drawn.density}
 
     def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""

@@ -26,8 +26,9 @@ from glpath.gl.gpu_objects import STORES_ARE_TEXELS, GpuObjects
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
+from glpath.lighting import max_radiance
 from glpath.sampling import pixel_place
-from glpath.scene.model import Camera, Float64, Scene
+from glpath.scene.model import Camera, Scene
 
 Primary = Literal["classic", "t-buffer"]
 Shadows = Literal["rays", "sphere", "cube"]
@@ -197,7 +198,7 @@ class WhittedTracer:
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0
-        self._sums: PixelSums = PixelSums(gl, self._size, _brightest(objects))
+        self._sums: PixelSums = PixelSums(gl, self._size, max_radiance(objects.scene))
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
@@ -275,28 +276,3 @@ def _air(scene: Scene) -> Uniforms:
         "sky_horizon": tuple(sky.horizon if sky else dark),
         "sky_up": tuple(sky.up if sky else dark),
     }
-
-
-def _brightest(objects: GpuObjects) -> float:
-    """Radiance of bright places: white ones at half of the objects' distances from a light, lamps, and the sky."""
-    scene = objects.scene
-    values = [0.0, *scene.ambient, *(s.emission.max() for s in scene.shapes)]
-    if scene.sky:
-        values += [*scene.sky.zenith, *scene.sky.horizon]
-    for light in scene.lights:
-        square = 1.0
-        if light.kind != "directional" and light.falloff == "quadratic":
-            square = _typical_distance(objects, light.position) ** 2
-        values.append(float(light.intensity.max()) / (np.pi * square))
-    return float(max(values))
-
-
-def _typical_distance(objects: GpuObjects, place: Float64) -> float:
-    """The median distance from a place to the boxes of what it is not inside, and to planes."""
-    finite = objects.numbering.first_plane
-    outside = np.maximum(objects.lower[:finite] - place, place - objects.upper[:finite])
-    normals, points = objects.scene.planes[:, :, 2], objects.scene.planes[:, :, 3]
-    heights = np.abs(np.sum((place - points) * normals, axis=1))
-    distances = np.concatenate([np.linalg.norm(np.maximum(outside, 0.0), axis=1), heights])
-    distances = distances[distances > 0]
-    return float(np.median(distances)) if len(distances) else objects.radius

@@ -1,0 +1,373 @@
+"""All the light of a scene, asked in one way: a light sample, its density, and what punctual lights send.
+
+Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
+the sky. A light is chosen by the power that it sends towards the scene; a point of a shape is uniform by area, a
+direction of the sky has the density of its radiance.
+
+Cost:     a search in a table of the lights a sample; made on the CPU, as a path set needs one.
+Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position.
+Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.sampling import uniform_sphere
+from glpath.scene.model import Float64, Light, Scene, Sky
+
+Kind = Literal["point", "spot", "directional", "area", "sky"]
+#: Their numbers in GLSL are their places here.
+LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
+
+
+@dataclass(frozen=True)
+class LightSample:
+    """One sample of all the light there is.
+
+    kind      : of the light
+    position  : (3,) of an area light's point, a point light and a spot; of no meaning for the others
+    direction : (3,) unit, the way the light goes: the normal of the side that emits, a spot's axis, the parallel
+                light of a directional light or of this part of the sky; of no meaning for a point light
+    radiance  : (3,) W sr^-1 m^-2 of area light and sky; else `Light.intensity`, W sr^-1 or W m^-2
+    density   : the probability of the light, times the density per area of an area light's point, or per solid
+                angle of the sky's direction
+    cone      : of a spot, the cosines of the angles of full light and of its end
+    quadratic : light of a point or spot falls off with the square of the distance
+    """
+
+    kind: Kind
+    position: Float64
+    direction: Float64
+    radiance: Float64
+    density: float
+    cone: tuple[float, float] = (-1.0, -1.0)
+    quadratic: bool = True
+
+
+class Incident(NamedTuple):
+    """Light of a punctual light at N positions, whatever lies between.
+
+    wi         : (N, 3) float64 unit, towards the light
+    distance   : (N,) float64, infinite for a directional light
+    irradiance : (N, 3) float64, W m^-2 on a surface that faces the light
+    """
+
+    wi: Float64
+    distance: Float64
+    irradiance: Float64
+
+
+@dataclass(frozen=True)
+class _Side:
+    """An emitting side of a shape.
+
+    first     : number of the shape's first triangle, or sphere
+    cdf       : (n + 1,) cumulated share of area of its primitives
+    area      : of all of them, scene units squared
+    sign      : +1 front, -1 back
+    """
+
+    shape: int
+    spheres: bool
+    first: int
+    cdf: Float64
+    area: float
+    sign: float
+    radiance: Float64
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """The lights of a scene as one table to choose from. `Lighting.of` makes it.
+
+    cdf              : (L + 1,) cumulated probability of the lights: emitting sides, punctual lights, the sky; (1,)
+                       for a scene without light
+    triangle_density : (T,) per area, of a light point on the triangle (on either side, where both emit); 0: dark
+    centre, radius   : a sphere about the scene, towards which lights are weighed
+    """
+
+    scene: Scene
+    sides: tuple[_Side, ...]
+    punctual: tuple[Light, ...]
+    sky: Sky | None
+    cdf: Float64
+    triangle_density: Float64
+    centre: Float64
+    radius: float
+
+    @classmethod
+    def of(cls, scene: Scene, *, punctual: bool = True) -> Lighting:
+        """The lights of a scene.
+
+        punctual : False leaves point, spot and directional lights out: what is left are lights with an extent,
+                   where a caller takes the others one by one
+
+        A shape that emits on both sides counts as two, one per side. Planes shine, but are not sampled: no point
+        of an endless one has a density by area.
+        """
+        centre, radius = _sphere_about(scene)
+        sides = _emitting_sides(scene)
+        shining = tuple(x for x in scene.lights if np.any(x.intensity > 0)) if punctual else ()
+        sky = scene.sky if scene.sky is not None and _sky_mean_integral(scene.sky) > 0 else None
+        # Power over pi; the mean of the channels, so that no coloured light is starved.
+        power = [side.area * side.radiance.mean() for side in sides]
+        power += [_power(light, scene, centre, radius) for light in shining]
+        power += [] if sky is None else [_sky_mean_integral(sky) * radius**2]
+        weights = np.array(power, np.float64)
+        total = weights.sum()
+        share = weights / total if len(weights) else weights
+        density = np.zeros(len(scene.triangles))
+        for side, chance in zip(sides, share, strict=False):
+            if not side.spheres:
+                density[side.first : side.first + len(side.cdf) - 1] = chance / side.area
+        return cls(
+            scene=scene,
+            sides=sides,
+            punctual=shining,
+            sky=sky,
+            cdf=np.concatenate([[0.0], np.cumsum(share)]),
+            triangle_density=density,
+            centre=centre,
+            radius=radius,
+        )
+
+    @property
+    def dark(self) -> bool:
+        """There is no light to sample."""
+        return len(self.cdf) == 1
+
+    @property
+    def infinite(self) -> bool:
+        """Some light comes from infinitely far: a directional light, or the sky."""
+        return self.sky is not None or any(light.kind == "directional" for light in self.punctual)
+
+    @property
+    def sky_probability(self) -> float:
+        """How often a sample is the sky's."""
+        return 0.0 if self.sky is None else self._probability(len(self.cdf) - 2)
+
+    def sample(self, u: ArrayLike) -> LightSample:
+        """A light sample from u (3,) in [0, 1): u[0] chooses the light, the others a point or direction of it.
+
+        Within a shape, a primitive is chosen by area with the same random number that then places the point, so
+        that a quad keeps a two-dimensional stratification.
+        """
+        assert not self.dark, "no light to sample"
+        u = np.asarray(u, np.float64)
+        number = int(np.searchsorted(self.cdf, u[0], side="right")) - 1
+        number = min(number, len(self.cdf) - 2)
+        chance = self._probability(number)
+        if number < len(self.sides):
+            return self._on_side(self.sides[number], chance, u[1:])
+        number -= len(self.sides)
+        if number < len(self.punctual):
+            light = self.punctual[number]
+            full, end = np.cos(np.radians(light.cone))
+            return LightSample(
+                kind=light.kind,
+                position=light.position,
+                direction=light.direction,
+                radiance=light.intensity,
+                density=chance,
+                cone=(float(full), float(end)),
+                quadratic=light.falloff == "quadratic",
+            )
+        assert self.sky is not None, "the last light"
+        wi = _sky_direction(self.sky, u[1:])
+        density = float(chance * _sky_density(self.sky, wi[None])[0])
+        return LightSample("sky", np.zeros(3), -wi, sky_radiance(self.sky, wi), density)
+
+    def sky_density(self, directions: ArrayLike) -> Float64:
+        """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
+        wi = np.asarray(directions, np.float64).reshape(-1, 3)
+        return np.zeros(len(wi)) if self.sky is None else self.sky_probability * _sky_density(self.sky, wi)
+
+    def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
+        """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
+        x = np.asarray(positions, np.float64).reshape(-1, 3)
+        n = np.asarray(normals, np.float64).reshape(-1, 3)
+        total = np.zeros((len(x), 3))
+        for light in self.punctual:
+            found = incident(light, x)
+            total += found.irradiance * np.maximum(np.einsum("ij,ij->i", n, found.wi), 0.0)[:, None]
+        return total
+
+    def _probability(self, number: int) -> float:
+        return float(self.cdf[number + 1] - self.cdf[number])
+
+    def _on_side(self, side: _Side, chance: float, u: Float64) -> LightSample:
+        k = min(int(np.searchsorted(side.cdf, u[0], side="right")) - 1, len(side.cdf) - 2)
+        share = side.cdf[k + 1] - side.cdf[k]
+        s = (u[0] - side.cdf[k]) / share
+        if side.spheres:
+            position, normal, density = _on_sphere(self.scene.spheres[side.first + k], np.array([s, u[1]]))
+            density *= chance * float(share)
+        else:
+            # Area-preserving: parallel lines to the edge opposite corner 0.
+            root = np.sqrt(s)
+            a, b, c = self.scene.triangles[side.first + k]
+            position = (1 - root) * a + root * ((1 - u[1]) * b + u[1] * c)
+            normal = _normal(self.scene.triangles[side.first + k])
+            density = float(self.triangle_density[side.first + k])
+        return LightSample("area", position, normal * side.sign, side.radiance, density)
+
+
+def incident(light: Light, positions: Float64) -> Incident:
+    """What a punctual light sends to positions (N, 3). `shaders/punctual.glsl` is the same for the GPU."""
+    n = len(positions)
+    if light.kind == "directional":
+        wi = np.broadcast_to(-light.direction, (n, 3))
+        return Incident(wi, np.full(n, np.inf), np.broadcast_to(light.intensity, (n, 3)))
+    way = light.position - positions
+    distance = np.linalg.norm(way, axis=1)
+    wi = way / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    strength = np.ones(n)
+    if light.falloff == "quadratic":
+        strength /= np.maximum(distance, np.finfo(float).tiny ** 0.5) ** 2
+    if light.kind == "spot":
+        full, end = np.cos(np.radians(light.cone))
+        cosine = -(wi @ light.direction)
+        if full > end:
+            s = np.clip((cosine - end) / (full - end), 0.0, 1.0)
+            strength *= s * s * (3.0 - 2.0 * s)
+        else:
+            strength *= cosine >= end
+    return Incident(wi, distance, strength[:, None] * light.intensity)
+
+
+def sky_radiance(sky: Sky | None, directions: ArrayLike) -> Float64:
+    """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3); black without a sky."""
+    wi = np.asarray(directions, np.float64)
+    if sky is None:
+        return np.zeros(wi.shape)
+    height = np.clip(wi @ sky.up, 0.0, 1.0)[..., None]
+    return np.asarray(sky.horizon + (sky.zenith - sky.horizon) * height)
+
+
+def max_radiance(scene: Scene) -> float:
+    """Radiance of bright places: lamps, the sky, and white surfaces half of which are nearer to a light.
+
+    For the quantum of sums, which have room above it.
+    """
+    values = [0.0, *scene.ambient, *(shape.emission.max() for shape in scene.shapes)]
+    if scene.sky is not None:
+        values += [*scene.sky.zenith, *scene.sky.horizon]
+    for light in scene.lights:
+        square = 1.0
+        if light.kind != "directional" and light.falloff == "quadratic":
+            square = _typical_distance(scene, light.position) ** 2
+        values.append(float(light.intensity.max()) / (np.pi * square))
+    return float(max(values))
+
+
+def _typical_distance(scene: Scene, position: Float64) -> float:
+    """The median distance from a position to the boxes of primitives that it is not inside, and to planes."""
+    extent, centre = np.linalg.norm(scene.spheres[:, :, :3], axis=2), scene.spheres[:, :, 3]
+    lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf)])
+    upper = np.concatenate([centre + extent, scene.triangles.max(axis=1, initial=-np.inf)])
+    outside = np.maximum(np.maximum(lower - position, position - upper), 0.0)
+    heights = np.abs(np.sum((position - scene.planes[:, :, 3]) * scene.planes[:, :, 2], axis=1))
+    distances = np.concatenate([np.linalg.norm(outside, axis=1), heights])
+    distances = distances[distances > 0]
+    return float(np.median(distances)) if len(distances) else _sphere_about(scene)[1]
+
+
+def _sphere_about(scene: Scene) -> tuple[Float64, float]:
+    """Centre (3,) and radius of a sphere about the scene; an endless plane reaches as far as the camera."""
+    points = list(scene.bounds)
+    if len(scene.planes):
+        points += [*scene.planes[:, :, 3], scene.camera.position]
+        points += [light.position for light in scene.lights if light.kind != "directional"]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    return 0.5 * (low + high), float(0.5 * np.linalg.norm(high - low)) or 1.0
+
+
+def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
+    """Power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
+    strength = float(light.intensity.mean())
+    if light.kind == "directional" or light.falloff == "none":
+        return strength * radius**2
+    angle = 4 * np.pi
+    if light.kind == "spot":
+        # The smooth edge between the two cones counts half.
+        angle = 2 * np.pi * (1 - float(np.cos(np.radians(light.cone)).mean()))
+    distance = float(np.linalg.norm(light.position - centre))
+    if distance > radius and not len(scene.planes):
+        angle = min(angle, 2 * np.pi * (1 - np.sqrt(1 - (radius / distance) ** 2)))
+    return strength * angle / np.pi
+
+
+def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
+    areas = scene.areas
+    sides = []
+    for number, shape in enumerate(scene.shapes):
+        if not shape.emits or shape.primitive == "plane":
+            continue
+        part = slice(shape.first, shape.first + shape.count)
+        spheres = shape.primitive == "sphere"
+        own = _sphere_areas(scene.spheres[part]) if spheres else areas[part]
+        cdf = np.concatenate([[0.0], np.cumsum(own) / own.sum()])
+        for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
+            sides.append(_Side(number, spheres, shape.first, cdf, float(own.sum()), sign, shape.emission))
+    return tuple(sides)
+
+
+def _normal(triangle: Float64) -> Float64:
+    normal = 0.5 * np.cross(triangle[1:2] - triangle[:1], triangle[2:] - triangle[:1])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    unit: Float64 = (normal / np.maximum(length, np.finfo(float).tiny))[0]
+    return unit
+
+
+def _sphere_areas(spheres: Float64) -> Float64:
+    """(S,) surface of spheres (S, 3, 4); of an ellipsoid to 1.1 % (Thomsen 2004), which shares out samples only."""
+    axes = np.linalg.svd(spheres[:, :, :3], compute_uv=False) ** 1.6075
+    a, b, c = axes.T
+    return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
+
+
+def _on_sphere(sphere: Float64, u: Float64) -> tuple[Float64, Float64, float]:
+    """A point of a sphere (3, 4) from u (2,): position, unit normal of its front, density per area."""
+    linear = sphere[:, :3]
+    unit = uniform_sphere(u)
+    normal = np.linalg.inv(linear).T @ unit
+    length = float(np.linalg.norm(normal))
+    volume = float(np.linalg.det(linear))
+    position = np.asarray(linear @ unit + sphere[:, 3])
+    front = np.asarray(normal / length * np.sign(volume))
+    return position, front, 1.0 / (4 * np.pi * abs(volume) * length)
+
+
+def _sky_mean_integral(sky: Sky) -> float:
+    """The sky's radiance, mean of the channels, over all directions: W m^-2."""
+    return float(2 * np.pi * (sky.horizon.mean() + 0.5 * (sky.horizon + sky.zenith).mean()))
+
+
+def _sky_density(sky: Sky, wi: Float64) -> NDArray[np.float64]:
+    """(N,) per solid angle: that of the radiance, mean of the channels."""
+    return np.asarray(sky_radiance(sky, wi).mean(axis=1) / _sky_mean_integral(sky))
+
+
+def _sky_direction(sky: Sky, u: Float64) -> Float64:
+    """(3,) unit, with the density of the radiance, from u (2,): by the inverse of what lies below its elevation."""
+    horizon, zenith = float(sky.horizon.mean()), float(sky.zenith.mean())
+    below, above = horizon, 0.5 * (horizon + zenith)
+    part = float(u[0]) * (below + above)
+    if part < below:
+        z = part / below - 1
+    else:
+        # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
+        rest = part - below
+        root = np.sqrt(max(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
+        z = 2 * rest / (horizon + root) if horizon + root > 0 else 0.0
+    z = min(max(z, -1.0), 1.0)
+    r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[1]
+    x = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
+    x /= np.linalg.norm(x)
+    y = np.cross(sky.up, x)
+    return np.asarray(r * np.cos(phi) * x + r * np.sin(phi) * y + z * sky.up)
