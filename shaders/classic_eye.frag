@@ -1,6 +1,6 @@
 // classic_eye.frag: primary rays by the classical algorithm: each against every primitive.
 // Writes what a T-buffer holds: primitive + 1 (0 for none) and t.
-#include <OBJECTS>
+#include <SCENE>
 #include "object_classic.glsl"
 #include "object_eye.glsl"
 

@@ -1,5 +1,5 @@
 // direct.glsl: light that reaches a surface from the light point of this path set [PB A.3].
-// Needs:  constants.glsl, <TRIANGLE>
+// Needs:  constants.glsl, <SCENE>
 // Units:  radiance W sr^-1 m^-2; a density per area.
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
@@ -8,7 +8,7 @@
 #include "texels.glsl"
 #include "hemicube.glsl"
 
-TEXELS(r32f, light_buffer);
+UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light
 uniform float light_density;   // of the light point
@@ -39,9 +39,10 @@ const float ROUNDING = 1e-5;
 // Source: Moeller & Trumbore 1997.
 bool passes_through(vec3 w, int triangle)
 {
-    vec3 a = triangle_texel(triangle, TRIANGLE_VERTEX0).xyz;
-    vec3 ab = triangle_texel(triangle, TRIANGLE_VERTEX1).xyz - a;
-    vec3 ac = triangle_texel(triangle, TRIANGLE_VERTEX2).xyz - a;
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    vec3 a = vertex_position(face.x);
+    vec3 ab = vertex_position(face.y) - a;
+    vec3 ac = vertex_position(face.z) - a;
     vec3 s = light_position - a;
     vec3 p = cross(w, ac), q = cross(s, ab);
     float scale = 1.0 / dot(ab, p);
@@ -68,12 +69,12 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     // The four texels around the place; one of them is its own. Of the others, one that sees something else.
     vec2 least = floor(clamp(place, vec2(1.0), extent - 1.0) - 0.5);
     ivec2 at = ivec2(corner + least + 0.5);
-    vec4 four = vec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
-                     texel(light_buffer, at + ivec2(0, 1)).r, texel(light_buffer, at + ivec2(1, 1)).r);
+    uvec4 four = uvec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
+                       texel(light_buffer, at + ivec2(0, 1)).r, texel(light_buffer, at + ivec2(1, 1)).r);
     bvec2 upper = greaterThan(centre, least + 1.0);
-    vec2 row = upper.y ? four.zw : four.xy, next = upper.y ? four.xy : four.zw;
-    float own = upper.x ? row.y : row.x;
-    float beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
+    uvec2 row = upper.y ? four.zw : four.xy, next = upper.y ? four.xy : four.zw;
+    uint own = upper.x ? row.y : row.x;
+    uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
     int other = int(beside != own ? beside : above != own ? above : across) - 1;
     if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
 
@@ -81,7 +82,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     if (seen < 0 || seen == receiver) return false;
 
     // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
-    vec4 plane = triangle_texel(seen, TRIANGLE_PLANE);
+    vec4 plane = facet_texel(seen, FACET_PLANE);
     float offset = plane.w - dot(plane.xyz, light_position);
     float cut = offset / dot(plane.xyz, w);
     if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;

@@ -2,11 +2,10 @@
 // Depth is linear: a perspective depth with so near a near plane has no digits left.
 #include "eye.glsl"
 
-flat in uint triangle_id;
-layout(location = 0) out float seen;
+layout(location = 0) out uint seen;
 
 void main()
 {
     gl_FragDepth = 1.0 / (gl_FragCoord.w * eye_range.y);
-    seen = float(triangle_id + 1u);
+    seen = uint(gl_PrimitiveID) + 1u;
 }

@@ -2,11 +2,10 @@
 // Depth is linear: a perspective depth with so near a near plane, for a shade close to a lamp, has no digits left.
 uniform vec2 light_range;
 
-flat in uint triangle_id;
-layout(location = 0) out float seen;
+layout(location = 0) out uint seen;
 
 void main()
 {
     gl_FragDepth = 1.0 / (gl_FragCoord.w * light_range.y);
-    seen = float(triangle_id + 1u);
+    seen = uint(gl_PrimitiveID) + 1u;
 }

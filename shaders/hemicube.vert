@@ -2,20 +2,15 @@
 // One instanced draw: instance = face, each in its own rectangle of one atlas, kept apart by clip distances.
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
-#include <TRIANGLE>
 #include "hemicube.glsl"
 
 uniform vec2 light_range;  // near and far distance along a face's axis
 
-flat out uint triangle_id;
+layout(location = 0) in vec3 position;
 
 void main()
 {
-    int triangle = gl_VertexID / 3;
-    triangle_id = uint(triangle);
-    vec3 world = triangle_texel(triangle, TRIANGLE_VERTEX0 + gl_VertexID - 3 * triangle).xyz;
-
-    vec3 r = world - light_position;
+    vec3 r = position - light_position;
     vec3 l = vec3(dot(r, light_tangent), dot(r, light_bitangent), dot(r, light_normal));
     vec3 p = hemicube_to_face(gl_InstanceID, l);
     bool top = gl_InstanceID == 0;

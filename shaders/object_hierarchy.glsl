@@ -27,9 +27,9 @@ int next_leaf(inout int node, vec3 origin, vec3 inverse, float tmin, float tmax)
     int leaf = -1;
     while (node < node_count && leaf < 0)
     {
-        vec4 lower = node_texel(node, NODE_LOWER), upper = node_texel(node, NODE_UPPER);
-        bool met = meets_box(lower.xyz, upper.xyz, origin, inverse, tmin, tmax);
-        leaf = met ? int(upper.w) : -1;
+        uvec4 lower = node_texel(node, NODE_LOWER), upper = node_texel(node, NODE_UPPER);
+        bool met = meets_box(uintBitsToFloat(lower.xyz), uintBitsToFloat(upper.xyz), origin, inverse, tmin, tmax);
+        leaf = met ? int(upper.w) - 1 : -1;
         node = met ? node + 1 : int(lower.w);
     }
     return leaf;
@@ -43,10 +43,10 @@ int nearest_by_hierarchy(vec3 origin, vec3 direction, float tmin, int own, out f
     int node = 0, leaf = next_leaf(node, origin, inverse, tmin, t);
     while (leaf >= 0)
     {
-        vec4 of_leaf = leaf_texel(leaf, LEAF_PRIMITIVES);
+        uvec4 of_leaf = leaf_texel(leaf, LEAF_PRIMITIVES);
         for (int i = 0; i < 4; ++i)
         {
-            int candidate = int(of_leaf[i]);
+            int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0) break;
             float at = intersect(candidate, origin, direction, tmin, own);
             COUNT_TEST
@@ -70,10 +70,10 @@ bool blocked_by_hierarchy(vec3 origin, vec3 direction, float tmin, float tmax, i
     int node = 0, leaf = blocked ? -1 : next_leaf(node, origin, inverse, tmin, tmax);
     while (leaf >= 0)
     {
-        vec4 of_leaf = leaf_texel(leaf, LEAF_PRIMITIVES);
+        uvec4 of_leaf = leaf_texel(leaf, LEAF_PRIMITIVES);
         for (int i = 0; i < 4; ++i)
         {
-            int candidate = int(of_leaf[i]);
+            int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0 || blocked) break;
             blocked = intersect(candidate, origin, direction, tmin, own) < tmax;
             COUNT_TEST

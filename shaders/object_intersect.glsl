@@ -1,5 +1,5 @@
 // object_intersect.glsl: where a ray meets a primitive; one routine per kind, shared by every engine [TB V].
-// Needs:  <OBJECTS>
+// Needs:  <SCENE>
 // Frame:  world; directions are unit, so t is a distance in scene units.
 //
 // Each routine has two halves: what follows from the ray's start alone, which a buffer works out once per primitive,
@@ -166,12 +166,8 @@ float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin
 
 TriangleFrom triangle_of(int primitive, vec3 origin)
 {
-    int triangle = primitive - first_triangle;
-    return triangle_from(
-        origin,
-        triangle_texel(triangle, TRIANGLE_VERTEX0).xyz,
-        triangle_texel(triangle, TRIANGLE_VERTEX1).xyz,
-        triangle_texel(triangle, TRIANGLE_VERTEX2).xyz);
+    uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+    return triangle_from(origin, vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
 }
 
 float intersect_triangle(int primitive, vec3 origin, vec3 direction, float tmin, int own)

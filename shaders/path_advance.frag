@@ -1,7 +1,8 @@
 // path_advance.frag: UpdateImage [PB table 6]: from what the scan found to the next vertex of every path.
 // Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, casts + 1024 * losses of the path.
 #include "constants.glsl"
-#include <TRIANGLE>
+#include <SCENE>
+#include "surface.glsl"
 #include "random.glsl"
 #include "direct.glsl"
 #include "path_course.glsl"
@@ -22,6 +23,6 @@ void main()
     }
     ivec2 whole = pixel + image_window.xy;
     uint path = uint(whole.y * image_window.z + whole.x);
-    PathState next = path_vertex(path, a.position, a.triangle, a.plane, a.side, a.throughput, a.radiance.rgb);
+    PathState next = path_vertex(path, a.surface, a.triangle, a.plane, a.front, a.wo, a.throughput, a.radiance.rgb);
     leave(pixel, next, a.radiance.a);
 }

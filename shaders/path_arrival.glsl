@@ -1,5 +1,5 @@
 // path_arrival.glsl: the vertex that the scan found for a path, and the emission found there.
-// Needs:  direct.glsl, path_vertex.glsl, path_flight.glsl
+// Needs:  surface.glsl, direct.glsl, path_vertex.glsl, path_flight.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "texels.glsl"
 #include "path_course.glsl"
@@ -15,8 +15,10 @@ struct Arrival
     int triangle;     // < 0: the path has no further vertex
     vec3 position;
     vec4 plane;       // of the triangle
-    float side;       // of it that the path arrives on, see side_hit
+    Surface surface;
+    bool front;       // is its front what the path arrives on?
     float t;          // distance from the vertex before
+    vec3 wo;          // back along the path
     vec3 throughput;  // the reflection here not included
     vec4 radiance;    // gathered so far; a: casts + 1024 * losses of the path
 };
@@ -32,17 +34,20 @@ Arrival arrive(ivec2 pixel)
     vec4 from = texel(path_position, pixel);
     a.throughput = texel(path_beta, pixel).rgb * weight;
     vec3 d = path_d[course_view(from.w)] * sign(from.w);
-    a.plane = triangle_texel(a.triangle, TRIANGLE_PLANE);
+    a.plane = facet_texel(a.triangle, FACET_PLANE);
     a.t = max(0.0, (a.plane.w - dot(a.plane.xyz, from.xyz)) / dot(a.plane.xyz, d));
     a.position = from.xyz + a.t * d;
-    a.side = side_hit(a.plane, d);
+    a.wo = -d;
+    a.surface = surface_of_triangle(a.triangle, a.position, a.plane);
+    a.front = front_hit(a.plane.xyz, d);
 
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
-    vec4 emission = triangle_texel(a.triangle, TRIANGLE_EMISSION);
+    float light_point;
+    vec3 Le = emitted(a.surface, a.front, light_point);
     float density = direction_density(course_cosine(from.w));
     if (density > 0.0) {
-        float light = abs(emission.w) * a.t * a.t / max(abs(dot(a.plane.xyz, d)), 1e-9);
-        a.radiance.rgb += a.throughput * emitted(emission, a.side) * power_heuristic(density, light);
+        float light = light_point * a.t * a.t / max(abs(dot(a.plane.xyz, d)), 1e-9);
+        a.radiance.rgb += a.throughput * Le * power_heuristic(density, light);
     }
     return a;
 }

@@ -2,7 +2,8 @@
 // up; light that reaches the vertex before by emission was its light sample's, or found with the surface.
 // Runs over: the pixels of the window. Output: the sums, see path_state.glsl
 #include "constants.glsl"
-#include <TRIANGLE>
+#include <SCENE>
+#include "surface.glsl"
 #include "random.glsl"
 #include "direct.glsl"
 #include "path_course.glsl"
@@ -16,6 +17,6 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     Arrival a = arrive(pixel);
-    if (a.triangle >= 0) a.radiance.rgb += a.throughput * reflected_radiance(a.triangle, a.position, a.side);
+    if (a.triangle >= 0) a.radiance.rgb += a.throughput * reflected_radiance(a.triangle, a.position, a.front);
     leave(pixel, ended(a.radiance.rgb), a.radiance.a);
 }

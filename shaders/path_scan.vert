@@ -2,7 +2,7 @@
 // The exact test is the fragment shader's; here only no cell may be missed. A triangle's edges are moved outwards by
 // half a cell (Hasselgren et al. 2005, Conservative Rasterization); one that is seen nearly edge-on, whose corners
 // would run away, is covered by a right triangle around the rectangle along its longest edge instead.
-#include <TRIANGLE>
+#include <SCENE>
 #include "path_view.glsl"
 
 flat out vec4 corner_ab;
@@ -58,9 +58,10 @@ void main()
     int triangle = gl_VertexID / 3;
     int k = gl_VertexID - 3 * triangle;
     PathView view = path_view(gl_InstanceID);
-    vec3 a = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX0).xyz));
-    vec3 b = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX1).xyz));
-    vec3 c = cell_space(view, path_space(gl_InstanceID, triangle_texel(triangle, TRIANGLE_VERTEX2).xyz));
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    vec3 a = cell_space(view, path_space(gl_InstanceID, vertex_position(face.x)));
+    vec3 b = cell_space(view, path_space(gl_InstanceID, vertex_position(face.y)));
+    vec3 c = cell_space(view, path_space(gl_InstanceID, vertex_position(face.z)));
     vec2 ab = b.xy - a.xy, ac = c.xy - a.xy;
     float twice_area = ab.x * ac.y - ab.y * ac.x;
     if (twice_area < 0.0) {

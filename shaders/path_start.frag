@@ -2,7 +2,8 @@
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include "texels.glsl"
 #include "constants.glsl"
-#include <TRIANGLE>
+#include <SCENE>
+#include "surface.glsl"
 #include "eye.glsl"
 #include "random.glsl"
 #include "direct.glsl"
@@ -10,7 +11,7 @@
 #include "path_vertex.glsl"
 #include "path_state.glsl"
 
-TEXELS(r32f, eye_buffer);
+UINT_TEXELS(r32ui, eye_buffer);
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
 void main()
@@ -21,12 +22,14 @@ void main()
         leave(pixel, ended(vec3(0.0)), 0.0);
         return;
     }
-    vec4 plane = triangle_texel(triangle, TRIANGLE_PLANE);
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
     vec3 d = eye_direction(gl_FragCoord.xy);
     vec3 x = eye_position + d * ((plane.w - dot(plane.xyz, eye_position)) / dot(plane.xyz, d));
-    float side = side_hit(plane, d);
-    vec3 Le = emitted(triangle_texel(triangle, TRIANGLE_EMISSION), side);
+    Surface s = surface_of_triangle(triangle, x, plane);
+    bool front = front_hit(plane.xyz, d);
+    float light_point;
+    vec3 Le = emitted(s, front, light_point);
     ivec2 whole = pixel + image_window.xy;
     uint path = uint(whole.y * image_window.z + whole.x);
-    leave(pixel, path_vertex(path, x, triangle, plane, side, vec3(1.0), Le), 0.0);
+    leave(pixel, path_vertex(path, s, triangle, plane, front, -normalize(d), vec3(1.0), Le), 0.0);
 }

@@ -1,5 +1,5 @@
 // path_vertex.glsl: one vertex of a path: direct light, and the direction in which it goes on [PB A.3, table 6].
-// Needs:  constants.glsl, <TRIANGLE>, direct.glsl, random.glsl, path_course.glsl
+// Needs:  <SCENE>, surface.glsl, direct.glsl, random.glsl, path_course.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
 uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
@@ -18,26 +18,15 @@ PathState ended(vec3 radiance)
     return PathState(vec4(0.0), vec3(0.0), radiance);
 }
 
-// The side of the surface that a ray along `d` arrives on: +1 front, -1 back.
-float side_hit(vec4 plane, vec3 d)
+// `s` is on the triangle of a plane; `front` whether that side is seen, along -wo.
+PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front, vec3 wo, vec3 beta, vec3 radiance)
 {
-    return dot(plane.xyz, d) < 0.0 ? 1.0 : -1.0;
-}
-
-vec3 emitted(vec4 emission, float side)
-{
-    // The sign of w: both sides emit.
-    return side > 0.0 || emission.w < 0.0 ? emission.rgb : vec3(0.0);
-}
-
-PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float side, vec3 beta, vec3 radiance)
-{
-    vec3 normal = plane.xyz * side;
-    vec4 reflectance = triangle_texel(triangle, TRIANGLE_REFLECTANCE);
-    vec3 throughput = side > 0.0 || reflectance.w != 0.0 ? beta * reflectance.rgb : vec3(0.0);
-    radiance += throughput * direct_light(position, normal, triangle, plane);
+    vec3 normal = front ? s.normal : -s.normal;
+    Bsdf b = bsdf_at(s, front);
+    vec3 wi = normalize(light_position - s.position);
+    radiance += beta * bsdf_eval(b, normal, wo, wi) * direct_light(s.position, normal, triangle, plane);
 #ifdef LAST_VERTEX
-    return ended(radiance + throughput * ambient);
+    return ended(radiance + beta * b.diffuse * ambient);
 #else
     float c = dot(normal, next_directions[0]);
     int view = 0;
@@ -58,7 +47,7 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
     if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
     weight /= chance;
 #endif
-    throughput *= weight;
+    vec3 throughput = beta * bsdf_eval(b, normal, wo, c < 0.0 ? -next_directions[view] : next_directions[view]) * weight;
     float most = max(throughput.r, max(throughput.g, throughput.b));
     if (roulette) {
         float stay = min(1.0, most);
@@ -66,6 +55,6 @@ PathState path_vertex(uint path, vec3 position, int triangle, vec4 plane, float 
         throughput /= stay;
     }
     if (most <= 0.0 || c == 0.0) return ended(radiance);
-    return PathState(vec4(position, pack_course(view, c)), throughput, radiance);
+    return PathState(vec4(s.position, pack_course(view, c)), throughput, radiance);
 #endif
 }

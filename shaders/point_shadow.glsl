@@ -1,5 +1,5 @@
 // point_shadow.glsl: is a place on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
-// Needs:  <OBJECTS>; SHADOW_CUBE as point_shadow_map.glsl has it
+// Needs:  <SCENE>; SHADOW_CUBE as point_shadow_map.glsl has it
 //         SHADOW_LIGHTS    how many lights the buffers were made for
 //         SHADOW_TAPS      cells across that a lookup asks; 1: the nearest alone, no filter
 //         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
@@ -10,7 +10,7 @@
 // square root or division is needed to compare it with the receiver's own plane anywhere.
 #include "texels.glsl"
 #include "point_shadow_map.glsl"
-#include <OBJECTS>
+#include <SCENE>
 
 TEXELS(rgba32f, shadow_buffer);  // plane; number of the primitive, -1 for none
 uniform vec3 shadow_light_position[SHADOW_LIGHTS];
@@ -55,7 +55,7 @@ ShadowPlace shadow_home(int face, vec2 cell)
 // [TB (8)] An object is lit where the light sees it. Wrong for objects that shadow themselves.
 bool shadow_entry_hides(vec4 seen, int object)
 {
-    return seen.w < 0.0 || int(surface_texel(int(seen.w), SURFACE_LAST).z) != object;
+    return seen.w < 0.0 || shape_of(int(seen.w)) != object;
 }
 #else
 // Does what the entry's ray along c (unit) meets stand between the light and the place w (both from the light)?

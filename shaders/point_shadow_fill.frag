@@ -1,7 +1,7 @@
 // point_shadow_fill.frag: shoots the ray of one cell of a point light's shadow-buffer at one object [TB III.E].
 // The depth test keeps the entry whose t' < t. Depth is t times a power of two, so its order is that of t to the bit.
-// Needs:  <OBJECTS>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
-#include <OBJECTS>
+// Needs:  <SCENE>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
+#include <SCENE>
 #include "object_intersect.glsl"
 #include "point_shadow_map.glsl"
 

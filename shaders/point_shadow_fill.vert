@@ -1,8 +1,8 @@
 // point_shadow_fill.vert: the rectangles of cells whose rays may meet an object [TB III.E], two triangles each, or a
 // point for a small one: a vertex instead of six. They end at the borders of cells, so every cell inside is shot at
 // once; of a point's the fragment shader leaves out the others.
-// Needs:  <OBJECTS>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
-#include <OBJECTS>
+// Needs:  <SCENE>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
+#include <SCENE>
 #include "object_intersect.glsl"
 
 uniform usampler2D rectangles;  // first column | row << 16, last column | row << 16, number of the primitive, face

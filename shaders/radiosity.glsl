@@ -10,13 +10,13 @@ vec3 radiosity_value(int first, int place, int back)
     return radiosity_texel(2 * (first + place) + back, RADIOSITY_RADIANCE).rgb;
 }
 
-// side: +1 front, -1 back.
-vec3 reflected_radiance(int triangle, vec3 position, float side)
+// front: of the triangle, or its back.
+vec3 reflected_radiance(int triangle, vec3 position, bool front)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
     vec2 range = lattice_texel(triangle, LATTICE_RANGE).xy;
     float n = range.x;
-    int last = int(n) - 1, first = int(range.y), back = int(side < 0.0);
+    int last = int(n) - 1, first = int(range.y), back = int(!front);
 
     // Rounding may put a point just outside of its triangle.
     vec2 p = clamp(vec2(dot(along_x.xyz, position) + along_x.w, dot(along_y.xyz, position) + along_y.w), 0.0, n);

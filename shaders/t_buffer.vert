@@ -77,9 +77,10 @@ void main()
     int status = bounds(primitive, low, high);
 #ifdef KIND_TRIANGLE
     vec3 pixels = vec3(eye_focal, eye_focal, 1.0);
-    vec3 a = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX0).xyz - eye_position);
-    vec3 b = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX1).xyz - eye_position);
-    vec3 c = pixels * to_eye(triangle_texel(item, TRIANGLE_VERTEX2).xyz - eye_position);
+    uvec4 face = face_texel(item, FACE_CORNERS);
+    vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
+    vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
+    vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);
     // Only their directions count; products of three would leave the range of floats in large scenes.
     vec3 most = max(abs(a), max(abs(b), abs(c)));
     float scale = 1.0 / max(max(most.x, most.y), max(most.z, 1e-30));

@@ -1,7 +1,7 @@
 // t_buffer_ray.glsl: one kind of primitive (KIND_...), as the T-buffer shoots rays at it: what all its rays share is
 // worked out once, as they all start at the eye.
-// Needs:  <OBJECTS>, object_intersect.glsl, object_eye.glsl, object_bounds.glsl
-#include <OBJECTS>
+// Needs:  <SCENE>, object_intersect.glsl, object_eye.glsl, object_bounds.glsl
+#include <SCENE>
 #include "object_intersect.glsl"
 #include "object_eye.glsl"
 #include "object_bounds.glsl"
@@ -58,10 +58,8 @@ Target target(int primitive)
 
 int bounds(int primitive, out ivec2 low, out ivec2 high)
 {
-    int triangle = primitive - first_triangle;
-    return triangle_bounds(
-        triangle_texel(triangle, TRIANGLE_VERTEX0).xyz, triangle_texel(triangle, TRIANGLE_VERTEX1).xyz,
-        triangle_texel(triangle, TRIANGLE_VERTEX2).xyz, low, high);
+    uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+    return triangle_bounds(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z), low, high);
 }
 
 float shoot(Target aim, vec3 direction)

@@ -1,13 +1,12 @@
 // whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
-// Needs:  <OBJECTS>; BY_HIERARCHY: rays that leave a surface go by it, else by the classical algorithm;
+// Needs:  <SCENE>; BY_HIERARCHY: rays that leave a surface go by it, else by the classical algorithm;
 //         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
 //         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
 //   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
-#include <OBJECTS>
-#include "object_surface.glsl"
-#include "object_texture.glsl"
+#include <SCENE>
+#include "surface_at.glsl"
 #include "object_eye.glsl"
 #include "object_classic.glsl"
 #ifdef BY_HIERARCHY
@@ -32,28 +31,6 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow 
 // A place on a surface is only known to this share of the way that led there.
 const float RAY_ROUNDING = 2e-6;
 
-struct Matter
-{
-    vec3 reflectance;
-    vec3 specular;
-    float exponent;
-    vec3 mirror;
-    vec3 emission;
-};
-
-// What a surface does with light on the side that is seen.
-Matter matter_of(Surface s, bool front)
-{
-    vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE), phong = material_texel(s.material, MATERIAL_SPECULAR);
-    vec4 mirror = material_texel(s.material, MATERIAL_MIRROR), emission = shape_texel(s.object, SHAPE_EMISSION);
-    float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0, shows = front || emission.w != 0.0 ? 1.0 : 0.0;
-    vec3 rho = diffuse.rgb * reflects;
-#ifdef HAS_TEXTURES
-    if (mirror.w >= 0.0) rho *= texture_colour(int(mirror.w), s.uv);
-#endif
-    return Matter(rho, phong.rgb * reflects, phong.w, mirror.rgb * reflects, emission.rgb * shows);
-}
-
 vec3 sky(vec3 direction)
 {
     return mix(sky_horizon, sky_zenith, clamp(dot(direction, sky_up), 0.0, 1.0));
@@ -69,18 +46,18 @@ bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int
 }
 
 // Radiance towards -direction of the light that comes straight from the lights. `normal` is on the side that is seen.
-vec3 light_from_lights(int primitive, Surface s, vec3 normal, Matter matter, vec3 reflected, float rounding)
+vec3 light_from_lights(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo, float rounding)
 {
     vec3 sum = vec3(0.0);
     for (int light = 0; light < light_count; ++light)
     {
-        vec4 place = light_texel(light, LIGHT_POSITION), intensity = light_texel(light, LIGHT_INTENSITY);
         vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
-        int kind = int(place.w);
-        vec3 way = kind == LIGHT_DIRECTIONAL ? -axis : place.xyz - s.position;
-        float square = dot(way, way), distance = sqrt(square);
-        vec3 wi = way / max(distance, 1e-37);
-        vec3 E = intensity.rgb / (intensity.w != 0.0 ? max(square, 1e-37) : 1.0);
+        uvec2 punctual = punctual_texel(light, PUNCTUAL_KIND).xy;
+        uint kind = punctual.x;
+        vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - s.position;
+        float square = dot(to_light, to_light), distance = sqrt(square);
+        vec3 wi = to_light / max(distance, 1e-37);
+        vec3 E = light_texel(light, LIGHT_INTENSITY).rgb / (punctual.y != 0u ? max(square, 1e-37) : 1.0);
         if (kind == LIGHT_SPOT)
         {
             vec2 cone = light_texel(light, LIGHT_CONE).xy;
@@ -93,7 +70,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Matter matter, vec
 #ifdef SHADOW_BUFFERS
         if (reaches && kind != LIGHT_DIRECTIONAL)
         {
-            visible = point_light_visibility(light, s.position, normal, s.object);
+            visible = point_light_visibility(light, s.position, normal, s.shape);
             reaches = false;
         }
 #endif
@@ -104,8 +81,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Matter matter, vec
             if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
         }
 #endif
-        float highlight = pow(max(dot(reflected, wi), 1e-20), matter.exponent);
-        sum += (matter.reflectance * cosine + matter.specular * highlight) * E * (visible / PI);
+        sum += bsdf_eval(bsdf, normal, wo, wi) * cosine * E * (visible / PI);
     }
     return sum;
 }
@@ -128,28 +104,28 @@ void main()
             L += weight * sky(direction);
             break;
         }
-        Surface s = surface(primitive, origin, direction, t);
-        bool front = dot(s.normal, direction) < 0.0;
+        Surface s = surface_at(primitive, origin, direction, t);
+        bool front = front_hit(s.normal, direction);
         vec3 normal = front ? s.normal : -s.normal;
-        Matter matter = matter_of(s, front);
-        vec3 reflected = reflect(direction, normal);
+        Bsdf bsdf = bsdf_at(s, front);
         vec3 size = abs(s.position);
         rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
 
-        L += weight * (ambient * matter.reflectance + matter.emission);
+        float light_point;
+        L += weight * (ambient * bsdf.diffuse + emitted(s, front, light_point));
 #ifdef COUNT_TESTS
         uint before = tests;
 #endif
-        L += weight * light_from_lights(primitive, s, normal, matter, reflected, rounding);
+        L += weight * light_from_lights(primitive, s, normal, bsdf, -direction, rounding);
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;
 #endif
 #ifdef REFLECTIONS
-        weight *= matter.mirror;
+        weight *= bsdf.mirror;
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
         origin = s.position;
-        direction = normalize(reflected);
+        direction = normalize(reflect(direction, normal));
 #ifdef BY_HIERARCHY
         primitive = nearest_by_hierarchy(origin, direction, rounding, primitive, t);
 #else

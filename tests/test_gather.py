@@ -16,8 +16,8 @@ import glpath
 from glpath import RadiositySolution, rendering
 from glpath.compare import relative_mse
 from glpath.gl.context import get_context
-from glpath.gl.gpu_scene import GpuScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, gpu_radiosity
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather import GatherSettings, GatherTracer, device_radiosity
 from glpath.radiosity import lattice
 from glpath.rendering import tiles
 from glpath.rendering.factory import DEFAULT_DEPTH
@@ -120,8 +120,8 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any)
     # Cells enough that no path loses its roulette.
     tracer = GatherTracer(
         gl,
-        GpuScene(gl, scene),
-        gpu_radiosity(gl, scene, solution, lookup),
+        DeviceScene(gl, scene),
+        device_radiosity(gl, scene, solution, lookup),
         GatherSettings(cell_share=8.0),
         (0, 0, *scene.camera.resolution),
         hardware=False,
@@ -256,9 +256,8 @@ def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: s
 
 
 def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from glpath.gl import gpu_radiosity
 
-    monkeypatch.setattr(gpu_radiosity, "_MOST", 100)
+    monkeypatch.setattr(store_of_radiosity, "_MOST", 100)
     with pytest.raises(glpath.SceneError, match="coarser mesh"):
         gather(BOX, even(load_scene(BOX), 1.0, 4), spp=1)
 

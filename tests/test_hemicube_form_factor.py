@@ -11,7 +11,7 @@ from reference.closed_forms import facing_rectangles_form_factor, polygon_irradi
 
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.hemicube_form_factor import HemicubeFormFactors, atlas_form_factors, scene_of_elements
 from glpath.radiosity import Blockers, Visibility
 from glpath.radiosity.form_factor import FormFactors
@@ -33,7 +33,7 @@ def quads(*corners: Any) -> Scene:
 
 def engine(scene: Scene, resolution: int = 256) -> HemicubeFormFactors:
     gl = get_context().gl
-    return HemicubeFormFactors(gl, GpuScene(gl, scene), resolution)
+    return HemicubeFormFactors(gl, DeviceScene(gl, scene), resolution)
 
 
 UP = np.array([0.0, 1.0, 0.0])

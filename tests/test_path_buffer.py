@@ -13,7 +13,7 @@ import glpath.buffers.path_buffer as path_buffer
 from glpath.buffers.path_buffer import PathBuffer
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Scene, Shape
 
@@ -28,7 +28,7 @@ def scene_of(triangles: Float64) -> Scene:
 
 def buffer_for(scene: Scene, cells: tuple[int, int], paths: tuple[int, int] = (128, 32)) -> PathBuffer:
     gl = get_context().gl
-    return PathBuffer(gl, GpuScene(gl, scene), paths, cells)
+    return PathBuffer(gl, DeviceScene(gl, scene), paths, cells)
 
 
 @pytest.fixture(params=["packed", "in two scans"])

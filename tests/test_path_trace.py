@@ -18,7 +18,7 @@ from reference.numpy_path_tracer import nearest_hits, path_trace
 import glpath
 from glpath.compare import relative_mse
 from glpath.gl.context import get_context
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
@@ -331,7 +331,7 @@ def test_a_sample_that_is_not_a_number_is_dropped_and_counted() -> None:
     scene = load_scene("furnace").with_camera(resolution=(8, 8))
     gl = get_context().gl
     settings = PathTraceSettings(max_depth=1, ambient=(0.0, float("nan"), 0.0))
-    tracer = PathTracer(gl, GpuScene(gl, scene), settings, (0, 0, 8, 8), hardware=False)
+    tracer = PathTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 8, 8), hardware=False)
     tracer.trace_path_set(0)
     assert np.all(tracer.take() == 0.0)
     assert tracer.statistics()["dropped_samples"] == 64

@@ -19,7 +19,7 @@ from reference.shadow_cells import cube_directions, sphere_directions
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
-from glpath.gl.gpu_objects import GpuObjects
+from glpath.gl.device_scene import DeviceScene
 from glpath.scene.model import Scene, Shape
 
 Float64 = NDArray[np.float64]
@@ -30,7 +30,7 @@ def buffer_for(
 ) -> PointShadowBuffer:
     """Of about rows x 2 rows cells, whatever the kind."""
     gl = get_context().gl
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     if kind is SphereShadowBuffer:
         return SphereShadowBuffer(gl, objects, rows, 2 * rows, lights)
     return CubeShadowBuffer(gl, objects, round(rows / np.sqrt(3)), lights)
@@ -157,7 +157,7 @@ def test_a_buffer_is_filled_again_when_an_object_moves(kind: type[SphereShadowBu
     below = np.array([[0.0, -2.0, 0.0], [3.0, -2.0, 0.0]])
     up = np.tile([0.0, 1.0, 0.0], (2, 1))
     for scene, lit in ((before, [0, 1]), (after, [1, 0]), (before, [0, 1])):
-        buffer.objects = GpuObjects(buffer.gl, scene)
+        buffer.objects = DeviceScene(buffer.gl, scene)
         buffer.fill((1.5, 8.0, 0.0))
         np.testing.assert_array_equal(buffer.visibility(0, below, up, [1, 1]), lit)
         assert not buffer.fill((1.5, 8.0, 0.0))
@@ -396,7 +396,7 @@ def test_shadows_are_whole_across_seams_poles_edges_and_corners(
 
 def test_what_is_impossible_is_refused() -> None:
     gl = get_context().gl
-    objects = GpuObjects(gl, stack())
+    objects = DeviceScene(gl, stack())
     for make in (
         lambda: SphereShadowBuffer(gl, objects, 0, 10),
         lambda: CubeShadowBuffer(gl, objects, 100_000),

@@ -14,8 +14,8 @@ from PIL import Image
 import glpath
 from glpath.buffers.t_buffer import ClassicEye
 from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.gl.gpu_objects import GpuObjects
 from glpath.scene import preview
 
 
@@ -26,7 +26,7 @@ from glpath.scene import preview
 def test_a_preview_sees_what_the_ray_tracer_sees(name: str, parameters: dict[str, object]) -> None:
     scene = glpath.load_scene(name, parameters).with_camera(resolution=(96, 64))
     gl = get_context().gl
-    eye = ClassicEye(gl, GpuObjects(gl, scene), (96, 64))
+    eye = ClassicEye(gl, DeviceScene(gl, scene), (96, 64))
     eye.fill(eye_uniforms(scene.camera))
     primitive, t = eye.read()
     found, distance = preview.first_hits(scene)

@@ -13,8 +13,8 @@ from reference.numpy_ray_tracer import camera_rays, nearest
 
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.gl.gpu_objects import GpuObjects
 from glpath.scene.model import Scene
 
 Seen = tuple[NDArray[np.int32], NDArray[np.float32]]
@@ -27,7 +27,7 @@ def gl() -> moderngl.Context:
 
 def see(gl: moderngl.Context, scene: Scene, window: tuple[int, int, int, int] | None = None) -> list[Seen]:
     """What the classical algorithm sees, the T-buffer that draws everything, and the one that splits."""
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     size = window[2:] if window else scene.camera.resolution
     buffers: list[EyeBuffer] = [ClassicEye(gl, objects, size)]
     buffers += [TBuffer(gl, objects, size, split_from=least) for least in (10**9, 0)]
@@ -47,7 +47,7 @@ def assert_all_equal(seen: list[Seen]) -> None:
 
 def assert_agrees_with_reference(scene: Scene, seen: Seen, share: float = 0.002) -> None:
     """Primitive and t agree but for `share` of the pixels, where rounding moves an edge."""
-    numbers = GpuObjects(get_context().gl, scene).numbering
+    numbers = DeviceScene(get_context().gl, scene).numbering
     primitive, t = nearest(scene, *camera_rays(scene))
     to_scene = np.concatenate([numbers.spheres, np.arange(numbers.first_triangle, numbers.count), [-1]])
     ours, ours_t = to_scene[seen[0].ravel()], seen[1].ravel()
@@ -210,7 +210,7 @@ def test_far_and_huge(gl: moderngl.Context) -> None:
 @pytest.mark.parametrize("split_from", [0, 10**9])
 def test_a_window_is_a_part_of_the_picture_bit_for_bit(gl: moderngl.Context, split_from: int) -> None:
     scene = soup(1)
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     whole = TBuffer(gl, objects, (96, 64), split_from=split_from)
     whole.fill(eye_uniforms(scene.camera, pixel=(0.3, 0.9)))
     part = TBuffer(gl, objects, (33, 21), split_from=split_from)
@@ -221,7 +221,7 @@ def test_a_window_is_a_part_of_the_picture_bit_for_bit(gl: moderngl.Context, spl
 
 def test_a_place_in_the_pixel_is_that_place(gl: moderngl.Context) -> None:
     scene = soup(4)
-    buffer = ClassicEye(gl, GpuObjects(gl, scene), (96, 64))
+    buffer = ClassicEye(gl, DeviceScene(gl, scene), (96, 64))
     buffer.fill(eye_uniforms(scene.camera, pixel=(0.1, 0.8)))
     primitive, t = nearest(scene, *camera_rays(scene, (0.1, 0.8)))
     ours = buffer.read()
@@ -233,7 +233,7 @@ def test_a_place_in_the_pixel_is_that_place(gl: moderngl.Context) -> None:
 @pytest.mark.parametrize("split_from", [0, 10**9])
 def test_a_buffer_can_be_filled_again(gl: moderngl.Context, split_from: int) -> None:
     scene = soup(3)
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     buffer = TBuffer(gl, objects, (96, 64), split_from=split_from)
     seen = []
     for at in ((0, 0, 6), (5, 3, 1), (0.1, 0.2, 0.3), (0, 0, 6)):
@@ -248,7 +248,7 @@ def test_a_buffer_can_be_filled_again(gl: moderngl.Context, split_from: int) -> 
 
 @pytest.mark.parametrize("make", [ClassicEye, TBuffer])
 def test_nothing_but_planes_and_nothing_at_all(gl: moderngl.Context, make: Callable[..., EyeBuffer]) -> None:
-    buffer = make(gl, GpuObjects(gl, scene_of(planes=[ground()])), (96, 64))
+    buffer = make(gl, DeviceScene(gl, scene_of(planes=[ground()])), (96, 64))
     buffer.fill(eye_uniforms(camera()))
     primitive, t = buffer.read()
     assert np.all(primitive[:32] == -1)
@@ -258,7 +258,7 @@ def test_nothing_but_planes_and_nothing_at_all(gl: moderngl.Context, make: Calla
 
 def test_intersection_tests_are_counted(gl: moderngl.Context) -> None:
     scene = soup(0)
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     classic = ClassicEye(gl, objects, (96, 64), count_tests=True)
     classic.fill(eye_uniforms(scene.camera))
     assert classic.take_tests() == 96 * 64 * objects.count
@@ -281,7 +281,7 @@ def test_intersection_tests_are_counted(gl: moderngl.Context) -> None:
 
 def test_a_sphere_is_shot_at_within_its_rectangle_only(gl: moderngl.Context) -> None:
     scene = scene_of(spheres=[ball((0.4, 0.3, 0), 0.8)])
-    objects = GpuObjects(gl, scene)
+    objects = DeviceScene(gl, scene)
     for least in (0, 10**9):
         buffer = TBuffer(gl, objects, (96, 64), count_tests=True, split_from=least)
         buffer.fill(eye_uniforms(scene.camera))
@@ -297,7 +297,7 @@ def test_windows_narrower_than_a_square_of_pixels(gl: moderngl.Context, size: tu
     assert_all_equal(see(gl, scene))
     seen = []
     for least in (0, 10**9):
-        buffer = TBuffer(gl, GpuObjects(gl, scene), size, count_tests=True, split_from=least)
+        buffer = TBuffer(gl, DeviceScene(gl, scene), size, count_tests=True, split_from=least)
         buffer.fill(eye_uniforms(scene.camera))
         seen.append(buffer.take_tests())
     assert seen[0] == seen[1] >= size[0] * size[1]  # the eye is inside the last one

@@ -35,8 +35,8 @@ from glpath.bench.equal_error import (
 )
 from glpath.compare import relative_mse
 from glpath.gl.context import Context, get_context
-from glpath.gl.gpu_scene import GpuScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, gpu_radiosity
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather import GatherSettings, GatherTracer, device_radiosity
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.measure import Condition, Report, judge, machine
 from glpath.radiosity.solution import RadiositySolution
@@ -172,8 +172,8 @@ def _gather(
 ) -> GatherTracer:
     tracer = GatherTracer(
         context.gl,
-        GpuScene(context.gl, scene),
-        gpu_radiosity(context.gl, scene, solution, "interpolated"),
+        DeviceScene(context.gl, scene),
+        device_radiosity(context.gl, scene, solution, "interpolated"),
         GatherSettings(seed=seed),
         (0, 0, *scene.camera.resolution),
         hardware=context.info.hardware,
@@ -186,7 +186,9 @@ def _gather(
 def _path(context: Context, scene: Scene, seed: int) -> PathTracer:
     settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed)
     window = (0, 0, *scene.camera.resolution)
-    tracer = PathTracer(context.gl, GpuScene(context.gl, scene), settings, window, hardware=context.info.hardware)
+    tracer = PathTracer(
+        context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware
+    )
     warm_up(tracer)
     return tracer
 

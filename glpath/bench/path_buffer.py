@@ -33,7 +33,7 @@ from glpath.bench.equal_error import (
 )
 from glpath.compare import relative_mse
 from glpath.gl.context import Context, get_context
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.measure import Report, machine
 from glpath.scene import load_scene
@@ -124,7 +124,7 @@ def bench_path_buffer(
 def _tracer(context: Context, scene: Scene, seed: int, timings: bool = False) -> PathTracer:
     tracer = PathTracer(
         context.gl,
-        GpuScene(context.gl, scene),
+        DeviceScene(context.gl, scene),
         PathTraceSettings(max_depth=DEPTH, seed=seed),
         (0, 0, *scene.camera.resolution),
         hardware=context.info.hardware,

@@ -27,8 +27,8 @@ from glpath.bench import embree_peer
 from glpath.buffers.t_buffer import TBuffer
 from glpath.errors import GlpathError
 from glpath.gl.context import Context, get_context
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.gl.gpu_objects import GpuObjects
 from glpath.integrators.whitted import WhittedSettings, WhittedTracer
 from glpath.measure import Condition, Report, cores, in_turns, judge, machine, seconds_of
 from glpath.scene import load_scene
@@ -137,10 +137,10 @@ def _visibility(context: Context, scene: Scene, peer: bool, rounds: int, say: Sa
     say(f"visibility of a {scene.name}")
     gl, camera = context.gl, scene.camera
     made: list[TBuffer] = []
-    objects: list[GpuObjects] = []
+    objects: list[DeviceScene] = []
 
     def build() -> None:
-        objects.append(GpuObjects(gl, scene))
+        objects.append(DeviceScene(gl, scene))
         made.append(TBuffer(gl, objects[0], camera.resolution))
 
     build_ms = 1e3 * seconds_of(build, gl.finish)
@@ -197,7 +197,7 @@ def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
     settings = WhittedSettings(max_depth=1, shadows="sphere", shadow_resolution=max(20, round(1000 * scale)))
     window = (0, 0, *scene.camera.resolution)
     tracer = WhittedTracer(
-        context.gl, GpuObjects(context.gl, scene), settings, window, hardware=context.info.hardware
+        context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware
     )
     tracer.trace_path_set(0)  # compiles what is left to compile
     assert tracer.shadow_buffer is not None, "the scene has a point light"

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
-from glpath.gl.gpu_scene import GpuScene, triangle_glsl
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 
@@ -109,7 +109,7 @@ class PathBuffer:
     def __init__(
         self,
         gl: moderngl.Context,
-        scene: GpuScene,
+        scene: DeviceScene,
         paths: tuple[int, int],
         cells: tuple[int, int] | None = None,
         views: int = 1,
@@ -128,7 +128,7 @@ class PathBuffer:
         # The views lie side by side in one buffer.
         self.cells = cells = (views * self.view_cells[0], self.view_cells[1])
         count = cells[0] * cells[1]
-        self.id_bits = max(1, (scene.count - 1).bit_length())
+        self.id_bits = max(1, (scene.triangle_count - 1).bit_length())
         self.packed = self.id_bits <= MAX_PACKED_BITS
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
         if self.packed:
@@ -152,7 +152,7 @@ class PathBuffer:
         self._bounds = self._texture((views, 1), "f4")
 
         self._textures = textures = {
-            "triangles": scene.texture,
+            **scene.textures,
             "path_position": self._found,  # until the first scan brings its own
             "path_grid_0": self._grids[0],
             "path_grid_1": self._grids[-1],
@@ -173,7 +173,7 @@ class PathBuffer:
                 gl,
                 vertex=vertex,
                 fragment=fragment,
-                generated={"TRIANGLE": triangle_glsl()},
+                generated=scene.generated,
                 defines=self.defines | defines,
             )
 
@@ -209,7 +209,7 @@ class PathBuffer:
                     gl,
                     program("path_scan.frag", "path_scan.vert", **defines),
                     target(found),
-                    vertices=3 * scene.count,
+                    vertices=3 * scene.triangle_count,
                     instances=views,
                     blend=blend,
                     clip_distances=2,
@@ -237,13 +237,14 @@ class PathBuffer:
     def _view_uniforms(self, view: ScanView) -> dict[str, object]:
         """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
         assert len(view.directions) == self.views, f"{len(view.directions)} directions for {self.views} views"
-        frames = [tight_frame(d, self.scene.corners) for d in view.directions]
+        frames = [tight_frame(d, self.scene.box) for d in view.directions]
         if self._epoch == 0:
             # Heads of another epoch are of no meaning; when the epochs run out, start over.
             self._epoch = _EPOCHS
             self._heads.clear()
         self._epoch -= 1
         return {
+            **self.scene.uniforms,
             "path_u": vectors([u for u, _ in frames]),
             "path_v": vectors([v for _, v in frames]),
             "path_d": vectors(view.directions),
@@ -301,7 +302,7 @@ class PathBuffer:
         >>> from glpath.gl.context import get_context
         >>> from glpath.scene import load_scene
         >>> gl = get_context().gl
-        >>> buffer = PathBuffer(gl, GpuScene(gl, load_scene("cornell-box-36")), paths=(16, 16))
+        >>> buffer = PathBuffer(gl, DeviceScene(gl, load_scene("cornell-box-36")), paths=(16, 16))
         >>> hits = buffer.cast(origins=[[0, 0, 0.9], [0.5, 0.2, 0.9]], direction=(0, -1, 0))
         >>> hits.t.round(3).tolist()
         [1.0, 1.2]

@@ -47,15 +47,14 @@ from glpath.buffers.light_bounds import (
 )
 from glpath.errors import UsageError
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
-from glpath.gl.gpu_objects import GpuObjects
-from glpath.gl.gpu_scene import GpuScene, triangle_glsl
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
 
 ShadowTest = Literal["distance", "identity"]
 
-#: In the order of their numbers, see `GpuObjects`.
+#: In the order of their numbers, see `DeviceScene`.
 KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 #: The widest filter of a lookup, in cells across.
 MAX_TAPS = 15
@@ -74,29 +73,26 @@ class HemicubeShadowBuffer:
 
     Attributes
     ----------
-    texture : R32F, triangle number + 1, 0 for none
+    texture : R32UI, triangle number + 1, 0 for none
     """
 
-    def __init__(self, gl: moderngl.Context, scene: GpuScene, resolution: int) -> None:
+    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int) -> None:
         self.scene = scene
         self.resolution = resolution
         size = (2 * resolution, 3 * resolution // 2)
-        self.texture = gl.texture(size, 1, dtype="f4")
+        self.texture = gl.texture(size, 1, dtype="u4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        program = load_program(
-            gl, vertex="hemicube.vert", fragment="hemicube.frag", generated={"TRIANGLE": triangle_glsl()}
-        )
+        program = load_program(gl, vertex="hemicube.vert", fragment="hemicube.frag", generated=scene.generated)
         self._pass = Pass(
             "shadow-buffer",
             gl,
             program,
             gl.framebuffer([self.texture], gl.depth_texture(size)),
-            vertices=3 * scene.count,
+            triangles=scene.triangles,
             instances=5,
             depth=True,
             clip_distances=4,
             clear=(0.0, 0.0, 0.0, 0.0),
-            textures={"triangles": scene.texture},
         )
 
     def frame(self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float) -> dict[str, object]:
@@ -151,7 +147,12 @@ class PointShadowBuffer(ABC):
     shape = ""
 
     def __init__(
-        self, gl: moderngl.Context, objects: GpuObjects, cells: tuple[int, int], faces: tuple[int, int], lights: int
+        self,
+        gl: moderngl.Context,
+        objects: DeviceScene,
+        cells: tuple[int, int],
+        faces: tuple[int, int],
+        lights: int,
     ) -> None:
         self.gl = gl
         self.objects = objects
@@ -376,7 +377,9 @@ class SphereShadowBuffer(PointShadowBuffer):
 
     shape = "sphere"
 
-    def __init__(self, gl: moderngl.Context, objects: GpuObjects, rows: int, columns: int, lights: int = 1) -> None:
+    def __init__(
+        self, gl: moderngl.Context, objects: DeviceScene, rows: int, columns: int, lights: int = 1
+    ) -> None:
         super().__init__(gl, objects, (columns, rows), (1, 1), lights)
 
     def _of_caps(self, caps: Caps) -> CellRectangles:
@@ -398,7 +401,7 @@ class CubeShadowBuffer(PointShadowBuffer):
 
     shape = "cube"
 
-    def __init__(self, gl: moderngl.Context, objects: GpuObjects, side: int, lights: int = 1) -> None:
+    def __init__(self, gl: moderngl.Context, objects: DeviceScene, side: int, lights: int = 1) -> None:
         super().__init__(gl, objects, (side, side), (3, 2), lights)
 
     def _of_caps(self, caps: Caps) -> CellRectangles:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
-from glpath.gl.gpu_objects import STORES_ARE_TEXELS, GpuObjects
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Dispatch, Pass
 from glpath.gl.program import Program, load_program
 
@@ -56,7 +56,7 @@ class EyeBuffer(ABC):
     """
 
     def __init__(
-        self, gl: moderngl.Context, objects: GpuObjects, size: tuple[int, int], *, count_tests: bool = False
+        self, gl: moderngl.Context, objects: DeviceScene, size: tuple[int, int], *, count_tests: bool = False
     ) -> None:
         self.gl = gl
         self.objects = objects
@@ -111,13 +111,13 @@ class ClassicEye(EyeBuffer):
     """
 
     def __init__(
-        self, gl: moderngl.Context, objects: GpuObjects, size: tuple[int, int], *, count_tests: bool = False
+        self, gl: moderngl.Context, objects: DeviceScene, size: tuple[int, int], *, count_tests: bool = False
     ) -> None:
         super().__init__(gl, objects, size, count_tests=count_tests)
         self._pass = Pass(
             "primary rays",
             gl,
-            self._program({STORES_ARE_TEXELS: 1}, vertex="fullscreen.vert", fragment="classic_eye.frag"),
+            self._program({}, vertex="fullscreen.vert", fragment="classic_eye.frag"),
             gl.framebuffer([self.texture]),
             textures=objects.textures,
             buffers=self._buffers,
@@ -142,7 +142,7 @@ class TBuffer(EyeBuffer):
     def __init__(
         self,
         gl: moderngl.Context,
-        objects: GpuObjects,
+        objects: DeviceScene,
         size: tuple[int, int],
         *,
         count_tests: bool = False,
@@ -213,7 +213,7 @@ class _Squares:
     side    : of the largest, pixels
     """
 
-    def __init__(self, objects: GpuObjects, size: tuple[int, int]) -> None:
+    def __init__(self, objects: DeviceScene, size: tuple[int, int]) -> None:
         scene, numbers = objects.scene, objects.numbering
         # As the device has them, so that rounding cannot part the two bounds.
         spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
@@ -295,7 +295,7 @@ class _SmallPrimitives:
                 (self._first, "least t", {}),
                 (self._second, "lowest number", {"SECOND": 1}),
             ):
-                program = buffer._program(define | more | {STORES_ARE_TEXELS: 1}, compute="t_buffer_small.comp")
+                program = buffer._program(define | more, compute="t_buffer_small.comp")
                 stage = Dispatch(f"t-buffer: small {kind}s, {name}", gl, program, objects.textures, buffers)
                 stages.append((stage, own, grid))
             program = buffer._program({}, compute="t_buffer_list.comp")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.context import get_context
-from glpath.gl.gpu_objects import GpuObjects
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.whitted import Shadows, WhittedSettings, WhittedTracer
 from glpath.measure import seconds_of
 from glpath.scene import Scene
@@ -35,7 +35,7 @@ class WhittedFrame:
 
     def __init__(self, scene: Scene, setup: Setup) -> None:
         self._context = get_context()
-        self._objects = GpuObjects(self._context.gl, scene)
+        self._objects = DeviceScene(self._context.gl, scene)
         self._window = (0, 0, *scene.camera.resolution)
         self._settings = WhittedSettings(
             max_depth=setup.max_depth,

@@ -22,6 +22,9 @@ GLSL_VERSION = "#version 430 core"
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
 
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
+# See shaders/texels.glsl.
+_TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
+_IMAGE = "_as_image"
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
 
@@ -53,6 +56,7 @@ class Source:
         self.name = name
         self.files: list[str] = []
         self._generated = generated
+        self._defines = defines
         self._seen: set[str] = set()
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
@@ -71,6 +75,11 @@ class Source:
         out = [f"#line 1 {number}"]
         for i, line in enumerate(text.splitlines(), start=1):
             match = _INCLUDE.match(line)
+            texels = _TEXELS.match(line)
+            if texels and "TEXELS_ARE_IMAGES" in self._defines:
+                # One name cannot be an image in the fragment shader and a sampler in the vertex shader of a
+                # program.
+                out.append(f"#define {texels['name']} {texels['name']}{_IMAGE}")
             if not match:
                 out.append(line)
                 continue
@@ -118,10 +127,10 @@ class Program:
             if not isinstance(member, moderngl.Uniform):
                 continue
             if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
-                self.images[name] = len(self.images)
+                unit = self.images[name.removesuffix(_IMAGE)] = len(self.images)
                 # moderngl can set the unit of an image of floats only; it is the same call.
                 member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
-                member.value = self.images[name]
+                member.value = unit
                 continue
             # GL_SAMPLER_2D, GL_SAMPLER_2D_ARRAY, GL_INT_SAMPLER_2D, GL_UNSIGNED_INT_SAMPLER_2D
             if member.gl_type in (0x8B5E, 0x8DC1, 0x8DCA, 0x8DD2):  # type: ignore[attr-defined]

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Literal
 import moderngl
 import numpy as np
 
-from glpath.gl.gpu_radiosity import GpuRadiosity
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_radiosity import DeviceRadiosity
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
 from glpath.scene.model import Scene
 
@@ -35,13 +35,15 @@ if TYPE_CHECKING:
 Lookup = Literal["interpolated", "constant"]
 
 
-def gpu_radiosity(gl: moderngl.Context, scene: Scene, solution: RadiositySolution, lookup: Lookup) -> GpuRadiosity:
+def device_radiosity(
+    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, lookup: Lookup
+) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
     from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
 
     interpolated = lookup == "interpolated"
     count = lattice.vertex_count if interpolated else lattice.element_count
-    return GpuRadiosity(
+    return DeviceRadiosity(
         gl,
         scene.triangles,
         solution.divisions,
@@ -80,8 +82,8 @@ class GatherTracer(PathStages):
     def __init__(
         self,
         gl: moderngl.Context,
-        scene: GpuScene,
-        radiosity: GpuRadiosity,
+        scene: DeviceScene,
+        radiosity: DeviceRadiosity,
         settings: GatherSettings,
         window: tuple[int, int, int, int],
         *,

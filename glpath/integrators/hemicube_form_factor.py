@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.errors import UsageError
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.sampling import counter_hash
 from glpath.scene.model import Float64, Scene
 
@@ -35,7 +35,7 @@ class HemicubeFormFactors:
     resolution : R, texels along a side of the top face; even
     """
 
-    def __init__(self, gl: moderngl.Context, scene: GpuScene, resolution: int = 256) -> None:
+    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int = 256) -> None:
         if resolution < 2 or resolution % 2:
             raise UsageError(f"hemicube: a resolution of {resolution}; an even number from 2 is needed")
         self.scene = scene
@@ -51,13 +51,13 @@ class HemicubeFormFactors:
         The sum of a row is the share of the point's view that is not empty.
         """
         places, axes = (np.asarray(v, np.float64).reshape(-1, 3) for v in (points, normals))
-        found = np.zeros((len(places), self.scene.count))
+        found = np.zeros((len(places), self.scene.triangle_count))
         for i, (point, normal) in enumerate(zip(places, axes, strict=True)):
             # Another turn for each: the texels' edges then err in no common way.
             roll = 2.0 * np.pi * counter_hash(seed, i) / 2**32
             self._buffer.scan(self._buffer.frame(point, normal, roll))
-            seen = np.frombuffer(self._buffer.texture.read(), np.float32).astype(np.intp)
-            found[i] = np.bincount(seen, self._texels, self.scene.count + 1)[1:]
+            seen = np.frombuffer(self._buffer.texture.read(), np.uint32).astype(np.intp)
+            found[i] = np.bincount(seen, self._texels, self.scene.triangle_count + 1)[1:]
         return found
 
     def from_triangles(
@@ -77,7 +77,7 @@ class HemicubeFormFactors:
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         normal *= np.broadcast_to(np.asarray(sides, np.float64), len(triangles))[:, None]
-        total = np.zeros((len(triangles), self.scene.count))
+        total = np.zeros((len(triangles), self.scene.triangle_count))
         for i, place in enumerate(_centroids(parts)):
             total += self.rows(np.einsum("k,tki->ti", place, triangles), normal, counter_hash(seed, i))
         return total / samples

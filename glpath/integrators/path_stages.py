@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.path_buffer import PathBuffer, ScanView, vectors
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
-from glpath.gl.gpu_scene import GpuScene, triangle_glsl
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
@@ -99,7 +99,7 @@ class PathStages(ABC):
     def __init__(
         self,
         gl: moderngl.Context,
-        scene: GpuScene,
+        scene: DeviceScene,
         settings: PathSetSettings,
         window: tuple[int, int, int, int],
         *,
@@ -260,6 +260,7 @@ class PathStages(ABC):
         width, height = self.camera.resolution
         x, y, _, h = self.window
         return {
+            **self.scene.uniforms,
             "quanta": self._sums.quanta,
             "cosine_roulette": self._settings.cosine_roulette,
             "image_window": (x, height - y - h, width, height),
@@ -296,12 +297,12 @@ class PathStages(ABC):
 
     def _make_states(self, size: tuple[int, int]) -> None:
         gl = self.gl
-        eye_buffer = self._texture(size, 1, "f4")
+        eye_buffer = self._texture(size, 1, "u4")
         # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
         self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
         self._state_targets = [gl.framebuffer(state) for state in self._state]
         self._textures = {
-            "triangles": self.scene.texture,
+            **self.scene.textures,
             "light_buffer": self.shadow_buffer.texture,
             "eye_buffer": eye_buffer,
             **self.path_buffer.textures,
@@ -311,7 +312,7 @@ class PathStages(ABC):
             gl,
             self._program("eye.frag", vertex="eye.vert"),
             gl.framebuffer([eye_buffer], gl.depth_texture(size)),
-            vertices=3 * self.scene.count,
+            triangles=self.scene.triangles,
             depth=True,
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=self._textures,
@@ -334,8 +335,8 @@ class PathStages(ABC):
             self.gl,
             vertex=vertex,
             fragment=fragment,
-            generated={"TRIANGLE": triangle_glsl(), **(generated or {})},
-            defines={**self.path_buffer.defines, **sphere, **(defines or {})},
+            generated={**self.scene.generated, **(generated or {})},
+            defines={**self.scene.defines, **self.path_buffer.defines, **sphere, **(defines or {})},
         )
 
     def _vertex_passes(

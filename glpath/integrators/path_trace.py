@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import moderngl
 
-from glpath.gl.gpu_scene import GpuScene
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
 
 
@@ -35,7 +35,7 @@ class PathTracer(PathStages):
     def __init__(
         self,
         gl: moderngl.Context,
-        scene: GpuScene,
+        scene: DeviceScene,
         settings: PathTraceSettings,
         window: tuple[int, int, int, int],
         *,

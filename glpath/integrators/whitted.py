@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.gl.gpu_hierarchy import GpuHierarchy, hierarchy_glsl
-from glpath.gl.gpu_objects import STORES_ARE_TEXELS, GpuObjects
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
@@ -81,7 +81,7 @@ class WhittedTracer:
     def __init__(
         self,
         gl: moderngl.Context,
-        objects: GpuObjects,
+        objects: DeviceScene,
         settings: WhittedSettings,
         window: tuple[int, int, int, int],
         *,
@@ -114,7 +114,7 @@ class WhittedTracer:
         """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
         self._count_shadow_buffer()
         same = self.objects.geometry_digest
-        objects = GpuObjects(self.gl, scene)
+        objects = DeviceScene(self.gl, scene)
         kept = self.shadow_buffer if objects.geometry_digest == same else None
         if kept is not None and kept.lights != objects.positional_lights:
             kept = None
@@ -188,12 +188,12 @@ class WhittedTracer:
 
     def _set_up(
         self,
-        objects: GpuObjects,
-        hierarchy: GpuHierarchy | None = None,
+        objects: DeviceScene,
+        hierarchy: DeviceBvh | None = None,
         shadow_buffer: PointShadowBuffer | None = None,
     ) -> None:
         settings, gl = self.settings, self.gl
-        self.objects: GpuObjects = objects
+        self.objects: DeviceScene = objects
         self.camera = objects.scene.camera
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
@@ -204,12 +204,12 @@ class WhittedTracer:
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
-        generated, defines = {**objects.generated, "HIERARCHY": hierarchy_glsl()}, dict(objects.defines)
+        generated, defines = {**objects.generated, "HIERARCHY": bvh_glsl()}, dict(objects.defines)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
-        self.hierarchy: GpuHierarchy | None = hierarchy
+        self.hierarchy: DeviceBvh | None = hierarchy
         if settings.secondary == "hierarchy":
-            self.hierarchy = self.hierarchy or GpuHierarchy(gl, objects)
+            self.hierarchy = self.hierarchy or DeviceBvh(gl, objects)
             textures |= self.hierarchy.textures
             self._constant |= self.hierarchy.uniforms
             defines["BY_HIERARCHY"] = 1
@@ -227,7 +227,6 @@ class WhittedTracer:
             defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
             defines["SHADOW_BUFFERS"] = 1
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
-        defines[STORES_ARE_TEXELS] = 1
         if settings.max_depth > 1 and any(np.any(material.mirror > 0) for material in objects.scene.materials):
             defines["REFLECTIONS"] = 1
         if self.count_tests:

@@ -17,9 +17,8 @@ from glpath.buffers.shadow_buffer import MAX_TAPS, ShadowTest
 from glpath.errors import SceneError, UsageError
 from glpath.film import Film
 from glpath.gl.context import Context
-from glpath.gl.gpu_objects import GpuObjects
-from glpath.gl.gpu_scene import GpuScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, Lookup, gpu_radiosity, solution_digest
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather import GatherSettings, GatherTracer, Lookup, device_radiosity, solution_digest
 from glpath.integrators.path_stages import Directions, PathSetSettings, PathStages
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings, WhittedTracer
@@ -154,9 +153,9 @@ class _PathTracing:
         return self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathTracer:
-        gpu_scene = GpuScene(context.gl, scene)
+        device_scene = DeviceScene(context.gl, scene)
         return PathTracer(
-            context.gl, gpu_scene, self.settings, window, hardware=context.info.hardware, timings=timings
+            context.gl, device_scene, self.settings, window, hardware=context.info.hardware, timings=timings
         )
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
@@ -240,8 +239,8 @@ class _Gathering:
         assert self.solution is not None, "the plan is not prepared"
         return GatherTracer(
             context.gl,
-            GpuScene(context.gl, scene),
-            gpu_radiosity(context.gl, scene, self.solution, self.lookup),
+            DeviceScene(context.gl, scene),
+            device_radiosity(context.gl, scene, self.solution, self.lookup),
             self.settings,
             window,
             hardware=context.info.hardware,
@@ -296,7 +295,7 @@ class _Whitted:
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> WhittedTracer:
         return WhittedTracer(
             context.gl,
-            GpuObjects(context.gl, scene),
+            DeviceScene(context.gl, scene),
             self.settings,
             window,
             hardware=context.info.hardware,

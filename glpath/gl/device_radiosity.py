@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
-from glpath.gl.gpu_objects import STORE_WIDTH, STORES_ARE_TEXELS, texel_store, texel_store_glsl
+from glpath.gl.texel_store import FLOATS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
 #: What an entry's texels hold, in order, by section; each is an RGBA float32 texel.
@@ -32,10 +32,10 @@ _MOST = 1 << 24
 
 def radiosity_glsl() -> str:
     """The layout as GLSL."""
-    return "\n".join(texel_store_glsl("radiosity", LAYOUT))
+    return store_glsl("radiosity", FLOATS, LAYOUT)
 
 
-class GpuRadiosity:
+class DeviceRadiosity:
     """Reflected radiosity in a texture.
 
     Parameters
@@ -66,7 +66,7 @@ class GpuRadiosity:
     ) -> None:
         count, places = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
-        limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * STORE_WIDTH - 3 * count
+        limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
         most = max(0, min(_MOST, limit // 2))
         if places > most:
             raise SceneError(
@@ -81,9 +81,10 @@ class GpuRadiosity:
         radiance = np.zeros((2 * places, 1, 4))
         radiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3) / np.pi
         self.brightest = float(radiance.max(initial=0.0))
-        texture, self.uniforms = texel_store(gl, {"lattice": lattice, "radiosity": radiance}, LAYOUT)
+        tables = {"lattice": lattice, "radiosity": radiance}
+        texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.textures = {"radiosity": texture}
-        self.defines: dict[str, object] = {STORES_ARE_TEXELS: 1, **({"INTERPOLATED": 1} if interpolated else {})}
+        self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
         self.generated = {"RADIOSITY": radiosity_glsl()}
 
 

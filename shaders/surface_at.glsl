@@ -1,17 +1,8 @@
-// object_surface.glsl: what a ray has met: place, normal, texture coordinates, material.
-// Needs:  constants.glsl, object_intersect.glsl
+// surface_at.glsl: the surface that a ray has met, of any kind of primitive.
+// Needs:  <SCENE>, object_intersect.glsl
 // Frame:  world; the normal leaves the front.
-#include "constants.glsl"
 #include "object_intersect.glsl"
-
-struct Surface
-{
-    vec3 position;
-    vec3 normal;   // unit, out of the front
-    vec2 uv;
-    int object;    // the shape's number
-    int material;
-};
+#include "surface.glsl"
 
 // Where a direction of the unit sphere lies on it: u with the longitude, v from the south pole to the north.
 vec2 sphere_uv(vec3 unit)
@@ -21,13 +12,9 @@ vec2 sphere_uv(vec3 unit)
     return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 0.5 + atan(unit.z, length(unit.xy)) / PI);
 }
 
-Surface surface(int primitive, vec3 origin, vec3 direction, float t)
+Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
 {
-    Surface s;
-    s.position = origin + t * direction;
-    vec4 last = surface_texel(primitive, SURFACE_LAST);
-    s.object = int(last.z);
-    s.material = int(last.w);
+    Surface s = surface_of_shape(shape_of(primitive), origin + t * direction, vec3(0.0));
 #ifdef HAS_SPHERES
     if (primitive < first_ellipsoid)
     {
@@ -60,8 +47,11 @@ Surface surface(int primitive, vec3 origin, vec3 direction, float t)
         float extent;
         vec3 weight = triangle_weights(from, direction, extent);
         weight /= weight.x + weight.y + weight.z;
-        vec4 first = surface_texel(primitive, SURFACE_FIRST);
-        s.uv = weight.x * first.xy + weight.y * first.zw + weight.z * last.xy;
+#ifdef HAS_TEXTURES
+        uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+        s.uv = weight.x * uv_texel(int(face.x), UV_FIRST).xy + weight.y * uv_texel(int(face.y), UV_FIRST).xy
+             + weight.z * uv_texel(int(face.z), UV_FIRST).xy;
+#endif
         s.normal = normalize(from.plane.xyz);
     }
 #endif

@@ -1,0 +1,416 @@
+"""A `Scene` on the device, for every engine: geometry, materials, textures and lights, in one layout.
+
+Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A
+kind is then a range, and a loop over a kind fetches only what that kind needs. Engines that know triangles alone
+get a scene of triangles alone (`path_traceable`); their primitives' numbers are the triangles'.
+
+Triangles are three indices into a pool of vertices. Floats lie in one texture, integers in another, in sections
+(`texel_store`); both layouts are declared here and nowhere else, and handed to GLSL as text (`#include <SCENE>`),
+on which `shaders/surface.glsl` and its neighbours build.
+
+Cost:     32 bytes a triangle and 16 a vertex (32 where there are textures); of these 12 and 12 once more as index
+          and vertex buffers. 64 to 112 bytes a sphere. Textures have 16 bytes a texel, in rows of 4096 of their
+          own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError
+from glpath.gl.passes import TriangleBuffers
+from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, row_texture, store_glsl
+from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
+from glpath.scene.model import Float64, Int32, Light, Scene
+
+#: What an entry's texels hold, in order, by section.
+FLOAT_LAYOUT: dict[str, dict[str, str]] = {
+    "vertex": {"POSITION": "world space"},
+    "uv": {"FIRST": "of a vertex, where the scene has textures: u, v"},
+    "facet": {"PLANE": "of a triangle: unit normal out of the front, and its dot product with any of its points"},
+    "sphere": {"BALL": "centre; radius, negative where the front is inside"},
+    "unit": {
+        "ROW0": "of spheres and ellipsoids: first row of unit_from_world; x of the centre",
+        "ROW1": "second row; y of the centre",
+        "ROW2": "third row; z of the centre",
+    },
+    "ellipsoid": {
+        "AXIS0": "a half axis: image of the unit sphere's x; x of the centre",
+        "AXIS1": "of y; y of the centre",
+        "AXIS2": "of z; z of the centre",
+    },
+    "plane": {
+        "NORMAL": "unit, out of the front",
+        "POINT": "where u = v = 0",
+        "U": "its product with the vector from there is u",
+        "V": "and this one's is v",
+    },
+    "emission": {"RADIANCE": "of a shape; the density per area of a light point on it, 0 where none is drawn"},
+    "material": {
+        "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
+        "SPECULAR": "Phong's coefficient; Phong's exponent",
+        "MIRROR": "share of the mirrored light",
+    },
+    "repeats": {"UV": "of a texture: repeats per unit of u and of v"},
+    "light": {
+        "POSITION": "of a punctual light, world space",
+        "INTENSITY": "W sr^-1, or W m^-2 without falloff",
+        "DIRECTION": "unit, in which the light goes",
+        "CONE": "of a spot: cosines of the angles of full light and of its end",
+    },
+}
+UINT_LAYOUT: dict[str, dict[str, str]] = {
+    "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
+    "solid": {"SHAPE": "of a sphere, ellipsoid or plane: number of its shape"},
+    "shape": {"MATERIAL": "number of the material; 1 where both sides emit"},
+    "textured": {"BY": "of a material: 1 + number of the texture, 0 for none"},
+    "image": {"SIZE": "of a texture: its first row in texture_texels; width; height; 1 where it is filtered"},
+    "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff"},
+}
+#: A primitive's number + 1 is at most this: buffers hold it in 32 bits.
+MAX_PRIMITIVES = 2**31 - 2
+# A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
+_ROUND = 1e-12
+
+
+def scene_glsl() -> str:
+    """The layout as GLSL, for `#include <SCENE>`."""
+    lines = [store_glsl("scene_floats", FLOATS, FLOAT_LAYOUT), store_glsl("scene_uints", UINTS, UINT_LAYOUT)]
+    lines += ["TEXELS(rgba32f, texture_texels);", f"const int TEXTURE_WIDTH = {WIDTH};"]
+    lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
+    lines += ["uniform int primitive_count;", "uniform int light_count;"]
+    lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
+    lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
+    lines += [
+        "int shape_of(int primitive)",
+        "{",
+        "    if (primitive >= first_triangle && primitive < first_plane)",
+        "        return int(face_texel(primitive - first_triangle, FACE_CORNERS).w);",
+        "    int solid = primitive < first_triangle ? primitive : primitive - first_plane + first_triangle;",
+        "    return int(solid_texel(solid, SOLID_SHAPE).x);",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Which primitive of the scene has which number on the device.
+
+    spheres         : (S,) int, of each number, the index into `Scene.spheres`: round ones first, then ellipsoids
+    first_ellipsoid, first_triangle, first_plane, count : where the kinds begin, and the end
+    shape           : (count,) int32, index into `Scene.shapes` of each number
+    """
+
+    spheres: NDArray[np.intp]
+    first_ellipsoid: int
+    first_triangle: int
+    first_plane: int
+    count: int
+    shape: Int32
+
+    @property
+    def kinds(self) -> dict[str, range]:
+        """The numbers of each kind."""
+        ends = (0, self.first_ellipsoid, self.first_triangle, self.first_plane, self.count)
+        names = ("sphere", "ellipsoid", "triangle", "plane")
+        return {name: range(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
+
+
+def number_primitives(scene: Scene) -> Numbering:
+    """The numbers that `DeviceScene` gives: kind by kind, within a kind in the scene's order."""
+    round_ = is_round(scene.spheres)
+    order = np.concatenate([np.flatnonzero(round_), np.flatnonzero(~round_)])
+    spheres, triangles, planes = (scene.primitive_shape(kind) for kind in ("sphere", "triangle", "plane"))
+    first_triangle = len(scene.spheres)
+    first_plane = first_triangle + len(triangles)
+    return Numbering(
+        spheres=order,
+        first_ellipsoid=int(round_.sum()),
+        first_triangle=first_triangle,
+        first_plane=first_plane,
+        count=first_plane + len(scene.planes),
+        shape=np.concatenate([spheres[order], triangles, planes]).astype(np.int32),
+    )
+
+
+def is_round(spheres: Float64) -> NDArray[np.bool_]:
+    """(S,) bool of (S, 3, 4) maps: those that keep the unit sphere a sphere."""
+    linear = spheres[:, :, :3]
+    gram = np.einsum("nij,nik->njk", linear, linear)
+    square = np.trace(gram, axis1=1, axis2=2) / 3
+    return np.asarray(np.abs(gram - square[:, None, None] * np.eye(3)).max(axis=(1, 2)) <= _ROUND * square)
+
+
+class DeviceScene:
+    """Everything of a scene that shaders read.
+
+    numbering : which primitive has which number
+    count     : of all primitives
+    triangle_count : of triangles; where there is nothing else, their numbers are the primitives'
+    lighting  : all lights, as they are sampled
+    max_radiance : see `glpath.lighting`
+    lights    : the punctual ones: those with a position first, then the directional ones
+    textures  : for a `Pass`, by the names in GLSL
+    uniforms  : where the sections begin, and how many there are of what
+    generated, defines : for `load_program`; kinds that the scene lacks are left out of the programs
+    triangles : vertices and indices as a rasteriser takes them
+    centre, radius : a sphere around all triangles and spheres, scene units
+    box       : (8, 3) corners of the box around them, about the centre
+
+    Raises SceneError for what the device cannot hold.
+    """
+
+    def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
+        self.gl = gl
+        self.scene = scene
+        self.numbering = numbers = number_primitives(scene)
+        self.count = numbers.count
+        self.triangle_count = numbers.first_plane - numbers.first_triangle
+        source = scene.source or scene.name
+        if self.count > MAX_PRIMITIVES:
+            raise SceneError(
+                f"{source}: {self.count:,} primitives; a buffer's entries tell {MAX_PRIMITIVES:,} apart.",
+                "Simplify the meshes.",
+            )
+        self.lighting = Lighting.of(scene)
+        self.max_radiance = max_radiance(scene)
+        self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
+        self.generated = {"SCENE": scene_glsl()}
+        self.defines: dict[str, object] = {
+            f"HAS_{kind.upper()}S": 1 for kind, of in numbers.kinds.items() if len(of)
+        }
+        if scene.textures:
+            self.defines["HAS_TEXTURES"] = 1
+        if any(np.any(material.specular > 0) for material in scene.materials):
+            self.defines["HAS_HIGHLIGHTS"] = 1
+        if any(np.any(material.mirror > 0) for material in scene.materials):
+            self.defines["HAS_MIRRORS"] = 1
+        if any(light.kind == "directional" for light in lights):
+            self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
+
+        vertices, faces, uv = _vertex_pool(scene)
+        positions = vertices.astype(np.float32)
+        self.triangles = TriangleBuffers(gl, positions, faces.astype(np.uint32))
+        texels, first_rows = _texture_rows(gl, scene)
+        floats, bases = make_store(
+            gl,
+            FLOATS,
+            FLOAT_LAYOUT,
+            {
+                "vertex": _texel(positions),
+                "uv": _texel(uv),
+                "facet": _facets(scene),
+                "sphere": _spheres(scene, numbers),
+                "unit": _units(scene, numbers),
+                "ellipsoid": _ellipsoids(scene, numbers),
+                "plane": _planes(scene),
+                "emission": _emission(scene, self.lighting),
+                "material": _materials(scene),
+                "repeats": _texel(np.array([t.scale for t in scene.textures]).reshape(-1, 2)),
+                "light": _lights(lights),
+            },
+            source,
+        )
+        solids = np.delete(numbers.shape, np.s_[numbers.first_triangle : numbers.first_plane])
+        shape_of_face = numbers.shape[numbers.first_triangle : numbers.first_plane]
+        uints, uint_bases = make_store(
+            gl,
+            UINTS,
+            UINT_LAYOUT,
+            {
+                "face": _texel(np.column_stack([faces, shape_of_face])),
+                "solid": _texel(solids[:, None]),
+                "shape": _texel(_integers([(s.material, s.emission_two_sided) for s in scene.shapes], 2)),
+                "textured": _texel(
+                    _integers([(0 if m.texture is None else m.texture + 1,) for m in scene.materials], 1)
+                ),
+                "image": _texel(
+                    _integers(
+                        [
+                            (first, t.image.shape[1], t.image.shape[0], t.filter == "linear")
+                            for t, first in zip(scene.textures, first_rows, strict=True)
+                        ],
+                        4,
+                    )
+                ),
+                "punctual": _texel(
+                    _integers(
+                        [
+                            (LIGHT_KINDS.index(x.kind), x.falloff == "quadratic" and x.kind != "directional")
+                            for x in lights
+                        ],
+                        2,
+                    )
+                ),
+            },
+            source,
+        )
+        self.textures = {"scene_floats": floats, "scene_uints": uints, "texture_texels": texels}
+        self.uniforms: dict[str, object] = {
+            "first_ellipsoid": numbers.first_ellipsoid,
+            "first_triangle": numbers.first_triangle,
+            "first_plane": numbers.first_plane,
+            "primitive_count": numbers.count,
+            "light_count": len(lights),
+            **bases,
+            **uint_bases,
+        }
+        low, high = scene.bounds
+        self.centre = 0.5 * (low + high)
+        signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
+        self.box = signs * (high - low)
+        self.radius = _radius(scene, self.centre)
+
+    @property
+    def positional_lights(self) -> int:
+        """How many punctual lights have a position: numbers 0 to this."""
+        return sum(light.kind != "directional" for light in self.lights)
+
+    @cached_property
+    def boxes(self) -> tuple[Float64, Float64]:
+        """(count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
+        return primitive_boxes(self.scene, self.numbering)
+
+    @cached_property
+    def geometry_digest(self) -> str:
+        """SHA-256 (hex) of what throws shadows: all primitives, and which shape each is of."""
+        scene = self.scene
+        h = hashlib.sha256()
+        for array in (scene.spheres, scene.triangles, scene.planes):
+            h.update(np.ascontiguousarray(array, "<f8").tobytes())
+            h.update(str(array.shape).encode())
+        h.update(self.numbering.shape.astype("<i4").tobytes())
+        return h.hexdigest()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device, textures of materials not counted."""
+        stores = (self.textures["scene_floats"], self.textures["scene_uints"])
+        return sum(16 * t.width * t.height for t in stores) + self.triangles.nbytes
+
+    def release(self) -> None:
+        for texture in self.textures.values():
+            texture.release()
+        self.triangles.release()
+
+
+def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]:
+    """(count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
+    spheres = scene.spheres[numbers.spheres]
+    # The extent of an ellipsoid along an axis is the length of that row of its map.
+    extent, centre = np.linalg.norm(spheres[:, :, :3], axis=2), spheres[:, :, 3]
+    infinite = np.full((len(scene.planes), 3), np.inf)
+    lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf), -infinite])
+    upper = np.concatenate([centre + extent, scene.triangles.max(axis=1, initial=-np.inf), infinite])
+    return lower, upper
+
+
+def _vertex_pool(scene: Scene) -> tuple[Float64, NDArray[np.int64], Float64]:
+    """(V, 3) vertices, (T, 3) faces into them, (V, 2) texture coordinates or (0, 2) where nothing asks for them."""
+    vertices = scene.triangles.reshape(-1, 3)
+    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    uv = scene.triangle_uv.reshape(-1, 2) if scene.textures else np.zeros((0, 2))
+    return vertices, faces, uv
+
+
+def _radius(scene: Scene, centre: Float64) -> float:
+    reach = np.linalg.norm(scene.triangles.reshape(-1, 3) - centre, axis=1).max(initial=0.0)
+    if len(scene.spheres):
+        extent = np.linalg.norm(scene.spheres[:, :, :3], axis=(1, 2))
+        reach = max(reach, float((np.linalg.norm(scene.spheres[:, :, 3] - centre, axis=1) + extent).max()))
+    return max(float(reach), 1e-30)
+
+
+def _texel(rows: NDArray[np.generic]) -> NDArray[np.generic]:
+    """(n, 1, 4) from (n, k), k <= 4."""
+    table = np.zeros((len(rows), 1, 4), rows.dtype)
+    table[:, 0, : rows.shape[1]] = rows
+    return table
+
+
+def _integers(rows: list[tuple[int, ...]], columns: int) -> NDArray[np.int64]:
+    return np.array(rows, np.int64).reshape(-1, columns)
+
+
+def _facets(scene: Scene) -> Float64:
+    normals = scene.normals
+    # The offset belongs to the rounded normal, or large coordinates would shift the plane.
+    rounded = normals.astype(np.float32).astype(np.float64)
+    offset = np.einsum("ij,ij->i", rounded, scene.triangles.mean(axis=1))
+    return np.column_stack([normals, offset])[:, None, :]
+
+
+def _texture_rows(gl: moderngl.Context, scene: Scene) -> tuple[moderngl.Texture, list[int]]:
+    """All textures' images as rows of texels, each beginning a row, and those first rows."""
+    first_rows, rows = [], 0
+    for texture in scene.textures:
+        first_rows.append(rows)
+        height, width = texture.image.shape[:2]
+        rows += -(-height * width // WIDTH)
+    limit = int(gl.info["GL_MAX_TEXTURE_SIZE"])
+    if rows > limit:
+        raise SceneError(
+            f"{scene.source or scene.name}: textures of {rows * WIDTH:,} texels in all; this "
+            f"device holds at most {limit * WIDTH:,}",
+            "Make the images smaller.",
+        )
+    store = np.zeros((max(rows, 1), WIDTH, 4), np.float32)
+    for texture, first in zip(scene.textures, first_rows, strict=True):
+        texels = texture.image.reshape(-1, 3)
+        store[first:].reshape(-1, 4)[: len(texels), :3] = texels
+    return row_texture(gl, store, FLOATS), first_rows
+
+
+def _spheres(scene: Scene, numbers: Numbering) -> Float64:
+    maps = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]]
+    volume = np.linalg.det(maps[:, :, :3])
+    return np.concatenate([maps[:, :, 3], np.cbrt(volume)[:, None]], axis=1)[:, None, :]
+
+
+def _units(scene: Scene, numbers: Numbering) -> Float64:
+    maps = scene.spheres[numbers.spheres]
+    table = np.empty((len(maps), 3, 4))
+    table[:, :, :3] = np.linalg.inv(maps[:, :, :3])
+    table[:, :, 3] = maps[:, :, 3]
+    return table
+
+
+def _ellipsoids(scene: Scene, numbers: Numbering) -> Float64:
+    maps = scene.spheres[numbers.spheres[numbers.first_ellipsoid :]]
+    return np.concatenate([maps[:, :, :3].transpose(0, 2, 1), maps[:, :, 3:]], axis=2)
+
+
+def _planes(scene: Scene) -> Float64:
+    maps = scene.planes
+    u, v = maps[:, :, 0], maps[:, :, 1]
+    rows = [maps[:, :, 2], maps[:, :, 3]]
+    rows += [w / np.sum(w * w, axis=1, keepdims=True) for w in (u, v)]
+    table = np.zeros((len(maps), 4, 4))
+    table[:, :, :3] = np.stack(rows, axis=1)
+    return table
+
+
+def _emission(scene: Scene, lighting: Lighting) -> Float64:
+    density = lighting.triangle_density
+    rows = [[*s.emission, density[s.first] if s.primitive == "triangle" and s.count else 0.0] for s in scene.shapes]
+    return np.array(rows, np.float64).reshape(-1, 1, 4)
+
+
+def _materials(scene: Scene) -> Float64:
+    rows = [[[*m.reflectance, m.two_sided], [*m.specular, m.exponent], [*m.mirror, 0]] for m in scene.materials]
+    return np.array(rows, np.float64).reshape(-1, 3, 4)
+
+
+def _lights(lights: tuple[Light, ...]) -> Float64:
+    rows = [
+        [[*x.position, 0], [*x.intensity, 0], [*x.direction, 0], [*np.cos(np.radians(x.cone)), 0, 0]]
+        for x in lights
+    ]
+    return np.array(rows, np.float64).reshape(-1, 4, 4)

@@ -1,0 +1,97 @@
+"""Tables in textures that shaders read texel by texel: sections of equal entries, floats or unsigned integers.
+
+Textures rather than storage buffers, as Mesa's llvmpipe fetches texels with vector gathers, but loads from buffers
+lane by lane, and since a vertex shader need not have storage buffers at all (GL 4.3 guarantees none). A layout is
+declared once, in Python, and handed to GLSL as text: constants, and one function to fetch from each section.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError
+
+#: Texels in a row.
+WIDTH = 4096
+_SHIFT = WIDTH.bit_length() - 1
+
+#: What the texels of an entry hold, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
+Layout = Mapping[str, Mapping[str, str]]
+
+
+class Kind(NamedTuple):
+    """What a texel's four components are."""
+
+    dtype: type[np.generic]
+    gl: str  # moderngl's name
+    declare: str  # see shaders/texels.glsl
+    vector: str
+
+
+FLOATS = Kind(np.float32, "f4", "TEXELS(rgba32f, {})", "vec4")
+UINTS = Kind(np.uint32, "u4", "UINT_TEXELS(rgba32ui, {})", "uvec4")
+
+
+def store_glsl(name: str, kind: Kind, layout: Layout) -> str:
+    """GLSL for the store `name`: of a section "sphere" the constants SPHERE_... and sphere_texel(number, which)."""
+    lines = ['#include "texels.glsl"', kind.declare.format(name) + ";"]
+    for section, texels in layout.items():
+        lines.append(f"uniform int {section}_base;")
+        lines += [
+            f"const int {section.upper()}_{texel} = {i};  // {what}"
+            for i, (texel, what) in enumerate(texels.items())
+        ]
+        lines += [
+            f"{kind.vector} {section}_texel(int number, int which)",
+            "{",
+            f"    int i = {section}_base + number * {len(texels)} + which;",
+            f"    return texel({name}, ivec2(i & {WIDTH - 1}, i >> {_SHIFT}));",
+            "}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def row_texture(gl: moderngl.Context, rows: NDArray[Any], kind: Kind) -> moderngl.Texture:
+    """A texture of (h, WIDTH, 4) texels that is never filtered."""
+    height, width, components = rows.shape
+    texture = gl.texture((width, height), components, data=rows.tobytes(), dtype=kind.gl)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
+
+
+def make_store(
+    gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, NDArray[Any]], source: str
+) -> tuple[moderngl.Texture, dict[str, object]]:
+    """A texture of the sections' tables, each (n, texels of the section, 4), and the uniforms where they begin.
+
+    Raises SceneError, which names the `source`, for more than the device holds.
+    """
+    assert set(tables) == set(layout), f"tables {sorted(tables)} for the layout {sorted(layout)}"
+    bases: dict[str, object] = {}
+    total = 0
+    for section in layout:
+        table = tables[section]
+        assert table.shape[1:] == (len(layout[section]), 4), f"{section}: a table of {table.shape}"
+        bases[f"{section}_base"] = total
+        total += table.shape[0] * table.shape[1]
+    limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH
+    if total > limit:
+        largest = max(layout, key=lambda section: tables[section].size)
+        raise SceneError(
+            f"{source}: {total:,} texels of scene data, most of them for {len(tables[largest]):,} entries of "
+            f'"{largest}"; this device holds at most {limit:,}',
+            "Simplify the meshes, or render on a device with a larger texture limit.",
+        )
+    store = np.zeros((max(1, -(-total // WIDTH)), WIDTH, 4), kind.dtype)
+    flat, start = store.reshape(-1, 4), 0
+    for section in layout:
+        table = tables[section]
+        stop = start + table.shape[0] * table.shape[1]
+        flat[start:stop] = table.reshape(-1, 4)
+        start = stop
+    return row_texture(gl, store, kind), bases

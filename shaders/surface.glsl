@@ -1,0 +1,95 @@
+// surface.glsl: what is hit, and what it does with light: the only place that reads materials and textures.
+// Needs:  <SCENE>
+// Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is told in units of a white Lambertian surface's, 1 / pi, so that
+//         what leaves is beta * bsdf_eval * cos * E / pi.
+#include "constants.glsl"
+#ifdef HAS_TEXTURES
+#include "texture.glsl"
+#endif
+
+struct Surface
+{
+    vec3 position;
+    vec3 normal;   // geometric, unit, out of the front
+    vec2 uv;
+    int shape;
+    int material;
+    bool emits_back;  // where it emits at all
+};
+
+struct Bsdf
+{
+    vec3 diffuse;   // reflectance
+    vec3 specular;  // Phong's coefficient
+    float exponent;
+    vec3 mirror;    // share of the light from the mirror direction
+};
+
+// Does a ray along `direction` arrive on the front?
+bool front_hit(vec3 normal, vec3 direction)
+{
+    return dot(normal, direction) < 0.0;
+}
+
+// All that follows from the shape that was hit.
+Surface surface_of_shape(int shape, vec3 position, vec3 normal)
+{
+    uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
+    return Surface(position, normal, vec2(0.0), shape, int(of_shape.x), of_shape.y != 0u);
+}
+
+// A point of a triangle whose plane (see FACET_PLANE) is at hand.
+Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
+{
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    Surface s = surface_of_shape(int(face.w), position, plane.xyz);
+#ifdef HAS_TEXTURES
+    vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    vec3 n = cross(ab, ac), d = position - a;
+    vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
+    vec2 uv = uv_texel(int(face.x), UV_FIRST).xy;
+    s.uv = uv + bc.x * (uv_texel(int(face.y), UV_FIRST).xy - uv) + bc.y * (uv_texel(int(face.z), UV_FIRST).xy - uv);
+#endif
+    return s;
+}
+
+// What a surface does with light on the side that is seen.
+Bsdf bsdf_at(Surface s, bool front)
+{
+    vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
+    float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0;
+    Bsdf b = Bsdf(diffuse.rgb * reflects, vec3(0.0), 1.0, vec3(0.0));
+#ifdef HAS_HIGHLIGHTS
+    vec4 phong = material_texel(s.material, MATERIAL_SPECULAR);
+    b.specular = phong.rgb * reflects;
+    b.exponent = phong.w;
+#endif
+#ifdef HAS_MIRRORS
+    b.mirror = material_texel(s.material, MATERIAL_MIRROR).rgb * reflects;
+#endif
+#ifdef HAS_TEXTURES
+    uint number = textured_texel(s.material, TEXTURED_BY).x;
+    if (number != 0u) b.diffuse *= texture_colour(int(number) - 1, s.uv);
+#endif
+    return b;
+}
+
+// Lambert, and Phong's highlight [TB IV]: the cosine is not in the highlight's definition, so it is divided out.
+vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+{
+#ifdef HAS_HIGHLIGHTS
+    float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
+    return b.diffuse + b.specular * (highlight / max(dot(n, wi), 1e-4));
+#else
+    return b.diffuse;
+#endif
+}
+
+// Radiance that a surface emits to the side that is seen; `density` per area of a light point there, 0 without light.
+vec3 emitted(Surface s, bool front, out float density)
+{
+    vec4 emission = emission_texel(s.shape, EMISSION_RADIANCE);
+    density = emission.w;
+    return front || s.emits_back ? emission.rgb : vec3(0.0);
+}
