@@ -15,6 +15,7 @@ from reference.numpy_path_tracer import nearest_hits
 import glpath
 from glpath import RadiositySolution, rendering
 from glpath.compare import relative_mse
+from glpath.gl import device_radiosity as radiosity_store
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherSettings, GatherTracer, device_radiosity
@@ -256,8 +257,7 @@ def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: s
 
 
 def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-
-    monkeypatch.setattr(store_of_radiosity, "_MOST", 100)
+    monkeypatch.setattr(radiosity_store, "_MOST", 100)
     with pytest.raises(glpath.SceneError, match="coarser mesh"):
         gather(BOX, even(load_scene(BOX), 1.0, 4), spp=1)
 
