@@ -5,9 +5,6 @@
 #include "t_buffer_ray.glsl"
 
 uniform int first;  // number of the first primitive of the kind
-#ifdef FROM_LIST
-layout(std430, binding = 1) buffer List { uint listed[]; };
-#endif
 
 #ifdef SQUARES
 uniform int square_side;
@@ -53,9 +50,6 @@ void main()
     const int vertices = 6;
 #endif
     int item = gl_VertexID / vertices, corner = gl_VertexID - vertices * item;
-#endif
-#ifdef FROM_LIST
-    item = int(listed[item]);
 #endif
 #ifdef SQUARES
     uvec2 square = texelFetch(squares, ivec2(item % SQUARES_WIDTH, item / SQUARES_WIDTH), 0).xy;

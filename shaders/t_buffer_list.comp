@@ -1,12 +1,13 @@
-// t_buffer_list.comp: from marks to a list in order, and the command that draws it. One work group.
+// t_buffer_list.comp: from marks to the vertices of all that are marked, in order, and the command that draws them.
+// One work group.
 layout(local_size_x = 256) in;
 
 uniform int words;     // of marks
 uniform int vertices;  // of one primitive
 
-layout(std430, binding = 1) buffer List { uint listed[]; };
+layout(std430, binding = 1) buffer Elements { uint elements[]; };
 layout(std430, binding = 4) buffer Large { uint large[]; };
-layout(std430, binding = 5) buffer Command { uint command[]; };  // vertices, instances, first vertex, first instance
+layout(std430, binding = 5) buffer Command { uint command[]; };  // elements, instances, first, base vertex and instance
 
 shared uint found[256];
 
@@ -26,6 +27,7 @@ void main()
         command[1] = 1u;
         command[2] = 0u;
         command[3] = 0u;
+        command[4] = 0u;
     }
     for (int i = begin; i < end; ++i)
     {
@@ -35,7 +37,8 @@ void main()
         {
             int bit = findLSB(word);
             word &= word - 1u;
-            listed[place] = uint(32 * i + bit);
+            for (int corner = 0; corner < vertices; ++corner)
+                elements[int(place) * vertices + corner] = uint((32 * i + bit) * vertices + corner);
             ++place;
         }
     }

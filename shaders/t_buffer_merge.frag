@@ -1,5 +1,7 @@
 // t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower
-// number.
+// number. Where this device's programs differ in the last bits of t, those decide instead.
+// Needs:  <T_BUFFER>
+#include <T_BUFFER>
 #include "texels.glsl"
 
 TEXELS(rg32f, drawn);
@@ -16,9 +18,9 @@ void main()
     int at = pixel.y * eye_size.x + pixel.x;
     found = texel(drawn, pixel).rg;
     uint number = lowest[at];
-    if (number != 0xffffffffu)
+    if (number != NOTHING)
     {
-        float t = uintBitsToFloat(least_t[at]), primitive = float(number) + 1.0;
+        float t = uintBitsToFloat(least_t[at]), primitive = float(number & NUMBER) + 1.0;
         if (found.x == 0.0 || t < found.y || (t == found.y && primitive < found.x)) found = vec2(primitive, t);
     }
 }

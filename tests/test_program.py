@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from glpath.errors import ShaderError
 from glpath.gl.context import get_context
 
 pytest_plugins = ["pytester"]
+
+INCLUDED = re.compile(r'^#include "(.+)"$', re.MULTILINE)
 
 
 @pytest.fixture
@@ -87,3 +90,24 @@ def test_a_test_that_leaves_a_gl_error_behind_fails(pytester: pytest.Pytester) -
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=2, errors=1)
     result.stdout.fnmatch_lines("*the test left GL_INVALID_ENUM behind*")
+
+
+def included_in(name: str) -> set[str]:
+    text = (program.shader_folder() / name).read_text()
+    return {name}.union(*(included_in(other) for other in INCLUDED.findall(text)))
+
+
+def test_no_vertex_shader_reads_a_storage_buffer() -> None:
+    """OpenGL 4.3 promises none: GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS may be 0."""
+    stages = [path.name for path in program.shader_folder().glob("*.vert")]
+    assert len(stages) > 5
+    for stage in stages:
+        for name in included_in(stage):
+            text = (program.shader_folder() / name).read_text()
+            assert not re.search(r"^\s*(layout\(.*\))?[\w ]*\bbuffer\b", text, re.MULTILINE), f"{stage}: {name}"
+
+
+def test_no_uniform_is_an_array_of_any_length() -> None:
+    """A thousand components are all that OpenGL promises a stage; what grows with a scene belongs in a texture."""
+    for path in program.shader_folder().iterdir():
+        assert not re.search(r"^uniform .*\[(?!\d+\]|VIEWS\])", path.read_text(), re.MULTILINE), path.name

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import moderngl
 import numpy as np
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 from objects import ball, camera, ground, rotation, scene_of
 from reference.numpy_ray_tracer import camera_rays, nearest
 
+import glpath.gl.program as program
+from glpath.buffers import t_buffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
@@ -301,3 +305,48 @@ def test_windows_narrower_than_a_square_of_pixels(gl: moderngl.Context, size: tu
         buffer.fill(eye_uniforms(scene.camera))
         seen.append(buffer.take_tests())
     assert seen[0] == seen[1] >= size[0] * size[1]  # the eye is inside the last one
+
+
+@pytest.mark.parametrize("largest", [1, 8, 9.5])
+def test_points_are_as_large_as_the_device_draws(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, largest: float
+) -> None:
+    monkeypatch.setattr(t_buffer, "largest_point", lambda _: int(largest))
+    spheres = [ball((0.1, 0, 0), 0.8), ball((0, -0.2, 4.9), 0.9), ball((3, 0.02, 0), 0.3), ball((0, 0, 6), 50)]
+    assert_all_equal(see(gl, scene_of(spheres=spheres, view=camera(fov=60))))
+
+
+SHOT = "float t = shoot(aim, eye_direction(pixel));"
+
+
+@pytest.mark.parametrize(
+    "otherwise",
+    [
+        "t = uintBitsToFloat(floatBitsToUint(t) + 1u);",
+        "t = uintBitsToFloat(floatBitsToUint(t) + uint(2 * (pixel.x & 1) - 1));",
+        "t = uintBitsToFloat(floatBitsToUint(t) + uint(300 * ((primitive & 2) - 1)));",
+        "t = NO_HIT;",
+    ],
+)
+def test_no_pixel_is_lost_where_programs_differ_in_the_last_bits(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, otherwise: str
+) -> None:
+    """The second look at small primitives is another program, which may round otherwise, or miss at an edge."""
+    rng = np.random.default_rng(5)
+    triangles = rng.uniform(-3, 3, (400, 1, 3)) + rng.normal(size=(400, 3, 3)) * 0.12
+    scene = scene_of(triangles=triangles, spheres=[ball(at, 0.06) for at in rng.uniform(-2, 2, (100, 3))])
+    (exact, t), *others = see(gl, scene)
+    assert_all_equal([(exact, t), *others])
+    shaders = tmp_path / "shaders"
+    shutil.copytree(program.shader_folder(), shaders)
+    text = (shaders / "t_buffer_small.comp").read_text()
+    assert SHOT in text
+    changed = text.replace(SHOT, f"{SHOT}\n#ifdef SECOND\n{otherwise}\n#endif\n")
+    (shaders / "t_buffer_small.comp").write_text(changed)
+    monkeypatch.setattr(program, "shader_folder", lambda: shaders)
+    primitive, distance = see(gl, scene)[2]
+    np.testing.assert_array_equal(distance, t)
+    np.testing.assert_array_equal(primitive >= 0, exact >= 0)
+    share = np.mean(primitive[exact >= 0] == exact[exact >= 0])
+    # One of those that the ray meets stays where a device finds nothing again.
+    assert share == 1.0 if "1u" in otherwise else share > 0.9

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.passes import Dispatch, Pass
+from glpath.gl.passes import Dispatch, Pass, largest_point
 from glpath.gl.program import Program, load_program
 
 Uniforms = Mapping[str, object]
@@ -35,8 +35,18 @@ SPLIT_FROM = 32768
 
 _GROUP = 64  # of t_buffer_small.comp
 _WIDEST = 1 << 15  # groups across, below every device's limit
-# Pixels along a point, which every device draws; larger ones would shoot at more pixels only to leave them out.
-_SQUARE = 32
+# Pixels along a point: larger ones would shoot at more pixels only to leave them out; on a device that does not
+# draw points of a few pixels, rectangles cost less.
+_SQUARE, _SMALLEST_SQUARE = 32, 8
+# What the least word of a small primitive's pixel says of its number; the less, the surer.
+_SURENESS = """
+#define GROUP {group}
+const uint NUMBER = 0x3fffffffu;
+const uint EXACT = 0u;                  // it has the least t, and of those it is the lowest
+const uint NEARLY_EXACT = 0x40000000u;  // as nearly as programs agree
+const uint MET = 0x80000000u;           // the ray meets it
+const uint NOTHING = 0xffffffffu;
+"""
 _SQUARES_WIDTH = 1024  # texels, of the table
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -98,7 +108,7 @@ class EyeBuffer(ABC):
             vertex=vertex,
             fragment=fragment,
             compute=compute,
-            generated=self.objects.generated,
+            generated=self.objects.generated | {"T_BUFFER": _SURENESS.format(group=_GROUP)},
             defines=self._defines | dict(defines),
         )
 
@@ -161,10 +171,9 @@ class TBuffer(EyeBuffer):
             corners = 6 if kind in ("sphere", "ellipsoid") else 3
             plane = kind == "plane"
             listed = self._small.lists.get(kind) if self._small else None
-            squares = _Squares(objects, size) if kind == "sphere" and not listed else None
+            points = kind == "sphere" and not listed and largest_point(gl) >= _SMALLEST_SQUARE
+            squares = _Squares(objects, size) if points else None
             defines: dict[str, object] = {f"KIND_{kind.upper()}": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH}
-            if listed:
-                defines["FROM_LIST"] = 1
             if squares:
                 defines |= {"SQUARES": 1, "SQUARES_WIDTH": _SQUARES_WIDTH}
             draw = Pass(
@@ -178,7 +187,8 @@ class TBuffer(EyeBuffer):
                 clip_distances=1 if plane else 0,
                 clear=None if self._draws else (0.0, 0.0, 0.0, 0.0),
                 textures=objects.textures | ({"squares": squares.texture} if squares else {}),
-                buffers=self._buffers | ({1: listed.numbers} if listed else {}),
+                buffers=self._buffers,
+                elements=listed.elements if listed else None,
                 indirect=listed.command if listed else None,
                 points=squares is not None,
             )
@@ -222,7 +232,7 @@ class _Squares:
         self._gl = objects.gl
         self._size = size
         # A point is clipped by its centre: with squares no wider than the window there is a place for each.
-        self.side = min(_SQUARE, *size)
+        self.side = min(_SQUARE, largest_point(objects.gl), *size)
         self.count = 0
         self.texture = self._table(len(spheres))
 
@@ -259,13 +269,19 @@ class _Squares:
 
 
 class _LargePrimitives:
-    """Those of one kind that are to be drawn, in the order of their numbers."""
+    """Those of one kind that are to be drawn, in the order of their numbers.
 
-    def __init__(self, gl: moderngl.Context, count: int) -> None:
+    marks    : a bit of each primitive
+    elements : the vertices of those that are marked, for t_buffer.vert, which may read no storage buffer
+    command  : that draws them
+    """
+
+    def __init__(self, gl: moderngl.Context, count: int, vertices: int) -> None:
+        self.vertices = vertices
         self.words = -(-count // 32)
         self.marks = gl.buffer(data=bytes(4 * self.words))
-        self.numbers = gl.buffer(reserve=4 * count)
-        self.command = gl.buffer(reserve=16)
+        self.elements = gl.buffer(reserve=4 * count * vertices)
+        self.command = gl.buffer(reserve=20)
 
 
 class _SmallPrimitives:
@@ -285,9 +301,10 @@ class _SmallPrimitives:
         for kind, numbers in objects.numbering.kinds.items():
             if not numbers or kind == "plane":
                 continue
-            large = self.lists[kind] = _LargePrimitives(gl, len(numbers))
+            large = self.lists[kind] = _LargePrimitives(gl, len(numbers), 3 if kind == "triangle" else 6)
             define: dict[str, object] = {f"KIND_{kind.upper()}": 1}
-            buffers = buffer._buffers | {2: self._nearest, 3: self._lowest, 4: large.marks}
+            rectangles = gl.buffer(reserve=8 * len(numbers))
+            buffers = buffer._buffers | {2: self._nearest, 3: self._lowest, 4: large.marks, 6: rectangles}
             groups = -(-len(numbers) // _GROUP)
             grid = (min(groups, _WIDEST), -(-groups // _WIDEST))
             own = {"first": numbers.start, "count": len(numbers)}
@@ -303,14 +320,13 @@ class _SmallPrimitives:
                 f"t-buffer: large {kind}s",
                 gl,
                 program,
-                buffers={1: large.numbers, 4: large.marks, 5: large.command},
+                buffers={1: large.elements, 4: large.marks, 5: large.command},
             )
-            corners = 3 if kind == "triangle" else 6
-            self._first.append((lister, {"words": large.words, "vertices": corners}, (1, 1)))
+            self._first.append((lister, {"words": large.words, "vertices": large.vertices}, (1, 1)))
         self._merge = Pass(
             "t-buffer: merge",
             gl,
-            load_program(gl, vertex="fullscreen.vert", fragment="t_buffer_merge.frag"),
+            buffer._program({}, vertex="fullscreen.vert", fragment="t_buffer_merge.frag"),
             gl.framebuffer([buffer.texture]),
             textures={"drawn": drawn},
             buffers={2: self._nearest, 3: self._lowest},
@@ -318,7 +334,6 @@ class _SmallPrimitives:
 
     def shoot(self, uniforms: Uniforms) -> None:
         """Shoot at the small ones, and list the others."""
-        self._gl.memory_barrier()  # the merge before has read them
         for words in (self._nearest, self._lowest):
             self._gl.copy_buffer(words, self._empty)
         for stage, own, groups in self._first + self._second:

@@ -23,6 +23,11 @@ BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
 }
 
 
+def largest_point(gl: moderngl.Context) -> int:
+    """How many pixels along a point may be on this device; OpenGL promises one."""
+    return int(gl.info["GL_POINT_SIZE_RANGE"][1])
+
+
 def _check_textures(name: str, program: Program, textures: Mapping[str, moderngl.Texture]) -> None:
     """A program may use fewer textures than a family of passes offers, never more."""
     missing = (set(program.samplers) | set(program.images)) - set(textures)
@@ -83,8 +88,12 @@ class Pass:
     blend    : None, "min" or "max", for all attachments
     depth    : test and write depth (less)
     clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
-    indirect : a buffer whose first four words, written on the device, say what to draw, instead of `vertices`
-    points   : draw squares of gl_PointSize pixels about the vertices, not triangles
+    elements : a buffer of uint32, the gl_VertexID of every vertex, instead of 0, 1, 2 ...
+    indirect : a buffer whose first words, written on the device, say what to draw, instead of `vertices`: five
+               with `elements`, else four
+    points   : draw squares of gl_PointSize pixels about the vertices, not triangles; see `largest_point`
+    buffers  : storage buffers by their binding, for the fragment shader alone, as OpenGL 4.3 promises none to a
+               vertex shader; whoever uses them next may do so at once
     """
 
     name: str
@@ -99,6 +108,7 @@ class Pass:
     clear: tuple[float, float, float, float] | None = None
     textures: Mapping[str, moderngl.Texture] = field(default_factory=dict)
     buffers: Mapping[int, moderngl.Buffer] = field(default_factory=dict)
+    elements: moderngl.Buffer | None = None
     indirect: moderngl.Buffer | None = None
     area: tuple[int, int, int, int] | None = None
     points: bool = False
@@ -106,7 +116,7 @@ class Pass:
 
     def __post_init__(self) -> None:
         if self.triangles is None:
-            self._vertex_array = self.gl.vertex_array(self.program.gl, [])
+            self._vertex_array = self.gl.vertex_array(self.program.gl, [], self.elements)
         else:
             self._vertex_array = self.triangles.vertex_array(self.program)
             self.vertices = 3 * self.triangles.count
@@ -146,6 +156,8 @@ class Pass:
                 self._vertex_array.render_indirect(self.indirect, self._mode, count=1)
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
+        if self.buffers:
+            gl.memory_barrier()
 
 
 @dataclass
