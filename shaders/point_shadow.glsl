@@ -1,6 +1,5 @@
 // point_shadow.glsl: is a place on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
 // Needs:  <SCENE>; SHADOW_CUBE as point_shadow_map.glsl has it
-//         SHADOW_LIGHTS    how many lights the buffers were made for
 //         SHADOW_TAPS      cells across that a lookup asks; 1: the nearest alone, no filter
 //         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
 // Frame:  world. The buffers of all lights are tiles of one texture.
@@ -13,7 +12,7 @@
 #include <SCENE>
 
 TEXELS(rgba32f, shadow_buffer);  // plane; number of the primitive, -1 for none
-uniform vec3 shadow_light_position[SHADOW_LIGHTS];
+TEXELS(rgba32f, shadow_lights);  // where each stands, a texel for each tile
 uniform int shadow_tiles_across;
 
 // What rounding may do to a place, as a share of its coordinates and the light's.
@@ -21,6 +20,8 @@ const float SHADOW_ROUNDING = 5e-7;
 
 // Where 1 / cos to the light is more, a sphere's outline is near.
 const float SHADOW_STEEPEST = 4.0;
+
+ivec2 shadow_tile(int light) { return ivec2(light % shadow_tiles_across, light / shadow_tiles_across); }
 
 // An entry's texel; cells are those of its face.
 ivec2 shadow_texel(int light, int face, vec2 cell)
@@ -30,9 +31,8 @@ ivec2 shadow_texel(int light, int face, vec2 cell)
 #else
     const ivec2 faces = ivec2(1, 1);
 #endif
-    ivec2 tile = ivec2(light % shadow_tiles_across, light / shadow_tiles_across);
     ivec2 place = ivec2(face % faces.x, face / faces.x);
-    return (tile * faces + place) * ivec2(shadow_cells) + ivec2(cell);
+    return (shadow_tile(light) * faces + place) * ivec2(shadow_cells) + ivec2(cell);
 }
 
 // The face and cell of a cell that may lie beyond its face's edge.
@@ -86,7 +86,7 @@ bool shadow_entry_hides(vec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding
 // (percentage-closer filtering: Reeves et al. 1987); of 2 taps it is bilinear interpolation.
 float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 {
-    vec3 centre = shadow_light_position[light];
+    vec3 centre = texel(shadow_lights, shadow_tile(light)).xyz;
     vec3 w = position - centre;
     float height = dot(normal, w);
     vec3 receiver = normal / (abs(height) > 1e-30 ? height : 1e-30);

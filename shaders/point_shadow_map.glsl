@@ -8,7 +8,7 @@
 //             theta = ((r + 1/2) / r_max - 1/2) pi         the latitude, by atan2 of z and the distance from the axis
 //             phi   = ((c + 1/2) / c_max) 2 pi             the longitude, by atan2 of y and x
 //         at the centres of cells, where their rays are shot. arcsin would do for theta but for its rounding at the poles.
-#include "constants.glsl"
+#include "angles.glsl"
 
 uniform vec2 shadow_cells;  // columns and rows of a face
 
@@ -41,19 +41,21 @@ ShadowPlace shadow_place(vec3 d)
     int axis = a.x >= max(a.y, a.z) ? 0 : a.y >= a.z ? 1 : 2;
     int face = 2 * axis + int(d[axis] < 0.0);
     vec3 f = shadow_to_face(face, d);
-    return ShadowPlace(face, (0.5 + atan(f.xy / f.z) * (2.0 / PI)) * shadow_cells);
+    vec2 slope = f.xy / f.z;
+    return ShadowPlace(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
 }
 
 // Of any length. A place (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
 vec3 shadow_direction(int face, vec2 at)
 {
-    return shadow_from_face(face, vec3(tan((at / shadow_cells - 0.5) * (0.5 * PI)), 1.0));
+    vec2 right_angles = at / shadow_cells - 0.5;
+    return shadow_from_face(face, vec3(tangent(right_angles.x), tangent(right_angles.y), 1.0));
 }
 #else
 ShadowPlace shadow_place(vec3 d)
 {
-    float theta = atan(d.z, length(d.xy));
-    float phi = d.x == 0.0 && d.y == 0.0 ? 0.0 : atan(d.y, d.x);
+    float theta = arc_tangent(d.z, length(d.xy));
+    float phi = arc_tangent(d.y, d.x);
     vec2 at = vec2(fract(phi / (2.0 * PI)), theta / PI + 0.5) * shadow_cells;
     return ShadowPlace(0, at);
 }
@@ -61,9 +63,9 @@ ShadowPlace shadow_place(vec3 d)
 // Unit. A place beyond a pole comes down on the other side, one beyond the seam goes on behind it.
 vec3 shadow_direction(int face, vec2 at)
 {
-    float theta = (at.y / shadow_cells.y - 0.5) * PI;
-    float phi = at.x / shadow_cells.x * 2.0 * PI;
-    return vec3(cos(theta) * vec2(cos(phi), sin(phi)), sin(theta));
+    vec2 theta = cosine_sine(2.0 * (at.y / shadow_cells.y - 0.5));
+    vec2 phi = cosine_sine(4.0 * (at.x / shadow_cells.x));
+    return vec3(theta.x * phi, theta.y);
 }
 #endif
 

@@ -436,3 +436,25 @@ def test_shape_is_what_identity_compares() -> None:
         found = buffer.visibility(0, [[0.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]], [0], "identity")
         assert found[0] == expected
         assert buffer.visibility(0, [[0.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]], [0], "distance")[0] == 0
+
+
+@BOTH
+def test_hundreds_of_lights_are_each_their_own(kind: type[SphereShadowBuffer]) -> None:
+    """More than uniforms could hold the positions of: OpenGL promises a fragment shader 1024 numbers."""
+    count, n = 600, 64
+    rng = np.random.default_rng(2)
+    scene = stack()
+    at = seen(scene, LIGHT)
+    some = rng.choice(len(at.pixel), n)
+    places = at.position[some], at.normal[some], at.object[some]
+    lights = rng.normal(size=(count, 3)) * 3 + [0, 6, 0]
+    many, one = buffer_for(scene, 16, kind, count), buffer_for(scene, 16, kind)
+    for number, light in enumerate(lights):
+        many.fill(light, number)
+    shares = []
+    for number in (0, 1, 255, 256, 300, 599):
+        one.fill(lights[number])
+        found = many.visibility(number, *places)
+        np.testing.assert_array_equal(found, one.visibility(0, *places))
+        shares.append(found)
+    assert len(np.unique(shares, axis=0)) > 3

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import moderngl
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from reference.shadow_cells import (
     sphere_directions,
 )
 
+import glpath.gl.program as program
 from glpath.buffers import light_bounds
 from glpath.buffers.light_bounds import (
     CellRectangles,
@@ -39,8 +43,8 @@ def on_device(columns: int, rows: int, face: int, **defines: object) -> tuple[Fl
     """What the shader says: (rows, columns, 4) column, row, face and distance; (rows, columns, 3) direction."""
     gl = get_context().gl
     textures = [gl.texture((columns, rows), 4, dtype="f4") for _ in range(2)]
-    program = load_program(gl, vertex="fullscreen.vert", fragment="point_shadow_cells.frag", defines=defines)
-    stage = Pass("cells", gl, program, gl.framebuffer(textures))
+    drawn = load_program(gl, vertex="fullscreen.vert", fragment="point_shadow_cells.frag", defines=defines)
+    stage = Pass("cells", gl, drawn, gl.framebuffer(textures))
     stage.run({"shadow_cells": (float(columns), float(rows)), "face": face})
     found, direction = (np.frombuffer(t.read(), np.float32).reshape(rows, columns, 4) for t in textures)
     assert get_context().gl.error == "GL_NO_ERROR"
@@ -53,10 +57,10 @@ def test_every_direction_of_the_sphere_maps_to_its_own_cell_and_back(rows: int, 
     c, r = np.meshgrid(np.arange(columns), np.arange(rows))
     np.testing.assert_array_equal(found[..., 0], c)
     np.testing.assert_array_equal(found[..., 1], r)
-    # Far from the next cell, although the device's atan is not the best.
-    assert found[..., 3].max() < 0.05
+    assert found[..., 3].max() < 2e-3
+    # Far within what the objects' bounds are grown by.
     if rows * columns < 1e5:
-        np.testing.assert_allclose(direction, sphere_directions(rows, columns), atol=2e-6)
+        np.testing.assert_allclose(direction, sphere_directions(rows, columns), atol=0.1 * light_bounds.MARGIN)
 
 
 @pytest.mark.parametrize("side", [1, 2, 7, 200, 1001])
@@ -67,9 +71,35 @@ def test_every_direction_of_the_cube_maps_to_its_own_cell_and_back(side: int) ->
         np.testing.assert_array_equal(found[..., 0], c)
         np.testing.assert_array_equal(found[..., 1], r)
         np.testing.assert_array_equal(found[..., 2], face)
-        assert found[..., 3].max() < 1e-2
+        assert found[..., 3].max() < 1e-3
         if side <= 7:
-            np.testing.assert_allclose(direction, cube_directions(side)[face], atol=1e-6)
+            np.testing.assert_allclose(direction, cube_directions(side)[face], atol=0.1 * light_bounds.MARGIN)
+
+
+def test_angles_are_as_accurate_as_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vulkan would allow 5e-4 for sin, cos and atan, which many an OpenGL stands on."""
+    shaders = tmp_path / "shaders"
+    shutil.copytree(program.shader_folder(), shaders)
+    (shaders / "a.frag").write_text("""
+        #include "angles.glsl"
+        layout(location = 0) out vec4 o;
+        void main()
+        {
+            float x = (gl_FragCoord.x - 1024.5) / 256.0 + gl_FragCoord.y / 65536.0;
+            o = vec4(cosine_sine(x), arc_tangent(1.25 * sign(x) - x, x), arc_tangent(clamp(x, -1.0, 1.0)));
+        }
+    """)
+    monkeypatch.setattr(program, "shader_folder", lambda: shaders)
+    gl = get_context().gl
+    texture = gl.texture((2048, 16), 4, dtype="f4")
+    drawn = load_program(gl, vertex="fullscreen.vert", fragment="a.frag")
+    Pass("angles", gl, drawn, gl.framebuffer([texture])).run({})
+    found = np.frombuffer(texture.read(), np.float32).reshape(16, 2048, 4).astype(float)
+    x = (np.arange(2048) - 1024) / 256 + (np.arange(16)[:, None] + 0.5) / 65536
+    y = (1.25 * np.sign(x) - x).astype(np.float32).astype(float)
+    truth = [np.cos(x * np.pi / 2), np.sin(x * np.pi / 2), np.arctan2(y, x), np.arctan(np.clip(x, -1, 1))]
+    np.testing.assert_allclose(found[..., :2], np.stack(truth[:2], axis=-1), rtol=0, atol=3e-7)
+    np.testing.assert_allclose(found[..., 2:], np.stack(truth[2:], axis=-1), rtol=3e-7, atol=0)
 
 
 def test_the_slow_reference_maps_back_too() -> None:

@@ -26,7 +26,7 @@ from glpath.scene.model import Float64
 Int64 = NDArray[np.int64]
 
 FACES = 6
-#: Radians that a bound is grown by: the shader's atan and the rounding of its rays stay below.
+#: Radians that a bound is grown by: the shader's angles (angles.glsl) and the rounding of its rays stay below.
 MARGIN = 1e-5
 #: Rectangles of so many cells are cut into bands, of about so many cells, and up to so many. To draw a rectangle
 #: costs as much as to shoot some hundred rays.

@@ -48,7 +48,7 @@ from glpath.buffers.light_bounds import (
 from glpath.errors import UsageError
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.passes import Pass
+from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
 
@@ -59,7 +59,7 @@ KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 #: The widest filter of a lookup, in cells across.
 MAX_TAPS = 15
 _RECTANGLES_WIDTH = 4096
-#: Rectangles up to so many cells wide and high are drawn as points.
+#: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
 _POINT = 8
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -179,8 +179,10 @@ class PointShadowBuffer(ABC):
         self._depth = float_depth_texture(gl, size)
         target = gl.framebuffer([self._entries], self._depth)
         target.clear(0.0, 0.0, 0.0, -1.0)
-        self.textures = {"shadow_buffer": self._entries}
-        self._positions = np.zeros((lights, 3))
+        rows = -(-lights // self._across)
+        self._positions = gl.texture((self._across, rows), 4, data=bytes(16 * self._across * rows), dtype="f4")
+        self._positions.filter = _NEAREST
+        self.textures = {"shadow_buffer": self._entries, "shadow_lights": self._positions}
         self._keys: list[tuple[object, ...] | None] = [None] * lights
         self._spheres: tuple[str, Spheres] | None = None  # those around round objects, and of which geometry
         self.intersection_tests = 0
@@ -264,8 +266,9 @@ class PointShadowBuffer(ABC):
             return False
         # The rays start where the device has the light.
         at = at.astype(np.float32).astype(np.float64)
-        self._positions[light] = at
-        corner = (light % self._across * self.tile[0], light // self._across * self.tile[1])
+        column, row = light % self._across, light // self._across
+        self._positions.write(np.array([*at, 0.0], np.float32).tobytes(), viewport=(column, row, 1, 1))
+        corner = (column * self.tile[0], row * self.tile[1])
         uniforms = self.objects.uniforms | {
             "shadow_cells": (float(self.cells[0]), float(self.cells[1])),
             "light_position": tuple(at.tolist()),
@@ -283,7 +286,7 @@ class PointShadowBuffer(ABC):
             rows[:, 2] = found.primitive + numbers[kind].start
             rows[:, 3] = found.face
             width, height = (found.last - found.first).T
-            small = np.maximum(width, height) < min(_POINT, *self.cells)
+            small = np.maximum(width, height) < min(_POINT, largest_point(self.gl), *self.cells)
             for stage, table in zip(pair, (rows[~small], rows[small]), strict=True):
                 stage.area = (*corner, *self.tile)
                 stage.vertices = len(table) if stage.points else 6 * len(table)
@@ -296,10 +299,8 @@ class PointShadowBuffer(ABC):
     @property
     def uniforms(self) -> dict[str, object]:
         """For a program that includes point_shadow.glsl."""
-        positions = [tuple(p) for p in self._positions.tolist()]
         return {
             "shadow_cells": (float(self.cells[0]), float(self.cells[1])),
-            "shadow_light_position": positions if len(positions) > 1 else positions[0],
             "shadow_tiles_across": self._across,
         }
 
@@ -311,7 +312,7 @@ class PointShadowBuffer(ABC):
                 f"1 (none) to {min(MAX_TAPS, *self.cells)} are possible",
                 "2 to 4 make smooth edges.",
             )
-        chosen: dict[str, object] = {"SHADOW_LIGHTS": self.lights, "SHADOW_TAPS": taps}
+        chosen: dict[str, object] = {"SHADOW_TAPS": taps}
         return self._defines | chosen | ({"SHADOW_IDENTITY": 1} if test == "identity" else {})
 
     def read(self, light: int = 0) -> Entries:
