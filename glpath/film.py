@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.image import encode_png, mean_of_sums, open_npz, whole_file, write_exr, write_png
+from glpath.files import open_npz, whole_file
+from glpath.image import encode_png, mean_of_sums, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 
 Float64 = NDArray[np.float64]

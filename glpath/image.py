@@ -1,27 +1,20 @@
 """Pictures as plain arrays: tone mapping, PNG and EXR, and reading any of them back.
-
-A file appears whole or not at all: it is written beside its place under another name and then moved there, also
-when the process is stopped meanwhile. Missing folders of an output are made: who types `-o out/a.png` means it.
-
 Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
 2015, "ACES Filmic Tone Mapping Curve".
 """
 
 from __future__ import annotations
 
-import os
-import secrets
 import struct
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
+from glpath.files import open_npz, reason_of, whole_file
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -164,46 +157,6 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
-@contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
-    """The place to write a file to, so that it appears at `path` whole or not at all.
-
-    On leaving the block the file is moved to `path`, over what was there; if the block fails it is removed. Missing
-    folders are made. A link is followed. Raises ImageError when the system refuses.
-    """
-    target = Path(os.path.realpath(path))
-    # The suffix stays last, as some libraries choose the format by it.
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            yield temporary
-            with temporary.open("rb") as written:
-                os.fsync(written.fileno())
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
-        raise ImageError(f"{path}: cannot be written: {_reason(error)}.") from error
-
-
-def check_writable(path: str | Path) -> None:
-    """Raise ImageError if a file cannot be written at `path`: to be asked before hours of rendering, not after."""
-    target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise ImageError(f"{path}: is a folder.", "Name a file in it.")
-    folder = target.parent
-    while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
-        folder = folder.parent
-    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems.
-    trial = folder / f".glpath.{secrets.token_hex(4)}.part"
-    try:
-        trial.touch()
-        trial.unlink()
-    except OSError as error:
-        raise ImageError(f"{path}: the folder {folder} cannot be written to: {_reason(error)}.") from error
-
-
 def mean_of_sums(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
     """(H, W, 3) float64, the mean of a film's (B, H, W, 3) sums over batches of so many path sets each."""
     mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
@@ -232,7 +185,7 @@ def read_image(path: str | Path) -> Float64:
     except FileNotFoundError as error:
         raise ImageError(f"{path}: there is no such file.") from error
     except (*_BROKEN, KeyError, zipfile.BadZipFile) as error:
-        raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
+        raise ImageError(f"{path}: cannot be read as {suffix}: {reason_of(error)}.") from error
     return _three_channels(image, path)
 
 
@@ -248,7 +201,7 @@ def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]],
     except FileNotFoundError as error:
         raise ImageError(f"{path}: there is no such file.") from error
     except _BROKEN as error:
-        raise ImageError(f"{path}: cannot be read as .exr: {_reason(error)}.") from error
+        raise ImageError(f"{path}: cannot be read as .exr: {reason_of(error)}.") from error
     return channels, texts
 
 
@@ -275,7 +228,7 @@ def picture_size(path: str | Path) -> tuple[int, int]:
             with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
                 width, height = opened.size
     except _BROKEN as error:
-        raise ImageError(f"{path}: cannot be read as {suffix}: {_reason(error)}.") from error
+        raise ImageError(f"{path}: cannot be read as {suffix}: {reason_of(error)}.") from error
     return width, height
 
 
@@ -314,16 +267,6 @@ def _read_npz(path: Path) -> Float64:
         return mean_of_sums(stored["radiance_sums"], stored["batch_counts"])
 
 
-def open_npz(path: str | Path) -> NpzFile:
-    """Open a file of arrays. Raises OSError, ValueError and zipfile.BadZipFile."""
-    with open(path, "rb") as file:
-        # numpy takes anything else for a pickle, and says so.
-        if not zipfile.is_zipfile(file):
-            raise ValueError("it is cut off, or not of this format")
-    opened: NpzFile = np.load(path, allow_pickle=False)
-    return opened
-
-
 def _read_npy(path: Path) -> Float64:
     image: Float64 = np.load(path, allow_pickle=False).astype(np.float64)
     return image
@@ -346,9 +289,3 @@ def _three_channels(image: Float64, path: Path) -> Float64:
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:
         raise ImageError(f"{path}: found an array of shape {image.shape}, expected (H, W, 3).")
     return np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return str(error).rstrip(".") or type(error).__name__

@@ -25,9 +25,10 @@ from glpath import image
 from glpath.errors import GlpathError, SceneError
 from glpath.figures.candidates import ShaftScene
 from glpath.gl.context import Context, get_context
+from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.radiosity import Strategy
-from glpath.rendering.factory import DEFAULT_SPP, Engine, Integrator, plan
-from glpath.rendering.options import check_count, numbers
+from glpath.rendering.factory import Engine, plan_of
+from glpath.rendering.options import MAX_SPP, check_count, numbers, settings_of, with_options
 from glpath.scene import Camera, Scene, check_camera, load_scene, path_traceable
 
 try:
@@ -48,12 +49,12 @@ _STEEPEST = 89.0
 _ZOOM_PER_NOTCH = 1.15
 
 
+@with_options
 def view(
     scene: str | Path | Scene,
     *,
-    integrator: Integrator | None = None,
+    integrator: Integrator | IntegratorSettings | None = None,
     spp: int | None = None,
-    max_depth: int | None = None,
     resolution: tuple[int, int] | None = None,
     parameters: Mapping[str, object] | None = None,
     exposure: float = 0.0,
@@ -63,7 +64,7 @@ def view(
     require_gpu: bool = False,
     **options: Any,
 ) -> View:
-    """A picture of the scene that turns with the mouse, and converges when it is left alone.
+    """An image of the scene that turns with the mouse, and converges when it is left alone.
 
     Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
     double click goes back to the scene's camera. `view(...).scene` is the scene as it is seen now, to be rendered.
@@ -76,7 +77,7 @@ def view(
     spp        : path sets until the picture counts as converged; by default as of `glpath.render`
     resolution : (width, height) in pixels instead of the scene's
     exposure, tonemap : as of `Film.save`
-    options    : further ones of `glpath.render` for that integrator: shadows, radiosity, seed, ...
+    {options}
 
     Raises what `glpath.render` raises, and UsageError for options that it does not know.
 
@@ -90,13 +91,13 @@ def view(
         loaded = loaded.with_camera(resolution=(width, height))
         check_camera(loaded.camera, loaded.source or loaded.name)
     chosen = integrator or _integrator(loaded)
-    given = dict(options)
-    seed = given.pop("seed", 0)
-    if chosen in ("t-buffer", "classic") and "shadows" not in given:
-        given = {"shadows": "cube", "shadow_resolution": 512} | given
-    planned = plan(chosen, max_depth, seed, given)
-    spp = DEFAULT_SPP[chosen] if spp is None else spp
-    check_count("spp", spp, 1, 2**29 - 256)
+    if chosen in ("t-buffer", "classic") and options.get("shadows") is None:
+        given = {name: value for name, value in options.items() if value is not None}
+        options = {"shadows": "cube", "shadow_resolution": 512} | given
+    settings = settings_of(chosen, options)
+    spp = settings.default_spp if spp is None else spp
+    check_count("spp", spp, 1, MAX_SPP)
+    planned = plan_of(settings)
     traced = planned.traceable(loaded)
     planned = planned.prepared(traced, lambda stage: None)
     context = get_context(backend, device, require_gpu)

@@ -18,10 +18,10 @@ from glpath.compare import relative_mse
 from glpath.gl import device_radiosity as radiosity_store
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, device_radiosity
+from glpath.integrators.gather import GatherTracer, device_radiosity
+from glpath.integrators.settings import GatherSettings
 from glpath.radiosity import lattice
 from glpath.rendering import tiles
-from glpath.rendering.factory import DEFAULT_DEPTH
 from glpath.sampling import PathSetSampler, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
@@ -266,7 +266,7 @@ def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
     film = gather(BOX, even(load_scene(BOX), 1.0), spp=2, resolution=(16, 16), timings=True)
     stages = film.metadata.statistics["stage_ms"]
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
-    assert film.metadata.max_depth == DEFAULT_DEPTH["gather"] == 2
+    assert film.metadata.max_depth == GatherSettings().max_depth == 2
     assert film.metadata.statistics["paths_cast"] <= 2 * 16 * 16
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from glpath import image
+from glpath import files, image
 from glpath.errors import ImageError, UsageError
 
 RAMP = np.linspace(0, 1, 256)
@@ -174,7 +174,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path,
     folders = []
 
     def write_half() -> None:
-        with image.whole_file(path) as temporary:
+        with files.whole_file(path) as temporary:
             folders.append(temporary.parent)
             temporary.write_bytes(b"half")
             raise stop
@@ -202,18 +202,18 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 
 
 def test_whether_a_file_can_be_written_is_known_before(tmp_path: Path) -> None:
-    image.check_writable(tmp_path / "new" / "folder" / "a.png")
+    files.check_writable(tmp_path / "new" / "folder" / "a.png")
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
     with pytest.raises(ImageError, match="cannot be written to"):
-        image.check_writable(tmp_path / "file" / "a.png")
+        files.check_writable(tmp_path / "file" / "a.png")
     with pytest.raises(ImageError, match="cannot be written"):
         image.write_exr(tmp_path / "file" / "a.exr", np.ones((1, 1, 3)))
     with pytest.raises(ImageError, match="is a folder"):
-        image.check_writable(tmp_path)
+        files.check_writable(tmp_path)
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder where not even root can write")
 def test_a_folder_that_refuses_files_is_known_before() -> None:
     with pytest.raises(ImageError, match=r"/proc/self/a.png: the folder .* cannot be written to"):
-        image.check_writable("/proc/self/a.png")
+        files.check_writable("/proc/self/a.png")

@@ -19,7 +19,8 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_trace import PathTracer, PathTraceSettings
+from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.settings import PathTraceSettings
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
 Float64 = NDArray[np.float64]

@@ -36,8 +36,9 @@ from glpath.bench.equal_error import (
 from glpath.compare import relative_mse
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, device_radiosity
-from glpath.integrators.path_trace import PathTracer, PathTraceSettings
+from glpath.integrators.gather import GatherTracer, device_radiosity
+from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.measure import Condition, Report, judge, machine
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solve import solve_radiosity

@@ -34,7 +34,8 @@ from glpath.bench.equal_error import (
 from glpath.compare import relative_mse
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_trace import PathTracer, PathTraceSettings
+from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.settings import PathTraceSettings
 from glpath.measure import Report, machine
 from glpath.scene import load_scene
 from glpath.scene.model import Scene

@@ -29,7 +29,8 @@ from glpath.errors import GlpathError
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.integrators.whitted import WhittedSettings, WhittedTracer
+from glpath.integrators.settings import TBufferSettings
+from glpath.integrators.whitted import WhittedTracer
 from glpath.measure import Condition, Report, cores, in_turns, judge, machine, seconds_of
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Scene, Shape
@@ -194,7 +195,7 @@ def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
     parameters = {"objects": max(20, round(1000 * scale)), "resolution": height, "aspect": 16 / 9}
     scene = load_scene("stacked", parameters)
     say(f"{FRAMES} frames around {parameters['objects']} spheres")
-    settings = WhittedSettings(max_depth=1, shadows="sphere", shadow_resolution=max(20, round(1000 * scale)))
+    settings = TBufferSettings(max_depth=1, shadows="sphere", shadow_resolution=max(20, round(1000 * scale)))
     window = (0, 0, *scene.camera.resolution)
     tracer = WhittedTracer(
         context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware

@@ -25,7 +25,7 @@ Poor at:  shadows finer than a cell; more than some ten thousand objects that mo
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import moderngl
 import numpy as np
@@ -45,6 +45,7 @@ from glpath.buffers.light_bounds import (
     sphere_rectangles_of_triangles,
     spheres_around,
 )
+from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
@@ -52,12 +53,8 @@ from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
 
-ShadowTest = Literal["distance", "identity"]
-
 #: In the order of their numbers, see `DeviceScene`.
 KINDS = ("sphere", "ellipsoid", "triangle", "plane")
-#: The widest filter of a lookup, in cells across.
-MAX_TAPS = 15
 _RECTANGLES_WIDTH = 4096
 #: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
 _POINT = 8

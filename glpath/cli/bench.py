@@ -84,7 +84,7 @@ def bench(
     if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
     if output is not None and str(output) != "-":
-        from glpath.image import check_writable
+        from glpath.files import check_writable
 
         check_writable(output)
     _show(_measure(name, seeds or 3, reference, rounds or 7, scale or 1.0), output)
@@ -124,7 +124,7 @@ def _show(report: Report, output: Path | None) -> None:
         typer.echo(text, nl=False)
         return
     if output is not None:
-        from glpath.image import whole_file
+        from glpath.files import whole_file
 
         with whole_file(output) as part:
             part.write_text(text)

@@ -63,7 +63,8 @@ def diff(
     and results of image tests (.exr).
     """
     from glpath import compare
-    from glpath.image import check_writable, write_png
+    from glpath.files import check_writable
+    from glpath.image import write_png
 
     if out is not None:
         if out.suffix.lower() != ".png":
@@ -132,8 +133,9 @@ def diff(
 def _read(path: Path) -> Picture:
     """With noise where the file has it: a film, or a baseline. Raises ImageError."""
     from glpath.compare import Picture
+    from glpath.files import open_npz
     from glpath.film import Film
-    from glpath.image import open_npz, read_exr_channels, read_image
+    from glpath.image import read_exr_channels, read_image
 
     image = read_image(path)
     if path.suffix.lower() == ".npz":

@@ -44,7 +44,7 @@ def figure(
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
     from glpath.figures.outcome import write
     from glpath.figures.style import require_matplotlib
-    from glpath.image import check_writable
+    from glpath.files import check_writable
 
     require_matplotlib()
     check_writable(output / f"{name}.png")

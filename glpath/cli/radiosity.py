@@ -14,7 +14,7 @@ from rich.console import Console
 
 from glpath.cli.render import INTERRUPTED, sigterm_as_interrupt
 from glpath.errors import UsageError
-from glpath.image import check_writable
+from glpath.files import check_writable
 from glpath.progress import MODES, duration, percent
 
 if TYPE_CHECKING:

@@ -6,29 +6,32 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 from __future__ import annotations
 
 import json
-import math
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from glpath.cli.options import FOR_ALL, option_values, with_integrator_options
+from glpath.cli.values import check_choice, check_inside, vector
+from glpath.cli.values import crop as read_crop
+from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
-from glpath.image import TONEMAPS, check_writable
+from glpath.files import check_writable
+from glpath.image import TONEMAPS
+from glpath.integrators.settings import INTEGRATORS, Integrator
 from glpath.progress import MODES, duration, percent, reporting
+from glpath.rendering.options import default_spp_text
 
 if TYPE_CHECKING:
     from glpath.film import Film
 
-INTEGRATORS = ("path", "gather", "t-buffer", "classic")
 INTERRUPTED = 130
-
-Vector = tuple[float, float, float]
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -38,15 +41,14 @@ _TESTS = {
     "secondary": "reflections",
 }
 
-_PICTURE, _CAMERA, _SAMPLING, _MACHINE, _OUTPUT = "Picture", "Camera", "Sampling", "Machine", "What is printed"
-_PATHS, _PATH = "Paths (--integrator path or gather)", "Path tracing (--integrator path)"
-_GATHER, _RAYS = "Gather (--integrator gather)", "Ray tracing (--integrator t-buffer or classic)"
+_IMAGE, _CAMERA, _MACHINE, _OUTPUT = "Image", "Camera", "Machine", "What is printed"
+_SAMPLING = FOR_ALL
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written).")(
-        render
+        with_integrator_options(render)
     )
 
 
@@ -58,41 +60,29 @@ def render(
             "-o",
             "--out",
             help="Write .png, .exr (radiance) or .npz (the whole film); may be repeated.",
-            rich_help_panel=_PICTURE,
+            rich_help_panel=_IMAGE,
         ),
     ],
     spp: Annotated[
         int | None,
         typer.Option(
-            help="Path sets: samples per pixel; by default 256, of a ray tracer 16.",
+            help=f"Path sets: samples per pixel; default {default_spp_text()}.",
             show_default=False,
             rich_help_panel=_SAMPLING,
         ),
     ] = None,
-    max_depth: Annotated[
-        int | None,
-        typer.Option(
-            help="1 is direct light only, 3 two bounces; by default 5. Of a gather, the vertex that looks up the "
-            "solution; by default 2.",
-            show_default=False,
-            rich_help_panel=_SAMPLING,
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(help="Another seed is an independent render.", rich_help_panel=_SAMPLING)
-    ] = 0,
     resolution: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Instead of the scene's.", rich_help_panel=_PICTURE)
+        str | None, typer.Option(metavar="WxH", help="Instead of the scene's.", rich_help_panel=_IMAGE)
     ] = None,
     crop: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,W,H", help="Only these pixels, from the top left.", rich_help_panel=_PICTURE),
+        typer.Option(metavar="X,Y,W,H", help="Only these pixels, from the top left.", rich_help_panel=_IMAGE),
     ] = None,
     exposure: Annotated[
-        float, typer.Option(metavar="STOPS", help="Brightness of a .png: 1 doubles it.", rich_help_panel=_PICTURE)
+        float, typer.Option(metavar="STOPS", help="Brightness of a .png: 1 doubles it.", rich_help_panel=_IMAGE)
     ] = 0.0,
     tonemap: Annotated[
-        str, typer.Option(metavar="|".join(TONEMAPS), help="Tone curve of a .png.", rich_help_panel=_PICTURE)
+        str, typer.Option(metavar="|".join(TONEMAPS), help="Tone curve of a .png.", rich_help_panel=_IMAGE)
     ] = "srgb",
     camera_position: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Where it stands.", rich_help_panel=_CAMERA)
@@ -112,7 +102,7 @@ def render(
             "-D",
             metavar="KEY=VALUE",
             help="A parameter of a generated scene; may be repeated.",
-            rich_help_panel=_PICTURE,
+            rich_help_panel=_IMAGE,
         ),
     ] = None,
     integrator: Annotated[
@@ -124,95 +114,6 @@ def render(
             rich_help_panel=_SAMPLING,
         ),
     ] = "path",
-    sampling: Annotated[
-        str | None,
-        typer.Option(
-            metavar="sobol|random",
-            help="Where random numbers come from; random is the paper's. [default: sobol]",
-            rich_help_panel=_PATHS,
-        ),
-    ] = None,
-    directions: Annotated[
-        str | None,
-        typer.Option(
-            metavar="pair|hemisphere|sphere",
-            help="The shared directions of a bounce; sphere is the paper's. [default: pair]",
-            rich_help_panel=_PATHS,
-        ),
-    ] = None,
-    ambient: Annotated[
-        str | None,
-        typer.Option(
-            metavar="R,G,B",
-            help="Radiance assumed beyond the last vertex; one number is grey. [default: 0]",
-            rich_help_panel=_PATH,
-        ),
-    ] = None,
-    roulette: Annotated[
-        int | None,
-        typer.Option(metavar="DEPTH", help="From here on paths end by chance.", rich_help_panel=_PATH),
-    ] = None,
-    radiosity: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="A solution of `glpath radiosity`, of this scene. [default: the scene is solved first]",
-            rich_help_panel=_GATHER,
-        ),
-    ] = None,
-    radiosity_lookup: Annotated[
-        str | None,
-        typer.Option(
-            metavar="interpolated|constant",
-            help="Between an element's vertices, or one value for all of it. [default: interpolated]",
-            rich_help_panel=_GATHER,
-        ),
-    ] = None,
-    shadows: Annotated[
-        str | None,
-        typer.Option(
-            metavar="rays|sphere|cube",
-            help="Shadow rays, or shadow-buffers: the paper's, or of six faces. [default: rays]",
-            rich_help_panel=_RAYS,
-        ),
-    ] = None,
-    shadow_resolution: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Rows of a sphere's shadow-buffer, texels along a cube's side. [default: 1024]",
-            rich_help_panel=_RAYS,
-        ),
-    ] = None,
-    shadow_test: Annotated[
-        str | None,
-        typer.Option(
-            metavar="distance|identity",
-            help="A shadow-buffer's rule; identity is the paper's. [default: distance]",
-            rich_help_panel=_RAYS,
-        ),
-    ] = None,
-    shadow_filter: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Cells across that a lookup asks, for smooth edges; 1: no filter. [default: 2]",
-            rich_help_panel=_RAYS,
-        ),
-    ] = None,
-    secondary: Annotated[
-        str | None,
-        typer.Option(
-            metavar="hierarchy|classic",
-            help="Reflections and shadow rays by a hierarchy of boxes, or against every object. "
-            "[default: hierarchy with t-buffer]",
-            rich_help_panel=_RAYS,
-        ),
-    ] = None,
-    count_tests: Annotated[
-        bool,
-        typer.Option("--count-tests", help="Count intersection tests; slower.", rich_help_panel=_RAYS),
-    ] = False,
     backend: Annotated[
         str, typer.Option(metavar="auto|egl|osmesa", help="How OpenGL is reached.", rich_help_panel=_MACHINE)
     ] = "auto",
@@ -235,6 +136,7 @@ def render(
             "-v", "--verbose", help="Also settings and time by stage, which costs some.", rich_help_panel=_OUTPUT
         ),
     ] = False,
+    **options: Any,
 ) -> None:
     """Render a scene to one or more files.
 
@@ -242,13 +144,7 @@ def render(
     there is. Files appear whole or not at all; missing folders are made.
     """
     from glpath import rendering
-    from glpath.buffers.shadow_buffer import ShadowTest
     from glpath.film import check_suffix
-    from glpath.integrators.gather import Lookup
-    from glpath.integrators.path_stages import Directions
-    from glpath.integrators.whitted import Secondary, Shadows
-    from glpath.rendering.factory import DEFAULT_SPP, Integrator
-    from glpath.sampling import Sampling
     from glpath.scene import load_scene, parameters_from_options
 
     if quiet and verbose:
@@ -257,43 +153,28 @@ def render(
         check_suffix(path)
     for option, found, allowed in (
         ("--tonemap", tonemap, tuple(TONEMAPS)),
-        ("--integrator", integrator, INTEGRATORS),
-        ("--sampling", sampling, get_args(Sampling)),
-        ("--directions", directions, get_args(Directions)),
-        ("--radiosity-lookup", radiosity_lookup, get_args(Lookup)),
-        ("--shadows", shadows, get_args(Shadows)),
-        ("--shadow-test", shadow_test, get_args(ShadowTest)),
-        ("--secondary", secondary, get_args(Secondary)),
+        ("--integrator", integrator, tuple(INTEGRATORS)),
         ("--progress", progress, MODES),
     ):
-        if found is not None:
-            _check_choice(option, found, allowed)
-    for option, count, least in (
-        ("--spp", spp, 1),
-        ("--max-depth", max_depth, 2 if integrator == "gather" else 1),
-        ("--seed", seed, 0),
-        ("--roulette", roulette, 1),
-        ("--shadow-resolution", shadow_resolution, 1),
-        ("--shadow-filter", shadow_filter, 1),
-        ("--device", device, 0),
-    ):
-        if count is not None and count < least:
-            raise UsageError(f"{option} {count}: must be at least {least}.")
+        check_choice(option, found, allowed)
+    for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
+        if count is not None and count < low:
+            raise UsageError(f"{option} {count}: must be at least {low}.")
+    options = option_values(integrator, options)
     if not abs(exposure) <= 100:
         raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
     camera: dict[str, Any] = {
-        "position": _vector("--camera-position", camera_position),
-        "target": _vector("--camera-target", camera_target),
-        "up": _vector("--camera-up", camera_up),
+        "position": vector("--camera-position", camera_position),
+        "target": vector("--camera-target", camera_target),
+        "up": vector("--camera-up", camera_up),
         "fov": camera_fov,
     }
-    ambient_rgb = None if ambient is None else _colour("--ambient", ambient)
-    size = None if resolution is None else _resolution(resolution)
-    window = None if crop is None else _crop(crop)
+    size = None if resolution is None else read_resolution(resolution)
+    window = None if crop is None else read_crop(crop)
 
     loaded = load_scene(scene, parameters_from_options(parameters or []))
     if window is not None:
-        _check_inside(window, size or loaded.camera.resolution)
+        check_inside(window, size or loaded.camera.resolution)
     for path in out:
         check_writable(path)
 
@@ -305,25 +186,12 @@ def render(
             with reporting(progress, sys.stderr) as report:
                 film = rendering.render(
                     loaded,
-                    integrator=cast("Integrator", integrator),
+                    integrator=cast(Integrator, integrator),
                     spp=spp,
-                    max_depth=max_depth,
-                    seed=seed,
                     resolution=size,
                     crop=window,
                     camera={key: value for key, value in camera.items() if value is not None} or None,
-                    sampling=cast("Sampling | None", sampling),
-                    directions=cast("Directions | None", directions),
-                    ambient=ambient_rgb,
-                    roulette=roulette,
-                    radiosity=radiosity,
-                    radiosity_lookup=cast("Lookup | None", radiosity_lookup),
-                    shadows=cast("Shadows | None", shadows),
-                    shadow_resolution=shadow_resolution,
-                    shadow_test=cast("ShadowTest | None", shadow_test),
-                    shadow_filter=shadow_filter,
-                    secondary=cast("Secondary | None", secondary),
-                    count_tests=count_tests,
+                    **options,
                     backend=backend,
                     device=device,
                     require_gpu=require_gpu,
@@ -342,7 +210,7 @@ def render(
         for line in _summary(film, written, verbose):
             typer.echo(line, err=True)
     if interrupted:
-        _say_interrupted(film, spp or DEFAULT_SPP[integrator], written)
+        _say_interrupted(film, spp or INTEGRATORS[integrator].default_spp, written)
         raise typer.Exit(INTERRUPTED)
 
 
@@ -424,60 +292,3 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[st
 
 def _million(count: float) -> str:
     return f"{count / 1e6:.3g} million" if count >= 1e6 else f"{count:,.0f}"
-
-
-def _check_choice(option: str, found: str, allowed: Sequence[str]) -> None:
-    if found not in allowed:
-        raise UsageError(f"{option} {found}: there is no such choice. Allowed: {', '.join(allowed)}.")
-
-
-def _numbers(
-    option: str, text: str, form: str, counts: Sequence[int], kind: Callable[[str], float], separator: str = ","
-) -> list[Any]:
-    """The numbers of a text, which must be one of `counts` many; else a UsageError that shows `form`."""
-    try:
-        numbers = [kind(part) for part in text.split(separator)]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
-        raise UsageError(f"{option} {text}: expected {form} in finite numbers.")
-    return numbers
-
-
-def _vector(option: str, text: str | None) -> Vector | None:
-    if text is None:
-        return None
-    x, y, z = _numbers(option, text, "X,Y,Z", [3], float)
-    return x, y, z
-
-
-def _colour(option: str, text: str) -> Vector:
-    numbers = _numbers(option, text, "R,G,B or one number,", [1, 3], float)
-    if min(numbers) < 0:
-        raise UsageError(f"{option} {text}: radiance cannot be negative.")
-    r, g, b = numbers if len(numbers) == 3 else numbers * 3
-    return r, g, b
-
-
-def _resolution(text: str) -> tuple[int, int]:
-    width, height = _numbers("--resolution", text.lower(), "WxH", [2], int, "x")
-    if width < 1 or height < 1:
-        raise UsageError(f"--resolution {text}: both sides must be at least 1 pixel.")
-    return width, height
-
-
-def _crop(text: str) -> tuple[int, int, int, int]:
-    x, y, width, height = _numbers("--crop", text, "X,Y,W,H", [4], int)
-    if width < 1 or height < 1:
-        raise UsageError(f"--crop {text}: both sides must be at least 1 pixel.")
-    return x, y, width, height
-
-
-def _check_inside(window: tuple[int, int, int, int], resolution: tuple[int, int]) -> None:
-    x, y, width, height = window
-    full_width, full_height = resolution
-    if x < 0 or y < 0 or x + width > full_width or y + height > full_height:
-        raise UsageError(
-            f"--crop {x},{y},{width},{height}: reaches out of the picture of {full_width} x {full_height}.",
-            "X and Y are the top left pixel, W and H the size, all in pixels of the whole picture.",
-        )

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.files import whole_file
 from glpath.gl.context import get_context
-from glpath.image import encode_png, whole_file
+from glpath.image import encode_png
 from glpath.measure import Condition, Report, judge, machine
 from glpath.versions import versions
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.whitted import Shadows, WhittedSettings, WhittedTracer
+from glpath.integrators.settings import ClassicSettings, Shadows, TBufferSettings
+from glpath.integrators.whitted import WhittedTracer
 from glpath.measure import seconds_of
 from glpath.scene import Scene
 
@@ -37,9 +38,9 @@ class WhittedFrame:
         self._context = get_context()
         self._objects = DeviceScene(self._context.gl, scene)
         self._window = (0, 0, *scene.camera.resolution)
-        self._settings = WhittedSettings(
+        kind = TBufferSettings if setup.primary == "t-buffer" else ClassicSettings
+        self._settings = kind(
             max_depth=setup.max_depth,
-            primary=setup.primary,
             shadows=setup.shadows,
             shadow_resolution=setup.rows,
             shadow_test="identity",
@@ -51,10 +52,9 @@ class WhittedFrame:
         return WhittedTracer(
             self._context.gl,
             self._objects,
-            self._settings,
+            replace(self._settings, count_tests=count_tests),
             self._window,
             hardware=self._context.info.hardware,
-            count_tests=count_tests,
         )
 
     @cached_property

@@ -18,21 +18,19 @@ Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
+from glpath.integrators.path_stages import PathStages, Uniforms
+from glpath.integrators.settings import GatherSettings, Lookup
 from glpath.scene.model import Scene
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
-
-Lookup = Literal["interpolated", "constant"]
 
 
 def device_radiosity(
@@ -59,18 +57,6 @@ def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
     h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
     h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
     return h.hexdigest()
-
-
-@dataclass(frozen=True)
-class GatherSettings(PathSetSettings):
-    """What decides the picture besides the scene.
-
-    max_depth : the vertex at which the solution is looked up; 2 is the paper's, and the least
-    radiosity : SHA-256 (hex) of the solution, and of how it is looked up
-    """
-
-    max_depth: int = 2
-    radiosity: str = ""
 
 
 class GatherTracer(PathStages):

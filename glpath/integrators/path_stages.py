@@ -22,8 +22,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import moderngl
 import numpy as np
@@ -35,43 +34,17 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
+from glpath.integrators.settings import PathSetSettings
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,
-    Sampling,
     counter_hash,
     uniform_hemisphere,
     uniform_sphere,
 )
 from glpath.scene.model import Camera
 
-Directions = Literal["pair", "hemisphere", "sphere"]
 Uniforms = dict[str, object]
-
-
-@dataclass(frozen=True)
-class PathSetSettings:
-    """What decides the picture besides the scene.
-
-    max_depth  : vertices of a path; 1 is direct light only, 3 two bounces
-    seed       : another seed is another, independent render
-    sampling   : "sobol" or "random"
-    directions : "pair" (each path the better of two), "hemisphere" (one, for both sides), "sphere" (the paper's)
-    light_resolution : texels along a hemicube's side
-    cell_share : the root of the path-buffer's number of cells, in that of the window's pixels
-    cosine_roulette  : with "hemisphere", paths whose cosine is below 1 / this are thinned
-    """
-
-    max_depth: int = 5
-    seed: int = 0
-    sampling: Sampling = "sobol"
-    directions: Directions = "pair"
-    light_resolution: int = 256
-    cell_share: float = 1.25
-    cosine_roulette: float = 3.0
-
-    def as_dict(self) -> dict[str, object]:
-        return asdict(self)
 
 
 class VertexPasses(NamedTuple):
@@ -94,7 +67,7 @@ class PathStages(ABC):
     brightest : radiance that a path may bring home besides emission, for the quantum of the sums
     """
 
-    _advance_passes: VertexPasses  # made by who derives
+    _advance_passes: VertexPasses  # set by the subclass
 
     def __init__(
         self,

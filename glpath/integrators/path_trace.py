@@ -9,24 +9,11 @@ the light; paths spread over very different scales (a far horizon), which crowd 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import moderngl
 
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_stages import PathSetSettings, PathStages, Uniforms
-
-
-@dataclass(frozen=True)
-class PathTraceSettings(PathSetSettings):
-    """What decides the picture besides the scene.
-
-    ambient  : radiance (3,) assumed beyond the last vertex [PB A.2]
-    roulette : from this vertex on paths end by chance (Arvo & Kirk 1990); None: never
-    """
-
-    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    roulette: int | None = None
+from glpath.integrators.path_stages import PathStages, Uniforms
+from glpath.integrators.settings import PathTraceSettings
 
 
 class PathTracer(PathStages):

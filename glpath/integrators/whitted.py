@@ -11,14 +11,11 @@ with an emission are seen, but light nothing.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Literal
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
+from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
@@ -26,47 +23,12 @@ from glpath.gl.eye import eye_uniforms
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
+from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import max_radiance
 from glpath.sampling import pixel_place
 from glpath.scene.model import Camera, Scene
 
-Primary = Literal["classic", "t-buffer"]
-Shadows = Literal["rays", "sphere", "cube"]
-Secondary = Literal["classic", "hierarchy"]
 Uniforms = dict[str, object]
-
-
-@dataclass(frozen=True)
-class WhittedSettings:
-    """What decides the picture besides the scene, and how it is found.
-
-    max_depth   : surfaces on the way of light to the eye; 1 is direct light only, k has k - 1 reflections
-    seed        : decides the places in the pixel of all path sets but the first
-    primary     : "classic" or "t-buffer"
-    shadows     : "rays", or shadow-buffers: over latitude and longitude ("sphere", as in TB), or six faces ("cube")
-    shadow_resolution : rows of a sphere's (twice as many columns), or texels along a cube's side
-    shadow_test : "distance", or "identity" as in TB, wrong where an object shadows itself
-    shadow_filter : cells across that a lookup asks (percentage-closer filtering); 1: the nearest alone
-    secondary   : "classic" or "hierarchy", for rays that leave a surface: reflections, and shadow rays
-    """
-
-    max_depth: int = 5
-    seed: int = 0
-    primary: Primary = "t-buffer"
-    shadows: Shadows = "rays"
-    shadow_resolution: int = 1024
-    shadow_test: ShadowTest = "distance"
-    shadow_filter: int = 2
-    secondary: Secondary = "hierarchy"
-
-    def as_dict(self) -> dict[str, object]:
-        """Those that decide something: the integrator's name says `primary`, shadow rays have no shadow-buffer."""
-        given = asdict(self)
-        del given["primary"]
-        if self.shadows == "rays":
-            for name in ("shadow_resolution", "shadow_test", "shadow_filter"):
-                del given[name]
-        return given
 
 
 class WhittedTracer:
@@ -74,8 +36,7 @@ class WhittedTracer:
 
     Parameters
     ----------
-    window      : (x, y, width, height) in pixels of the whole image, y from the top
-    count_tests : count intersection tests, exactly; slower
+    window : (x, y, width, height) in pixels of the whole image, y from the top
     """
 
     def __init__(
@@ -87,12 +48,11 @@ class WhittedTracer:
         *,
         hardware: bool,
         timings: bool = False,
-        count_tests: bool = False,
     ) -> None:
         self.gl = gl
         self.settings = settings
         self.stopwatch = Stopwatch(gl, hardware, timings)
-        self.count_tests = count_tests
+        self.count_tests = settings.count_tests
         self.camera = objects.scene.camera
         self._size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones

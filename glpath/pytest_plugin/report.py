@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from glpath.image import whole_file
+from glpath.files import whole_file
 from glpath.versions import versions
 
 _PLACE = "/*RECORDS*/"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.image import whole_file
+from glpath.files import whole_file
 from glpath.radiosity import lattice
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64

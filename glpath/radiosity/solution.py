@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.image import open_npz, whole_file
+from glpath.files import open_npz, whole_file
 from glpath.radiosity import lattice
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64, Int32

@@ -1,11 +1,13 @@
-"""A render: its options, the engine that they make, and the loop that fills a film.
+"""A render: a job that describes it, the engine that it asks for, and the loop that fills a film.
 
-    options     words, numbers, cameras and windows, checked
+    options     parameters, help and checks, derived from the integrators' settings
+    job         one render as a value: plain data, JSON, to be split
     factory     an integrator with its options, as an engine for a scene
     tiles       the parts of an image that a device holds at once
     interrupts  Ctrl-C keeps what is done
     loop        path sets into a film, in steps
-    calls       `render` and `render_frames`, which put these in order
+    session     an engine that stays while jobs pass through it
+    calls       `render`, `render_frames` and `run`, which put these in order
 
 Each name loads what it needs when it is first used: whoever only asks for options gets no OpenGL.
 """
@@ -17,17 +19,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from glpath.progress import Progress
-    from glpath.rendering.calls import render, render_frames
+    from glpath.rendering.calls import render, render_frames, run
     from glpath.rendering.interrupts import RenderInterrupted
+    from glpath.rendering.job import RenderJob
 
 _HOME = {
     "Progress": "glpath.progress",
     "RenderInterrupted": "glpath.rendering.interrupts",
+    "RenderJob": "glpath.rendering.job",
     "render": "glpath.rendering.calls",
     "render_frames": "glpath.rendering.calls",
+    "run": "glpath.rendering.calls",
 }
 
-__all__ = ["Progress", "RenderInterrupted", "render", "render_frames"]
+__all__ = ["Progress", "RenderInterrupted", "RenderJob", "render", "render_frames", "run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,69 +1,48 @@
-"""`glpath.render` and `glpath.render_frames`."""
+"""`glpath.render` and `render_frames`, which describe jobs and run them, and `run`, for a job that is there."""
 
 from __future__ import annotations
 
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from glpath.buffers.shadow_buffer import ShadowTest
-from glpath.errors import SceneWarning, UsageError
-from glpath.film import Film, FilmMetadata
+from glpath.errors import SceneWarning
+from glpath.film import Film
 from glpath.gl.context import Context, get_context
-from glpath.integrators.gather import Lookup
-from glpath.integrators.path_stages import Directions, PathSetSettings
-from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings
+from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.progress import Progress, Report, reporting
-from glpath.rendering.factory import DEFAULT_SPP, Engine, Integrator, Plan, plan
-from glpath.rendering.interrupts import RenderInterrupted
-from glpath.rendering.loop import Clock, trace
-from glpath.rendering.options import check_count, window_of, with_overrides
-from glpath.rendering.tiles import cover
-from glpath.sampling import Sampling
-from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene
-from glpath.versions import versions
-
-if TYPE_CHECKING:
-    from glpath.radiosity.solution import RadiositySolution
+from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
+from glpath.rendering.options import with_options
+from glpath.rendering.session import Session
+from glpath.scene import Camera, Scene, check_camera
+from glpath.sensors import CameraSensor
 
 
+@with_options
 def render(
     scene: str | Path | Scene,
     *,
-    integrator: Integrator = "path",
+    integrator: Integrator | IntegratorSettings = "path",
     spp: int | None = None,
     first_path_set: int = 0,
-    max_depth: int | None = None,
-    seed: int = 0,
     resolution: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
     camera: Mapping[str, Any] | None = None,
     parameters: Mapping[str, object] | None = None,
-    sampling: Sampling | None = None,
-    directions: Directions | None = None,
-    ambient: float | Sequence[float] | None = None,
-    roulette: int | None = None,
-    radiosity: RadiositySolution | str | Path | None = None,
-    radiosity_lookup: Lookup | None = None,
-    shadows: Shadows | None = None,
-    shadow_resolution: int | None = None,
-    shadow_test: ShadowTest | None = None,
-    shadow_filter: int | None = None,
-    secondary: Secondary | None = None,
-    count_tests: bool = False,
     backend: str = "auto",
     device: int | None = None,
     require_gpu: bool = False,
     timings: bool = False,
     progress: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    **options: Any,
 ) -> Film:
-    """Render a scene: global illumination with the path-buffer, or ray tracing with lights without extent.
+    """Render a scene: global illumination with the path-buffer, or ray tracing with punctual lights.
 
     Parameters
     ----------
@@ -71,51 +50,23 @@ def render(
     integrator     : "path", global illumination by shapes that emit light; "gather", the same from a radiosity
                      solution, whose light of all bounces is gathered at what the eye sees; "t-buffer", Whitted's
                      ray tracing with the T-buffer, for spheres, planes, point lights, textures and mirrors;
-                     "classic", the same picture by the classical algorithm, every ray against every object
-    spp            : path sets, that is samples per pixel; by default 256, and 16 of a ray tracer, whose samples
-                     differ only in their place in the pixel: a single one goes through its centre
+                     "classic", the same image by the classical algorithm, every ray against every object. Or an
+                     instance of its settings out of `glpath.integrators.settings`
+    spp            : path sets, that is samples per pixel;
+                     default {default_spp}.
+                     Samples of a ray tracer differ only in their position in the pixel: a single one goes through
+                     its centre
     first_path_set : number of the first one; a render of 32 from 32 on merges with one of 32 from 0 on, and is then
                      bit for bit the render of 64
-    max_depth      : vertices of a path: 1 is direct light only, 3 two bounces (of a ray tracer: reflections); 5.
-                     Of a gather, the vertex at which the solution is looked up; 2, and more where the coarse
-                     solution shows in corners
-    seed           : another seed is another, independent render
     resolution     : (width, height) in pixels instead of the scene's
-    crop           : (x, y, width, height): only these pixels of the whole picture, y from the top
+    crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees)
     parameters     : of a generated scene
     backend, device, require_gpu : see `glpath.gl.context.get_context`
     timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
-    progress       : show how far it is: in a notebook the picture itself as it converges, else a line on stderr
+    progress       : show how far it is: in a notebook the image itself as it converges, else a line on stderr
     on_progress    : called about twice a second, with a `Progress`
-
-    Of "path" and "gather" only:
-
-    sampling       : "sobol", or "random" as in the paper
-    directions     : "pair", each path the better of two; "hemisphere", one, quicker for meshes of very many
-                     triangles; "sphere", as in the paper
-
-    Of "path" only:
-
-    ambient        : radiance, W sr^-1 m^-2, assumed beyond the last vertex; a number or (r, g, b)
-    roulette       : from this vertex on, paths end by chance, without bias
-
-    Of "gather" only:
-
-    radiosity      : a `RadiositySolution` of the scene (whatever its camera), or the file of one; None: the scene
-                     is solved first, see `solve_radiosity`; by Monte Carlo from 4000 triangles on
-    radiosity_lookup : "interpolated" between the vertices of an element, or "constant" over it
-
-    Of "t-buffer" and "classic" only:
-
-    shadows        : "rays", exact; "sphere" or "cube", looked up in shadow-buffers, of the paper or on six faces
-    shadow_resolution : of these: rows of a sphere's (twice as many columns), texels along a cube's side; 1024
-    shadow_test    : "distance", or "identity" as in the paper, wrong where an object shadows itself
-    shadow_filter  : cells across that a lookup asks, for smooth edges; 2, and 1 for the nearest alone, as in the
-                     paper
-    secondary      : reflections and shadow rays: by a "hierarchy" of boxes (of "t-buffer"), or every object in
-                     turn, "classic", as in the paper (of "classic")
-    count_tests    : count intersection tests (`film.metadata.statistics["intersection_tests"]`); slower
+    {options}
 
     Raises
     ------
@@ -135,70 +86,75 @@ def render(
     ((64, 96, 3), 4)
     >>> film.save("cornell-box.png")
     """
-    options = {
-        "sampling": sampling,
-        "directions": directions,
-        "ambient": ambient,
-        "roulette": roulette,
-        "radiosity": radiosity,
-        "radiosity_lookup": radiosity_lookup,
-        "shadows": shadows,
-        "shadow_resolution": shadow_resolution,
-        "shadow_test": shadow_test,
-        "shadow_filter": shadow_filter,
-        "secondary": secondary,
-        "count_tests": count_tests or None,
-    }
-    planned = plan(integrator, max_depth, seed, options)
-    spp = DEFAULT_SPP[integrator] if spp is None else spp
-    check_count("spp", spp, 1, 2**29 - 256)  # a Sobol sequence of 30 bits ends at 2**30
-    check_count("first_path_set", first_path_set, 0, 2**29)
-    loaded = with_overrides(load_scene(scene, parameters), resolution, camera)
-    window = window_of(loaded, crop)
-    for text in check_scene(loaded) + planned.warnings(loaded):
-        warnings.warn(text, SceneWarning, stacklevel=2)
-    traced = planned.traceable(loaded)
+    job, loaded = describe(
+        scene,
+        integrator=integrator,
+        spp=spp,
+        first_path_set=first_path_set,
+        resolution=resolution,
+        crop=crop,
+        camera=camera,
+        parameters=parameters,
+        **options,
+    )
+    session = Session(job, loaded, stacklevel=2)
     context = get_context(backend, device, require_gpu)
-    film = Film.empty(_metadata(loaded, integrator, planned.settings, window, context))
     with _reporting(progress, on_progress) as report:
-        clock = Clock(film, spp, context.info.renderer, report)
-        planned = _prepared(planned, traced, clock)
-        film.metadata = _metadata(loaded, integrator, planned.settings, window, context)
-        clock.report("compiling shaders")
-        parts = cover(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
-        engine = planned.engine(context, traced, parts[0].window, timings)
-        trace(engine, parts, clock, first_path_set)
-    for text in planned.remarks(film):
+        film = session.render(job, loaded, context, timings=timings, on_progress=report)
+    for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film
 
 
+def run(
+    job: RenderJob,
+    context: Context | None = None,
+    *,
+    scene: Scene | None = None,
+    timings: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Film:
+    """The film of a job: what `render` gives for the arguments that the job was made of.
+
+    Parameters
+    ----------
+    context : None: the one of this process, see `glpath.gl.context.get_context`
+    scene   : what the job describes, where that was made in memory, or has been loaded already
+    timings, on_progress : as of `render`
+
+    Raises and warns as `render` does; SceneError for a scene whose content is not the job's.
+
+    Example
+    -------
+    >>> from glpath.rendering import RenderJob, run
+    >>> job = RenderJob.of("cornell-box", spp=16, max_depth=1, resolution=(32, 32))
+    >>> parts = [run(part) for part in job.split(2)]
+    >>> parts[0].merge(parts[1]).path_sets
+    16
+    """
+    loaded = job.sensor.seen(job.scene.load(scene))
+    session = Session(job, loaded, stacklevel=2)
+    context = get_context() if context is None else context
+    film = session.render(job, loaded, context, timings=timings, on_progress=on_progress)
+    for text in session.remarks(film):
+        warnings.warn(text, SceneWarning, stacklevel=2)
+    return film
+
+
+@with_options
 def render_frames(
     scene: str | Path | Scene,
     frames: Iterable[Mapping[str, Any] | Camera | Scene],
     *,
-    integrator: Integrator = "t-buffer",
+    integrator: Integrator | IntegratorSettings = "t-buffer",
     spp: int | None = None,
-    max_depth: int | None = None,
-    seed: int = 0,
     resolution: tuple[int, int] | None = None,
     parameters: Mapping[str, object] | None = None,
-    sampling: Sampling | None = None,
-    directions: Directions | None = None,
-    ambient: float | Sequence[float] | None = None,
-    roulette: int | None = None,
-    radiosity: RadiositySolution | str | Path | None = None,
-    radiosity_lookup: Lookup | None = None,
-    shadows: Shadows | None = None,
-    shadow_resolution: int | None = None,
-    shadow_test: ShadowTest | None = None,
-    shadow_filter: int | None = None,
-    secondary: Secondary | None = None,
-    count_tests: bool = False,
     backend: str = "auto",
     device: int | None = None,
     require_gpu: bool = False,
     timings: bool = False,
+    **options: Any,
 ) -> Iterator[Film]:
     """Render a film of films: one scene from several cameras, or as its lights and objects move.
 
@@ -221,52 +177,32 @@ def render_frames(
 
     Raises what `render` raises.
     """
-    options = {
-        "sampling": sampling,
-        "directions": directions,
-        "ambient": ambient,
-        "roulette": roulette,
-        "radiosity": radiosity,
-        "radiosity_lookup": radiosity_lookup,
-        "shadows": shadows,
-        "shadow_resolution": shadow_resolution,
-        "shadow_test": shadow_test,
-        "shadow_filter": shadow_filter,
-        "secondary": secondary,
-        "count_tests": count_tests or None,
-    }
-    planned = plan(integrator, max_depth, seed, options)
-    spp = DEFAULT_SPP[integrator] if spp is None else spp
-    check_count("spp", spp, 1, 2**29 - 256)
-    base = with_overrides(load_scene(scene, parameters), resolution, None)
+    job, base = describe(
+        scene, integrator=integrator, spp=spp, resolution=resolution, parameters=parameters, **options
+    )
     context = get_context(backend, device, require_gpu)
-    engine: Engine | None = None
-    size = (0, 0)
+    session: Session | None = None
     for frame in frames:
         started = time.perf_counter()
         shown = _frame_scene(base, frame)
-        window = window_of(shown, None)
-        parts = cover(window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
-        if engine is None:
-            for text in check_scene(shown) + planned.warnings(shown):
-                warnings.warn(text, SceneWarning, stacklevel=2)
-            traced = planned.traceable(shown)
-            planned = planned.prepared(traced, lambda text: None)
-            engine, size = planned.engine(context, traced, parts[0].window, timings), shown.camera.resolution
-        elif shown.camera.resolution != size:
-            raise UsageError(
-                f"render_frames: a frame of {shown.camera.resolution} pixels after {size}",
-                "All frames have one resolution.",
-            )
-        elif isinstance(frame, Scene):
-            planned.change_scene(engine, planned.traceable(shown))
-        else:
-            engine.move_camera(shown.camera)
-        engine.forget_statistics()
-        film = Film.empty(_metadata(shown, integrator, planned.settings, window, context))
-        clock = Clock(film, spp, context.info.renderer, None, started=started)
-        trace(engine, parts, clock, 0)
-        yield film
+        job = replace(
+            job,
+            scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
+            sensor=CameraSensor.of(shown.camera),
+            window=(0, 0, *shown.camera.resolution),
+        )
+        if session is None:
+            session = Session(job, shown, stacklevel=2)
+        yield session.render(job, shown, context, timings=timings, started=started)
+
+
+def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scene:
+    if isinstance(frame, Scene):
+        return frame
+    if isinstance(frame, Camera):
+        check_camera(frame, base.source or base.name)
+        return replace(base, camera=frame)
+    return with_overrides(base, None, frame)
 
 
 @contextmanager
@@ -283,46 +219,3 @@ def _reporting(shown: bool, on_progress: Report | None) -> Iterator[Report | Non
                 on_progress(progress)
 
         yield both
-
-
-def _prepared(planned: Plan, scene: Scene, clock: Clock) -> Plan:
-    """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
-    started = time.perf_counter()
-    try:
-        prepared = planned.prepared(scene, clock.report)
-    except KeyboardInterrupt:
-        raise RenderInterrupted(clock.film) from None
-    if prepared is not planned:
-        clock.statistics["radiosity_s"] = time.perf_counter() - started
-    return prepared
-
-
-def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scene:
-    if isinstance(frame, Scene):
-        return frame
-    if isinstance(frame, Camera):
-        check_camera(frame, base.source or base.name)
-        return replace(base, camera=frame)
-    return with_overrides(base, None, frame)
-
-
-def _metadata(
-    scene: Scene,
-    integrator: str,
-    settings: PathSetSettings | WhittedSettings,
-    window: tuple[int, int, int, int],
-    context: Context,
-) -> FilmMetadata:
-    others: dict[str, Any] = settings.as_dict()
-    return FilmMetadata(
-        scene=scene.name,
-        scene_hash=scene.digest(),
-        integrator=integrator,
-        seed=int(others.pop("seed")),
-        max_depth=int(others.pop("max_depth")),
-        settings=others,
-        full_resolution=scene.camera.resolution,
-        window=window,
-        device=context.info.renderer,
-        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": context.info.driver},
-    )

@@ -1,57 +1,34 @@
-"""What a render is asked for: the options of each integrator, checked, and the engine that they make.
-
-Everything that can be wrong with the options is found here, before a context is made or a shader compiled.
-"""
+"""An integrator with its options, as an engine for a scene: the one place that knows which engine is whose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.buffers.shadow_buffer import MAX_TAPS, ShadowTest
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError
 from glpath.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherSettings, GatherTracer, Lookup, device_radiosity, solution_digest
-from glpath.integrators.path_stages import Directions, PathSetSettings, PathStages
-from glpath.integrators.path_trace import PathTracer, PathTraceSettings
-from glpath.integrators.whitted import Secondary, Shadows, WhittedSettings, WhittedTracer
-from glpath.rendering.options import Window, check_count, check_word, colour
-from glpath.sampling import Sampling
+from glpath.integrators.gather import GatherTracer, device_radiosity, solution_digest
+from glpath.integrators.path_stages import PathStages
+from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
+from glpath.integrators.whitted import WhittedTracer
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Camera
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
 
-Integrator = Literal["path", "gather", "classic", "t-buffer"]
+Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
-#: Path sets where it is not said how many. A ray tracer's differ only in their place in the pixel.
-DEFAULT_SPP: dict[str, int] = {"path": 256, "gather": 256, "classic": 16, "t-buffer": 16}
-
-#: Vertices of a path where it is not said how many. A gather's end at the radiosity solution.
-DEFAULT_DEPTH: dict[str, int] = {"path": 5, "gather": 2, "classic": 5, "t-buffer": 5}
-
-#: A path counts its casts in ten bits.
-DEEPEST = 1000
-
-_RAYS = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary", "count_tests")
-# Which options an integrator has, besides those that all have.
-_OPTIONS: dict[str, tuple[str, ...]] = {
-    "path": ("sampling", "directions", "ambient", "roulette"),
-    "gather": ("sampling", "directions", "radiosity", "radiosity_lookup"),
-    "classic": _RAYS,
-    "t-buffer": _RAYS,
-}
-
-# From this share of lost rays on, the picture is noisier than its path sets let expect.
+# From this share of lost rays on, the image is noisier than its path sets let expect.
 _CROWDED = 0.25
 
 # Each triangle is a patch at least. With so many, particles are sooner done than patches have shot.
@@ -84,8 +61,11 @@ class Plan(Protocol):
     """An integrator with its options, for any scene."""
 
     @property
-    def settings(self) -> PathSetSettings | WhittedSettings:
-        """What decides the picture besides the scene."""
+    def settings(self) -> IntegratorSettings:
+        """The options."""
+
+    def recorded(self) -> dict[str, Any]:
+        """What decides the image besides the scene, as a film's metadata has it."""
 
     def warnings(self, scene: Scene) -> list[str]:
         """What a scene has that this integrator hardly renders as it is meant."""
@@ -109,32 +89,14 @@ class Plan(Protocol):
         """What is to be said of a film that is done."""
 
 
-def plan(integrator: str, max_depth: int | None, seed: int, options: Mapping[str, Any]) -> Plan:
-    """The plan of a render.
-
-    options : of all integrators, None where not given
-
-    Raises UsageError for what is out of range, and for options that another integrator has.
-    """
-    check_word("integrator", integrator, get_args(Integrator))
-    least = 2 if integrator == "gather" else 1
-    depth = DEFAULT_DEPTH[integrator] if max_depth is None else max_depth
-    check_count("max_depth", depth, least, DEEPEST)
-    check_count("seed", seed, 0, 2**63)
-    given = {name: value for name, value in options.items() if value is not None}
-    for name, value in given.items():
-        if name not in _OPTIONS[integrator]:
-            owners = " and ".join(f'"{other}"' for other, names in _OPTIONS.items() if name in names) or "none"
-            found = str(value) if isinstance(value, Path) else repr(value)
-            raise UsageError(f'{name}: {found} with the integrator "{integrator}"; it is an option of {owners}')
-    if integrator in ("path", "gather"):
-        check_word("sampling", given.get("sampling", "sobol"), get_args(Sampling))
-        check_word("directions", given.get("directions", "pair"), get_args(Directions))
-    if integrator == "path":
-        return _path_tracing(depth, seed, given)
-    if integrator == "gather":
-        return _gathering(depth, seed, given)
-    return _whitted(integrator, depth, seed, given)
+def plan_of(settings: IntegratorSettings) -> Plan:
+    """The plan of a render by an integrator."""
+    if isinstance(settings, PathTraceSettings):
+        return _PathTracing(settings)
+    if isinstance(settings, GatherSettings):
+        return _Gathering(settings)
+    assert isinstance(settings, WhittedSettings), f"an integrator without an engine: {settings!r}"
+    return _Whitted(settings)
 
 
 @dataclass(frozen=True)
@@ -142,6 +104,9 @@ class _PathTracing:
     """What is particular to the path tracer."""
 
     settings: PathTraceSettings
+
+    def recorded(self) -> dict[str, Any]:
+        return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
         return []
@@ -165,14 +130,6 @@ class _PathTracing:
         return _crowding(film)
 
 
-def _path_tracing(depth: int, seed: int, given: dict[str, Any]) -> _PathTracing:
-    if "roulette" in given:
-        check_count("roulette", given["roulette"], 1, DEEPEST)
-    if "ambient" in given:
-        given["ambient"] = colour(given["ambient"])
-    return _PathTracing(PathTraceSettings(max_depth=depth, seed=seed, **given))
-
-
 def _move_camera(engine: Engine, scene: Scene) -> None:
     """Go on with the camera of a scene that is otherwise the same."""
     assert isinstance(engine, PathStages), f"an engine of another plan: {engine!r}"
@@ -190,7 +147,7 @@ def _crowding(film: Film) -> list[str]:
     if share <= _CROWDED:
         return []
     return [
-        f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the picture is right "
+        f"{film.metadata.scene}: {share:.0%} of the rays lost the roulette of their cell; the image is right "
         "on average, but noisy. Far surfaces stretch the view until the paths crowd: make the ground smaller, "
         "or render more path sets."
     ]
@@ -200,14 +157,16 @@ def _crowding(film: Film) -> list[str]:
 class _Gathering:
     """What is particular to the gather from a radiosity solution.
 
-    given    : the solution, its file, or None: the scene is solved when the plan is prepared
-    solution : of the prepared plan
+    solution : of the prepared plan: the one that is given, its file's, or the scene's, which is solved then
     """
 
     settings: GatherSettings
-    lookup: Lookup
-    given: RadiositySolution | Path | None
     solution: RadiositySolution | None = None
+
+    def recorded(self) -> dict[str, Any]:
+        lookup = self.settings.radiosity_lookup
+        digest = "" if self.solution is None else solution_digest(self.solution, lookup)
+        return self.settings.recorded() | {"radiosity": digest}
 
     def warnings(self, scene: Scene) -> list[str]:
         return []
@@ -224,23 +183,25 @@ class _Gathering:
             unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
             say(f"solving radiosity: {progress.stage}{unshot}")
 
-        solution = self.given
-        if solution is None:
+        given = self.settings.radiosity
+        if given is None:
             say("solving radiosity")
             method: Method = "monte-carlo" if len(scene.triangles) > _MANY_PATCHES else "progressive"
             solution = solve_radiosity(scene, method=method, on_progress=report)
-        elif isinstance(solution, Path):
-            solution = RadiositySolution.load(solution)
+        elif isinstance(given, Path):
+            solution = RadiositySolution.load(given)
+        else:
+            assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
+            solution = given
         solution.check_scene(scene)
-        settings = replace(self.settings, radiosity=solution_digest(solution, self.lookup))
-        return replace(self, settings=settings, solution=solution)
+        return _Gathering(self.settings, solution)
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> GatherTracer:
         assert self.solution is not None, "the plan is not prepared"
         return GatherTracer(
             context.gl,
             DeviceScene(context.gl, scene),
-            device_radiosity(context.gl, scene, self.solution, self.lookup),
+            device_radiosity(context.gl, scene, self.solution, self.settings.radiosity_lookup),
             self.settings,
             window,
             hardware=context.info.hardware,
@@ -254,29 +215,14 @@ class _Gathering:
         return _crowding(film)
 
 
-def _gathering(depth: int, seed: int, given: dict[str, Any]) -> _Gathering:
-    lookup = given.pop("radiosity_lookup", "interpolated")
-    check_word("radiosity_lookup", lookup, get_args(Lookup))
-    radiosity = given.pop("radiosity", None)
-    if isinstance(radiosity, str):
-        radiosity = Path(radiosity)
-    if radiosity is not None and not isinstance(radiosity, Path):
-        from glpath.radiosity.solution import RadiositySolution
-
-        if not isinstance(radiosity, RadiositySolution):
-            raise UsageError(
-                f"radiosity: {radiosity!r} where a RadiositySolution or the file of one is needed",
-                "glpath.solve_radiosity makes one; without it, the scene is solved before it is rendered.",
-            )
-    return _Gathering(GatherSettings(max_depth=depth, seed=seed, **given), lookup, radiosity)
-
-
 @dataclass(frozen=True)
 class _Whitted:
     """What is particular to the ray tracers."""
 
     settings: WhittedSettings
-    count_tests: bool
+
+    def recorded(self) -> dict[str, Any]:
+        return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
         if scene.lights or np.any(scene.ambient > 0) or not any(shape.emits for shape in scene.shapes):
@@ -300,7 +246,6 @@ class _Whitted:
             window,
             hardware=context.info.hardware,
             timings=timings,
-            count_tests=self.count_tests,
         )
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
@@ -309,23 +254,3 @@ class _Whitted:
 
     def remarks(self, film: Film) -> list[str]:
         return []
-
-
-def _whitted(integrator: str, depth: int, seed: int, given: dict[str, Any]) -> _Whitted:
-    count_tests = given.pop("count_tests", False)
-    check_word("shadows", given.get("shadows", "rays"), get_args(Shadows))
-    check_word("secondary", given.get("secondary", "classic"), get_args(Secondary))
-    check_word("shadow_test", given.get("shadow_test", "distance"), get_args(ShadowTest))
-    for name, most in (("shadow_resolution", 1 << 15), ("shadow_filter", MAX_TAPS)):
-        if name in given:
-            check_count(name, given[name], 1, most)
-    if given.get("shadows", "rays") == "rays":
-        for name in ("shadow_resolution", "shadow_test", "shadow_filter"):
-            if name in given:
-                raise UsageError(
-                    f"{name}: {given[name]!r} with shadow rays; it is an option of shadow-buffers",
-                    'Take shadows "sphere" or "cube".',
-                )
-    given.setdefault("secondary", "hierarchy" if integrator == "t-buffer" else "classic")
-    primary: Any = integrator
-    return _Whitted(WhittedSettings(max_depth=depth, seed=seed, primary=primary, **given), count_tests)

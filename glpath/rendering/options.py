@@ -1,23 +1,217 @@
-"""The options of a render, checked: words, numbers, cameras and windows."""
+"""The options of a render, derived from the fields of the integrators' settings (`glpath.integrators.settings`).
+
+From each field come the parameter of `render` and its line in the docstring (`with_options`), the check of a value
+(`settings_of`) and, in `glpath.cli.options`, the option of the command line.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import difflib
+import inspect
+import textwrap
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.scene import Scene, check_camera
+from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, Rgb, Solution
 
-Window = tuple[int, int, int, int]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: A Sobol sequence of 30 bits ends at 2**30.
+MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
+
+_WIDTH = 110
 
 
-def check_count(name: str, value: object, least: int, most: int) -> None:
-    """A whole number from `least` to `most`, or a UsageError that names the option."""
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value <= most:
-        raise UsageError(f"{name}: {value!r} where a whole number from {least} to {most} is needed")
+@dataclass(frozen=True)
+class Setting:
+    """One field of an integrator's settings.
+
+    type     : without None and metadata
+    optional : None is a value
+    meta     : bounds and description; None for a setting that is no option
+    """
+
+    name: str
+    type: Any
+    optional: bool
+    default: Any
+    meta: Meta | None
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What may be chosen; empty where it is no choice."""
+        return get_args(self.type) if get_origin(self.type) is Literal else ()
+
+
+@dataclass(frozen=True)
+class Option:
+    """A parameter of `render`: the settings of that name, by the integrators that have it."""
+
+    name: str
+    settings: Mapping[str, Setting]
+
+    @property
+    def first(self) -> Setting:
+        """That of the first integrator, which stands for all in what they share: the type."""
+        return next(iter(self.settings.values()))
+
+    @property
+    def default(self) -> Any:
+        """Of the parameter: None, which is each integrator's own, where they differ or not all have it."""
+        common = [s.default for s in self.settings.values()]
+        everywhere = len(common) == len(INTEGRATORS) or self.first.type is bool
+        return common[0] if everywhere and all(value == common[0] for value in common) else None
+
+    @property
+    def description(self) -> str:
+        """What it is, with the defaults: one text for `help(render)` and `glpath render --help`."""
+        texts: dict[tuple[str, object], list[str]] = {}
+        for owner, setting in self.settings.items():
+            assert setting.meta is not None
+            texts.setdefault((setting.meta.description or "", setting.default), []).append(owner)
+        if len({text for text, _ in texts}) == 1:
+            text = next(iter(texts))[0]
+            defaults = [
+                _shown(value) + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
+                for (_, value), owners in texts.items()
+                if not isinstance(value, bool) and value is not None
+            ]
+            return text + (f"; default {', '.join(defaults)}" if defaults else "")
+        parts = [
+            (f"of {_quoted(owners, 'and')}, " if i else "") + f"{text}; default {_shown(value)}"
+            for i, ((text, value), owners) in enumerate(texts.items())
+        ]
+        return ". ".join(part[0].upper() + part[1:] if i else part for i, part in enumerate(parts))
+
+
+def settings_fields(kind: type[IntegratorSettings]) -> dict[str, Setting]:
+    """The fields of an integrator's settings, by name."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = {}
+    for field in fields(kind):
+        declared, meta = hints[field.name], None
+        if get_origin(declared) is Annotated:
+            meta = next((m for m in declared.__metadata__ if isinstance(m, Meta)), None)
+            declared = declared.__origin__
+        optional = False
+        if get_origin(declared) in (Union, types.UnionType):
+            members = [m for m in get_args(declared) if m is not type(None)]
+            optional = len(members) < len(get_args(declared))
+            declared = members[0] if len(members) == 1 else Union[tuple(members)]  # noqa: UP007
+        found[field.name] = Setting(field.name, declared, optional, field.default, meta)
+    return found
+
+
+def options() -> dict[str, Option]:
+    """All options of all integrators, by name, those that all have first."""
+    by_name: dict[str, dict[str, Setting]] = {}
+    for integrator, kind in INTEGRATORS.items():
+        for name, setting in settings_fields(kind).items():
+            if setting.meta is not None:
+                by_name.setdefault(name, {})[integrator] = setting
+    found = {name: Option(name, settings) for name, settings in by_name.items()}
+    return dict(sorted(found.items(), key=lambda item: len(item[1].settings) < len(INTEGRATORS)))
+
+
+def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) -> IntegratorSettings:
+    """The settings of an integrator, by name or as an instance that `given` changes.
+
+    given : options by name; None where not given
+
+    Raises UsageError for what is out of range, and for options that another integrator has or none.
+    """
+    known = options()
+    if isinstance(integrator, IntegratorSettings):
+        name, base = integrator.integrator, integrator
+    else:
+        check_word("integrator", integrator, tuple(INTEGRATORS))
+        name, base = integrator, INTEGRATORS[integrator]()
+    # A flag of another integrator that is not set says nothing.
+    others_flags = [o.name for o in known.values() if o.default is False and name not in o.settings]
+    given = {k: v for k, v in given.items() if v is not None and not (v is False and k in others_flags)}
+    for option, value in given.items():
+        if option not in known:
+            near = difflib.get_close_matches(option, known, 1)
+            raise UsageError(
+                f"{option}: no option has this name; allowed are {', '.join(known)}",
+                f"Did you mean {near[0]}?" if near else "",
+            )
+        if name not in known[option].settings:
+            found = str(value) if isinstance(value, Path) else repr(value)
+            raise UsageError(
+                f'{option}: {found} with the integrator "{name}"; it is an option of '
+                f"{_quoted(known[option].settings, 'and')}"
+            )
+    base.check_together(given)
+    return checked(replace(base, **given))
+
+
+def checked(settings: IntegratorSettings) -> IntegratorSettings:
+    """The settings with every value of its field's type and within its bounds, or a UsageError that names it."""
+    return replace(
+        settings,
+        **{
+            name: _checked(setting, getattr(settings, name))
+            for name, setting in settings_fields(type(settings)).items()
+        },
+    )
+
+
+def _checked(setting: Setting, value: Any) -> Any:
+    """A value of a setting, as its type has it."""
+    name, low, high = setting.name, None, None
+    if setting.meta is not None:
+        low, high = setting.meta.ge, setting.meta.le
+    if value is None and setting.optional:
+        return None
+    if setting.words:
+        check_word(name, value, setting.words)
+        return value
+    if setting.type is bool:
+        if not isinstance(value, bool | np.bool_):
+            raise UsageError(f"{name}: {value!r} where True or False is needed")
+        return bool(value)
+    if setting.type is int:
+        check_count(name, value, 0 if low is None else int(low), 2**63 if high is None else int(high))
+        return int(value)
+    if setting.type == Rgb:
+        return colour(name, value)
+    if setting.type is float:
+        number = float(numbers(name, value, 1)[0])
+        if not (low is None or number >= low) or not (high is None or number <= high):
+            raise UsageError(f"{name}: {value!r} where a number {_bounds(low, high)} is needed")
+        return number
+    if Path in get_args(setting.type):
+        return _file_or_solution(name, value)
+    raise AssertionError(f"{name}: values of {setting.type} are not checked")
+
+
+def _file_or_solution(name: str, value: Any) -> Path | Solution:
+    if isinstance(value, str | Path):
+        return Path(value)
+    from glpath.radiosity.solution import RadiositySolution  # slow to import
+
+    if not isinstance(value, RadiositySolution):
+        raise UsageError(
+            f"{name}: {value!r} where a RadiositySolution or the file of one is needed",
+            "glpath.solve_radiosity makes one; without it, the scene is solved before it is rendered.",
+        )
+    return value
+
+
+def check_count(name: str, value: object, low: int, high: int) -> None:
+    """A whole number from `low` to `high`, or a UsageError that names the option."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not low <= value <= high:
+        raise UsageError(f"{name}: {value!r} where a whole number from {low} to {high} is needed")
 
 
 def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
@@ -38,45 +232,95 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     return found
 
 
-def colour(value: float | Sequence[float]) -> tuple[float, float, float]:
-    r, g, b = numbers("ambient", [value] * 3 if isinstance(value, int | float) else value, 3)
-    if min(r, g, b) < 0:
-        raise UsageError(f"ambient: {value!r} where radiance, one or three numbers >= 0, is needed")
-    return float(r), float(g), float(b)
-
-
-def _whole_numbers(name: str, value: Any, count: int) -> list[int]:
+def whole_numbers(name: str, value: Any, count: int) -> list[int]:
+    """So many whole numbers of pixels, or a UsageError that names the option."""
     found = numbers(name, value, count)
     if np.any(found != np.floor(found)):
         raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
     return [int(n) for n in found]
 
 
-def with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
-    changes: dict[str, Any] = {}
-    for name, value in (camera or {}).items():
-        if name not in ("position", "target", "up", "fov"):
-            raise UsageError(f"camera: no field is named {name!r}; allowed are position, target, up, fov")
-        found = numbers(f"camera {name}", value, 1 if name == "fov" else 3)
-        changes[name] = float(found[0]) if name == "fov" else found
-    if resolution is not None:
-        width, height = _whole_numbers("resolution", resolution, 2)
-        changes["resolution"] = (width, height)
-    if not changes:
-        return scene
-    changed = scene.with_camera(**changes)
-    check_camera(changed.camera, scene.source or scene.name)
-    return changed
+def colour(name: str, value: float | Sequence[float]) -> Rgb:
+    """Radiance, one number for all channels or three, not negative; else a UsageError that names the option."""
+    r, g, b = numbers(name, [value] * 3 if isinstance(value, int | float) else value, 3)
+    if min(r, g, b) < 0:
+        raise UsageError(f"{name}: {value!r} where radiance, one or three numbers >= 0, is needed")
+    return float(r), float(g), float(b)
 
 
-def window_of(scene: Scene, crop: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
-    width, height = scene.camera.resolution
-    if crop is None:
-        return 0, 0, width, height
-    x, y, w, h = _whole_numbers("crop", crop, 4)
-    if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
-        raise UsageError(
-            f"crop: {w} x {h} pixels from ({x}, {y}) of a picture of {width} x {height}",
-            "The crop is x, y, width, height in pixels, from the top left, and lies inside the picture.",
+# What Python shows.
+
+
+def with_options(function: Function) -> Function:
+    """The function with all options as parameters by keyword in its signature, in place of its last, **options.
+
+    {options} in its docstring becomes a row for each, {default_spp} the default of spp.
+    """
+    signature = inspect.signature(function)
+    explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    further = [
+        inspect.Parameter(
+            option.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=option.default,
+            annotation=_annotation(option),
         )
-    return x, y, w, h
+        for option in options().values()
+    ]
+    function.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
+    text = inspect.cleandoc(function.__doc__ or "")
+    function.__doc__ = text.replace("{options}", options_text()).replace("{default_spp}", default_spp_text())
+    return function
+
+
+def _annotation(option: Option) -> Any:
+    """What the parameter takes: more than what the field then holds."""
+    kind: Any = option.first.type
+    if kind == Rgb:
+        kind = float | kind
+    elif Path in get_args(kind):
+        kind = str | kind
+    return kind if option.default is not None else kind | None
+
+
+def options_text() -> str:
+    """The rows of a docstring that say what each option is, by the integrators that have it."""
+    groups: dict[tuple[str, ...], list[Option]] = {}
+    for option in options().values():
+        groups.setdefault(tuple(option.settings), []).append(option)
+    parts = []
+    for owners, members in groups.items():
+        head = [] if len(owners) == len(INTEGRATORS) else [f"Of {_quoted(owners, 'and')} only:\n"]
+        parts.append("\n".join(head + [_row(option.name, option.description) for option in members]))
+    return "\n\n".join(parts)
+
+
+def default_spp_text() -> str:
+    """What `spp` is by itself, of each integrator."""
+    by_count: dict[int, list[str]] = {}
+    for name, kind in INTEGRATORS.items():
+        by_count.setdefault(kind.default_spp, []).append(name)
+    return ", ".join(f"{count} of {_quoted(names, 'and')}" for count, names in by_count.items())
+
+
+def _row(name: str, text: str) -> str:
+    return textwrap.fill(
+        text, _WIDTH, initial_indent=f"{name:<14} : ", subsequent_indent=" " * 17, break_long_words=False
+    )
+
+
+def _quoted(names: typing.Iterable[str], conjunction: str) -> str:
+    *others, last = [f'"{name}"' for name in names]
+    return f"{', '.join(others)} {conjunction} {last}" if others else last
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"{value[0]:g}" if len(set(value)) == 1 else ", ".join(f"{v:g}" for v in value)
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        return f"up to {high:g}" if low is None else f"from {low:g}"
+    return f"from {low:g} to {high:g}"

@@ -1,0 +1,98 @@
+"""The options of `glpath render` that are the integrators': derived from their settings, none is written here."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from glpath.cli.values import check_choice, colour
+from glpath.errors import UsageError
+from glpath.integrators.settings import INTEGRATORS, Rgb
+from glpath.rendering.options import Option, options
+
+#: The panel of the help with what all integrators have.
+FOR_ALL = "Sampling"
+
+
+def with_integrator_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A command with an option for each of the integrators', in place of its last parameter, **options."""
+    signature = inspect.signature(function, eval_str=True)
+    explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    further = [
+        inspect.Parameter(
+            option.name,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD,
+            default=False if option.first.type is bool else option.default,
+            annotation=_annotation(option),
+        )
+        for option in options().values()
+    ]
+
+    @functools.wraps(function)
+    def command(**values: Any) -> Any:
+        return function(**values)
+
+    command.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
+    return command
+
+
+def option_values(integrator: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What the command line gave, as `render` takes it. Raises UsageError, which names the option."""
+    known = options()
+    return {name: _value(known[name], integrator, value) for name, value in given.items()}
+
+
+def flag(name: str) -> str:
+    """--name, as it is typed."""
+    return "--" + name.replace("_", "-")
+
+
+def _annotation(option: Option) -> Any:
+    setting = option.first
+    kind: Any = setting.type
+    metavar = ((setting.meta.extra if setting.meta else None) or {}).get("metavar")
+    if setting.words:
+        kind, metavar = str, "|".join(setting.words)
+    elif kind == Rgb:
+        kind, metavar = str, "R,G,B"
+    elif kind is not bool and kind not in (int, float):
+        kind = Path
+    description = option.description
+    return Annotated[
+        kind if kind is bool or option.default is not None else kind | None,
+        typer.Option(
+            flag(option.name),
+            metavar=metavar or (None if kind is bool else "N"),
+            help=description[0].upper() + description[1:] + ".",
+            show_default=False,
+            rich_help_panel=_panel(option),
+        ),
+    ]
+
+
+def _panel(option: Option) -> str:
+    owners = list(option.settings)
+    return FOR_ALL if len(owners) == len(INTEGRATORS) else f"With --integrator {' or '.join(owners)}"
+
+
+def _value(option: Option, integrator: str, value: Any) -> Any:
+    if value is None:
+        return None
+    # Of an option that is another integrator's, `render` says whose it is.
+    setting = option.settings.get(integrator, option.first)
+    if setting.words:
+        check_choice(flag(option.name), value, setting.words)
+    elif setting.type == Rgb:
+        return colour(flag(option.name), value)
+    elif setting.type in (int, float) and setting.meta is not None:
+        low, high = setting.meta.ge, setting.meta.le
+        if low is not None and value < low:
+            raise UsageError(f"{flag(option.name)} {value}: must be at least {low}.")
+        if high is not None and value > high:
+            raise UsageError(f"{flag(option.name)} {value}: must be at most {high}.")
+    return value

@@ -1,0 +1,256 @@
+"""The options of every integrator, each written here and nowhere else.
+
+A field is an option where its type is `Annotated[type, Meta(description=...)]`: then `render` and `render_frames`
+have a parameter of that name, `glpath render` has it as --name with the description as its help, values are checked
+against the type and the bounds, a `RenderJob` writes it to JSON and a film's metadata names it. A field without a
+description is a setting for experiments: only an instance of the class can have it otherwise than by default.
+
+Literal types are words to choose from, `Rgb` is one number or three. `Meta.extra` may hold "metavar", what the help
+shows for a value. This module loads nothing heavy, as the command line reads it before it knows what is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Protocol
+
+from msgspec import Meta
+
+from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
+from glpath.errors import UsageError
+from glpath.sampling import Sampling
+from glpath.scene.model import Scene
+
+Integrator = Literal["path", "gather", "classic", "t-buffer"]
+Directions = Literal["pair", "hemisphere", "sphere"]
+Lookup = Literal["interpolated", "constant"]
+Shadows = Literal["rays", "sphere", "cube"]
+Primary = Literal["classic", "t-buffer"]
+Secondary = Literal["classic", "hierarchy"]
+Rgb = tuple[float, float, float]
+
+#: A path counts its casts in ten bits.
+DEEPEST = 1000
+
+
+class Solution(Protocol):
+    """A `glpath.RadiositySolution`, named without loading it: all of radiosity is slow to import."""
+
+    def check_scene(self, scene: Scene) -> None:
+        """Raise SceneError for another scene than the solution's."""
+
+
+@dataclass(frozen=True)
+class IntegratorSettings:
+    """What decides the image besides the scene, the sensor and the path sets; each integrator has its own.
+
+    integrator  : the name that users know it by
+    default_spp : path sets where it is not said how many
+    noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
+    """
+
+    integrator: ClassVar[str]
+    default_spp: ClassVar[int]
+    noisy: ClassVar[bool]
+
+    max_depth: Annotated[
+        int,
+        Meta(ge=1, le=DEEPEST, description="vertices of a path: 1 is direct light only, 3 two bounces"),
+    ] = 5
+    seed: Annotated[int, Meta(ge=0, le=2**63, description="another seed is another, independent render")] = 0
+
+    def recorded(self) -> dict[str, Any]:
+        """The settings by name, as a film's metadata has them: films merge where these are equal."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        """Raise UsageError for options that mean nothing beside others; `given` has those that were set."""
+
+
+@dataclass(frozen=True)
+class PathSetSettings(IntegratorSettings):
+    """What "path" and "gather" have in common.
+
+    light_resolution : texels along a hemicube's side
+    cell_share       : the root of the path-buffer's number of cells, in that of the window's pixels
+    cosine_roulette  : with "hemisphere", paths whose cosine is below 1 / this are thinned
+    """
+
+    default_spp = 256
+    noisy = True
+
+    sampling: Annotated[
+        Sampling,
+        Meta(description='where numbers come from: a "sobol" sequence, or "random" as in the paper'),
+    ] = "sobol"
+    directions: Annotated[
+        Directions,
+        Meta(
+            description='the shared directions of a bounce: "pair", each path the better of two; "hemisphere", '
+            'one, quicker for meshes of very many triangles; "sphere", as in the paper'
+        ),
+    ] = "pair"
+    light_resolution: int = 256
+    cell_share: float = 1.25
+    cosine_roulette: float = 3.0
+
+
+@dataclass(frozen=True)
+class PathTraceSettings(PathSetSettings):
+    """Path tracing with the path-buffer [PB 3]: global illumination by shapes that emit light.
+
+    Ambient light is that of PB A.2, the roulette Arvo & Kirk's (1990).
+    """
+
+    integrator = "path"
+
+    ambient: Annotated[
+        Rgb,
+        Meta(ge=0, description="radiance assumed beyond the last vertex, W sr^-1 m^-2; one number or r, g, b"),
+    ] = (0.0, 0.0, 0.0)
+    roulette: Annotated[
+        int | None,
+        Meta(
+            ge=1,
+            le=DEEPEST,
+            description="from this vertex on, paths end by chance, without bias; by itself, never",
+            extra={"metavar": "DEPTH"},
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class GatherSettings(PathSetSettings):
+    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees."""
+
+    integrator = "gather"
+
+    max_depth: Annotated[
+        int,
+        Meta(
+            ge=2,
+            le=DEEPEST,
+            description="the vertex at which the solution is looked up; more than 2, the paper's, where the coarse "
+            "solution shows in corners",
+        ),
+    ] = 2
+    radiosity: Annotated[
+        Solution | Path | None,
+        Meta(
+            description="a file of `glpath radiosity`, or in Python a `RadiositySolution`, of the scene (whatever "
+            "its camera); without, the scene is solved first, by Monte Carlo from 4000 triangles on",
+            extra={"metavar": "FILE"},
+        ),
+    ] = None
+    radiosity_lookup: Annotated[
+        Lookup,
+        Meta(description='"interpolated" between the vertices of an element, or "constant" over it'),
+    ] = "interpolated"
+
+    def recorded(self) -> dict[str, Any]:
+        """Without the solution: what is recorded of it is its digest, known when it is there."""
+        return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup")}
+
+
+# Two integrators have it, with another default each.
+SecondaryRays = Annotated[
+    Secondary,
+    Meta(
+        description='reflections and shadow rays: by a "hierarchy" of boxes, or "classic", every object in turn, '
+        "as in the paper"
+    ),
+]
+
+
+@dataclass(frozen=True)
+class WhittedSettings(IntegratorSettings):
+    """Whitted's ray tracing [TB IV]; `primary` says how what the eye sees is found."""
+
+    default_spp = 16
+    noisy = False
+    primary: ClassVar[Primary]
+
+    shadows: Annotated[
+        Shadows,
+        Meta(description='"rays", exact; or shadow-buffers: the paper\'s "sphere", or a "cube" of six faces'),
+    ] = "rays"
+    shadow_resolution: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1 << 15,
+            description="rows of a sphere's shadow-buffer (twice as many columns), texels along a cube's side",
+        ),
+    ] = 1024
+    shadow_test: Annotated[
+        ShadowTest,
+        Meta(
+            description='a shadow-buffer\'s rule: "distance", or "identity" as in the paper, wrong where an object '
+            "shadows itself"
+        ),
+    ] = "distance"
+    shadow_filter: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=MAX_TAPS,
+            description="cells across that a lookup in a shadow-buffer asks, for smooth edges (percentage-closer "
+            "filtering); 1 for the nearest alone, as in the paper",
+        ),
+    ] = 2
+    secondary: SecondaryRays = "hierarchy"
+    count_tests: Annotated[
+        bool,
+        Meta(description='count intersection tests, `statistics["intersection_tests"]` of the film; slower'),
+    ] = False
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something: counting does not, and shadow rays have no shadow-buffer."""
+        given = super().recorded()
+        del given["count_tests"]
+        if self.shadows == "rays":
+            for name in _OF_SHADOW_BUFFERS:
+                del given[name]
+        return given
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        if given.get("shadows", "rays") != "rays":
+            return
+        for name in _OF_SHADOW_BUFFERS:
+            if name in given:
+                raise UsageError(
+                    f"{name}: {given[name]!r} with shadow rays; it is an option of shadow-buffers",
+                    'Take shadows "sphere" or "cube".',
+                )
+
+
+_OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
+
+
+@dataclass(frozen=True)
+class ClassicSettings(WhittedSettings):
+    """Ray tracing by the classical algorithm: every ray against every object."""
+
+    integrator = "classic"
+    primary = "classic"
+
+    secondary: SecondaryRays = "classic"
+
+
+@dataclass(frozen=True)
+class TBufferSettings(WhittedSettings):
+    """Ray tracing with the T-buffer [TB III]: object by object, only the rays of its projection."""
+
+    integrator = "t-buffer"
+    primary = "t-buffer"
+
+
+#: By the names that users give. A new integrator is a line here, and a branch in `glpath.rendering.factory`.
+INTEGRATORS: dict[str, type[IntegratorSettings]] = {
+    settings.integrator: settings
+    for settings in (PathTraceSettings, GatherSettings, ClassicSettings, TBufferSettings)
+}

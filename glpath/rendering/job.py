@@ -1,0 +1,287 @@
+"""One render as a value: what to render, by whom, from where and how much of it; plain data, JSON, to be split.
+
+    job = RenderJob.of("cornell-box", spp=1024)
+    parts = job.split(4)                     # on four machines, say, each from its own file
+    films = [run(part) for part in parts]    # merge into the film of run(job), bit for bit on one kind of device
+
+A job names its scene by where it comes from and by the SHA-256 of its content, so that a file which has changed
+since is an error, not another image. The camera is the job's own, all of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from glpath.errors import SceneError, UsageError
+from glpath.files import whole_file
+from glpath.film import BLOCK
+from glpath.integrators.settings import INTEGRATORS, IntegratorSettings
+from glpath.rendering.options import (
+    MAX_FIRST_PATH_SET,
+    MAX_SPP,
+    check_count,
+    check_word,
+    checked,
+    numbers,
+    settings_fields,
+    settings_of,
+    whole_numbers,
+    with_options,
+)
+from glpath.scene import Scene, check_camera, load_scene, shipped_scenes
+from glpath.sensors import CameraSensor
+
+Window = tuple[int, int, int, int]
+
+_FORMAT = "glpath.job"
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """Where a scene comes from, and what it must hold.
+
+    kind       : "file", "shipped", or "memory" for one that was made in Python and has to be handed to `run`
+    name       : the file's path, the shipped name, or what a scene in memory calls itself
+    parameters : of a shipped scene that is generated
+    sha256     : `Scene.digest(camera=False)`: geometry, materials and lights
+    """
+
+    kind: Literal["file", "shipped", "memory"]
+    name: str
+    sha256: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: str | Path | Scene, loaded: Scene, parameters: Mapping[str, object] | None) -> SceneSource:
+        """Of what `load_scene` was given, and what it made of it."""
+        digest = loaded.digest(camera=False)
+        if isinstance(scene, str) and scene in shipped_scenes():
+            return cls("shipped", scene, digest, dict(parameters or {}))
+        if isinstance(scene, str | Path):
+            # Workers need not be started in the same folder.
+            return cls("file", os.path.abspath(scene), digest)
+        return cls("memory", loaded.name, digest)
+
+    def load(self, given: Scene | None = None) -> Scene:
+        """The scene, read again, or the one that is `given`. Raises SceneError where its content is another."""
+        if given is None and self.kind == "memory":
+            raise UsageError(
+                f"job: its scene {self.name!r} was made in memory, and a job holds no geometry.",
+                "Hand it in: run(job, scene=scene); or make the job from a scene file.",
+            )
+        loaded = given if given is not None else load_scene(self._address, self.parameters or None)
+        found = loaded.digest(camera=False)
+        if found != self.sha256:
+            raise SceneError(
+                f"{self.name}: its content has SHA-256 {found}, but the job was made for {self.sha256}.",
+                "Bring back the scene that the job was made for, or make the job again.",
+            )
+        return loaded
+
+    @property
+    def _address(self) -> str | Path:
+        return Path(self.name) if self.kind == "file" else self.name
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """What one render does; equal jobs make equal films on one device.
+
+    scene      : where the scene comes from, and its digest
+    integrator : the integrator, which is its options: an instance out of `glpath.integrators.settings`
+    sensor     : where paths start: the camera and its resolution
+    window     : (x, y, width, height): the pixels of the whole image that are rendered, y from the top
+    path_sets  : (start, stop), half-open: which path sets; one is a path for every pixel
+    """
+
+    scene: SceneSource
+    integrator: IntegratorSettings
+    sensor: CameraSensor
+    window: Window
+    path_sets: tuple[int, int]
+
+    @classmethod
+    @with_options
+    def of(cls, scene: str | Path | Scene, **options: Any) -> RenderJob:
+        """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
+
+        {options}
+
+        Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
+        """
+        return describe(scene, **options)[0]
+
+    @property
+    def spp(self) -> int:
+        """How many path sets."""
+        return self.path_sets[1] - self.path_sets[0]
+
+    def split(self, count: int) -> list[RenderJob]:
+        """At most `count` jobs with a share of the path sets each, whose films merge into this job's, bit for bit.
+
+        They end where the film's blocks of 8 path sets do, as points of a Sobol sequence stratify each other there;
+        so a job of few path sets has fewer parts. Raises UsageError for a count below 1.
+        """
+        check_count("split", count, 1, MAX_SPP)
+        start, stop = self.path_sets
+        first, last = start // BLOCK, -(-stop // BLOCK)
+        count = min(count, last - first)
+        edges = [first + (last - first) * i // count for i in range(count + 1)]
+        cuts = [start, *(BLOCK * edge for edge in edges[1:-1]), stop]
+        return [replace(self, path_sets=ends) for ends in pairwise(cuts)]
+
+    def to_json(self) -> str:
+        """The job as JSON, for `from_json`. Raises UsageError for a radiosity solution that is only in memory."""
+        settings = {}
+        for name in settings_fields(type(self.integrator)):
+            value = getattr(self.integrator, name)
+            if not isinstance(value, str | int | float | tuple | Path | None):
+                raise UsageError(
+                    f"{name}: a solution in memory has no place in a job's JSON.",
+                    "Save it, and give the path of its file.",
+                )
+            settings[name] = os.path.abspath(value) if isinstance(value, Path) else value
+        return json.dumps(
+            {
+                "format": _FORMAT,
+                "version": _VERSION,
+                "scene": asdict(self.scene),
+                "integrator": {"name": self.integrator.integrator, **settings},
+                "sensor": {"type": "camera", **asdict(self.sensor)},
+                "window": self.window,
+                "path_sets": self.path_sets,
+            },
+            indent=2,
+        )
+
+    @classmethod
+    def from_json(cls, text: str, place: str = "job") -> RenderJob:
+        """The job that `to_json` wrote; `place` is how errors name it. Raises UsageError."""
+        try:
+            data = msgspec.json.decode(text, type=_JobFile)
+        except msgspec.DecodeError as error:
+            raise UsageError(f"{place}: is not a render job: {error}.", "RenderJob.save writes one.") from error
+        if data.format != _FORMAT or data.version != _VERSION:
+            raise UsageError(
+                f"{place}: {data.format} of version {data.version}; this version of glpath reads {_FORMAT} of "
+                f"version {_VERSION}."
+            )
+        given = dict(data.integrator)
+        try:
+            integrator = given.pop("name", None)
+            check_word("integrator name", integrator, tuple(INTEGRATORS))
+            kind = INTEGRATORS[integrator]
+            for name in given:
+                check_word(f"setting of {integrator}", name, tuple(settings_fields(kind)))
+            sensor = CameraSensor(**{k: v for k, v in msgspec.structs.asdict(data.sensor).items() if k != "type"})
+            check_camera(sensor.camera, place)
+            window = window_of(sensor.resolution, data.window, "window")
+            start, stop = data.path_sets
+            check_count("path_sets, the first", start, 0, MAX_FIRST_PATH_SET)
+            check_count("path_sets, how many", stop - start, 1, MAX_SPP)
+            settings = checked(kind(**given))
+        except UsageError as error:
+            raise UsageError(f"{place}: {error.message}", error.remedy) from error
+        return cls(data.scene, settings, sensor, window, data.path_sets)
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON to a file, which appears whole or not at all. Raises ImageError where it cannot be."""
+        with whole_file(path) as part:
+            part.write_text(self.to_json() + "\n", "utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> RenderJob:
+        """Read a file that `save` wrote. Raises UsageError."""
+        try:
+            text = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+            raise UsageError(f"{path}: cannot be read as a render job: {reason}.") from error
+        return cls.from_json(text, str(path))
+
+
+class _CameraFile(msgspec.Struct, forbid_unknown_fields=True):
+    type: Literal["camera"]
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fov: float
+    resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
+
+
+class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A job as JSON has it; the integrator's fields are its own business."""
+
+    format: str
+    version: int
+    scene: SceneSource
+    integrator: dict[str, Any]
+    sensor: _CameraFile
+    window: Window
+    path_sets: tuple[int, int]
+
+
+def describe(
+    scene: str | Path | Scene,
+    *,
+    integrator: str | IntegratorSettings = "path",
+    spp: int | None = None,
+    first_path_set: int = 0,
+    resolution: tuple[int, int] | None = None,
+    crop: tuple[int, int, int, int] | None = None,
+    camera: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, object] | None = None,
+    **options: Any,
+) -> tuple[RenderJob, Scene]:
+    """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError."""
+    settings = settings_of(integrator, options)
+    spp = settings.default_spp if spp is None else spp
+    check_count("spp", spp, 1, MAX_SPP)
+    check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
+    loaded = with_overrides(load_scene(scene, parameters), resolution, camera)
+    window = window_of(loaded.camera.resolution, crop)
+    source = SceneSource.of(scene, loaded, parameters)
+    path_sets = (int(first_path_set), int(first_path_set) + int(spp))
+    return RenderJob(source, settings, CameraSensor.of(loaded.camera), window, path_sets), loaded
+
+
+def with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
+    """The scene with what is replaced of its camera. Raises UsageError, and SceneError for what cannot be."""
+    changes: dict[str, Any] = {}
+    for name, value in (camera or {}).items():
+        if name not in ("position", "target", "up", "fov"):
+            raise UsageError(f"camera: no field is named {name!r}; allowed are position, target, up, fov")
+        found = numbers(f"camera {name}", value, 1 if name == "fov" else 3)
+        changes[name] = float(found[0]) if name == "fov" else found
+    if resolution is not None:
+        width, height = whole_numbers("resolution", resolution, 2)
+        changes["resolution"] = (width, height)
+    if not changes:
+        return scene
+    changed = scene.with_camera(**changes)
+    check_camera(changed.camera, scene.source or scene.name)
+    return changed
+
+
+def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:
+    """The window of an image: all of it, or the crop, which has to lie inside. Raises UsageError."""
+    width, height = resolution
+    if crop is None:
+        return 0, 0, width, height
+    x, y, w, h = whole_numbers(name, crop, 4)
+    if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
+        raise UsageError(
+            f"{name}: {w} x {h} pixels from ({x}, {y}) of an image of {width} x {height}",
+            f"The {name} is x, y, width, height in pixels, from the top left, and lies inside the image.",
+        )
+    return x, y, w, h

@@ -1,0 +1,116 @@
+"""An engine that stays on the device while jobs of one integrator and one resolution pass through it."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+
+from glpath.errors import SceneWarning, UsageError
+from glpath.film import Film, FilmMetadata
+from glpath.gl.context import Context
+from glpath.progress import Progress
+from glpath.rendering.factory import Engine, Plan, plan_of
+from glpath.rendering.interrupts import RenderInterrupted
+from glpath.rendering.job import RenderJob
+from glpath.rendering.loop import Clock, trace
+from glpath.rendering.tiles import Tile, cover
+from glpath.scene import Scene, check_scene
+from glpath.versions import versions
+
+
+class Session:
+    """Renders jobs one after another. What one of them leaves on the device, shadow-buffers too, serves the next.
+
+    Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
+    context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
+    renders as it is meant, `stacklevel` as of `warnings.warn`, counted from who makes the session.
+    """
+
+    def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1) -> None:
+        self._job = job
+        self._plan = plan_of(job.integrator)
+        for text in check_scene(scene) + self._plan.warnings(scene):
+            warnings.warn(text, SceneWarning, stacklevel=stacklevel + 1)
+        self._traced = self._plan.traceable(scene)
+        self._engine: Engine | None = None
+        self._tiles: list[Tile] = []
+
+    def render(
+        self,
+        job: RenderJob,
+        scene: Scene,
+        context: Context,
+        *,
+        timings: bool = False,
+        on_progress: Callable[[Progress], None] | None = None,
+        started: float | None = None,
+    ) -> Film:
+        """The film of a job: the first one, then others of its integrator and resolution.
+
+        scene   : of the job, with its camera
+        started : `time.perf_counter()` when the job was begun; now
+
+        Raises RenderInterrupted, and UsageError for another resolution.
+        """
+        started = time.perf_counter() if started is None else started
+        film = Film.empty(self._metadata(job, scene, context))
+        clock = Clock(film, job.spp, context.info.renderer, on_progress, started=started)
+        if self._engine is None:
+            self._plan = _prepared(self._plan, self._traced, clock)
+            film.metadata = self._metadata(job, scene, context)
+            clock.report("compiling shaders")
+            self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
+            self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
+        else:
+            self._go_on(self._engine, job, scene)
+        self._job = job
+        trace(self._engine, self._tiles, clock, job.path_sets[0])
+        return film
+
+    def remarks(self, film: Film) -> list[str]:
+        """What is to be said of a film that is done."""
+        return self._plan.remarks(film)
+
+    def _go_on(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
+        """The engine for a further job: another camera, or another scene."""
+        before = self._job
+        if job.sensor.resolution != before.sensor.resolution or job.window != before.window:
+            raise UsageError(
+                f"render_frames: a frame of {job.sensor.resolution} pixels after {before.sensor.resolution}",
+                "All frames have one resolution.",
+            )
+        assert job.integrator == before.integrator, "another integrator needs another session"
+        if job.scene.sha256 != before.scene.sha256:
+            self._plan.change_scene(engine, self._plan.traceable(scene))
+        else:
+            engine.move_camera(job.sensor.camera)
+        engine.forget_statistics()
+
+    def _metadata(self, job: RenderJob, scene: Scene, context: Context) -> FilmMetadata:
+        recorded = self._plan.recorded()
+        info = context.info
+        return FilmMetadata(
+            scene=scene.name,
+            scene_hash=scene.digest(),
+            integrator=job.integrator.integrator,
+            seed=int(recorded.pop("seed")),
+            max_depth=int(recorded.pop("max_depth")),
+            settings=recorded,
+            full_resolution=job.sensor.resolution,
+            window=job.window,
+            device=info.renderer,
+            versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
+        )
+
+
+def _prepared(plan: Plan, scene: Scene, clock: Clock) -> Plan:
+    """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
+    started = time.perf_counter()
+    try:
+        prepared = plan.prepared(scene, clock.report)
+    except KeyboardInterrupt:
+        raise RenderInterrupted(clock.film) from None
+    if prepared is not plan:
+        clock.statistics["radiosity_s"] = time.perf_counter() - started
+    return prepared

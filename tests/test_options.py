@@ -1,0 +1,157 @@
+"""An option is written once, in its integrator's settings: whoever shows, checks or stores it has it from there."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import pytest
+import typer
+from msgspec import Meta
+from typer.testing import CliRunner
+
+import glpath
+from glpath.cli import render as render_cli
+from glpath.integrators.settings import INTEGRATORS, GatherSettings, PathTraceSettings, TBufferSettings
+from glpath.rendering import RenderJob
+from glpath.rendering.calls import render
+from glpath.rendering.options import checked, options, settings_of, with_options
+
+BOX = "cornell-box-36"
+
+
+@dataclass(frozen=True)
+class Foggy(PathTraceSettings):
+    """The path tracer with two options more."""
+
+    fog: Annotated[float, Meta(ge=0, le=2, description="how thick the fog is, per scene unit")] = 0.25
+    weather: Annotated[Literal["calm", "storm"], Meta(description="what blows it about")] = "calm"
+
+
+@pytest.fixture
+def foggy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(INTEGRATORS, "path", Foggy)
+
+
+@pytest.mark.usefixtures("foggy")
+def test_a_new_option_is_a_parameter_and_a_line_of_the_help() -> None:
+    @with_options
+    def call(scene: str, **options: Any) -> None:
+        """Do it.
+
+        {options}
+        """
+
+    parameter = inspect.signature(call).parameters["fog"]
+    assert (parameter.kind, parameter.default) == (inspect.Parameter.KEYWORD_ONLY, None)
+    assert parameter.annotation == float | None
+    assert inspect.signature(call).parameters["weather"].annotation == Literal["calm", "storm"] | None
+    text = inspect.getdoc(call)
+    assert text is not None
+    after = text.split('Of "path" only:')[1]
+    assert "\nfog            : how thick the fog is, per scene unit; default 0.25" in after
+    assert '\nweather        : what blows it about; default "calm"' in after
+
+
+@pytest.mark.usefixtures("foggy")
+def test_a_new_option_is_on_the_command_line(tmp_path: Any) -> None:
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    render_cli.register(app)
+    shown = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    assert "How thick the fog is, per scene unit; default 0.25." in shown
+    assert "calm|storm" in shown
+    for arguments, message in (
+        (["--fog", "3"], "--fog 3.0: must be at most 2"),
+        (["--weather", "mild"], "--weather mild: there is no such choice. Allowed: calm, storm."),
+    ):
+        result = CliRunner().invoke(app, ["render", BOX, "-o", str(tmp_path / "a.png"), *arguments])
+        assert isinstance(result.exception, glpath.UsageError)
+        assert message in str(result.exception)
+    out = tmp_path / "a.npz"
+    given = ["--fog", "0.5", "--spp", "1", "--max-depth", "1", "--resolution", "8x8", "-q"]
+    result = CliRunner().invoke(app, ["render", BOX, "-o", str(out), *given])
+    assert result.exit_code == 0, result.output
+    assert glpath.Film.load(out).metadata.settings["fog"] == 0.5
+
+
+@pytest.mark.usefixtures("foggy")
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"fog": -1}, "fog: -1 where a number from 0 to 2 is needed"),
+        ({"fog": "thick"}, "fog: 'thick' where a finite number is needed"),
+        ({"weather": "mild"}, "weather: 'mild'; allowed are calm, storm"),
+        (
+            {"fog": 1.0, "integrator": "classic"},
+            'fog: 1.0 with the integrator "classic"; it is an option of "path"',
+        ),
+    ],
+)
+def test_a_new_option_is_checked(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(glpath.UsageError) as caught:
+        glpath.render(BOX, **given)
+    assert words in str(caught.value)
+
+
+@pytest.mark.usefixtures("foggy")
+def test_a_new_option_is_in_a_film_and_in_a_job() -> None:
+    film = glpath.render(BOX, fog=1, spp=1, max_depth=1, resolution=(8, 8))
+    assert film.metadata.settings["fog"] == 1
+    other = glpath.render(BOX, spp=1, first_path_set=1, max_depth=1, resolution=(8, 8))
+    with pytest.raises(glpath.UsageError, match="settings"):
+        film.merge(other)
+    job = RenderJob.of(BOX, fog=1, weather="storm")
+    assert RenderJob.from_json(job.to_json()) == job
+    assert (job.integrator.fog, job.integrator.weather) == (1.0, "storm")  # type: ignore[attr-defined]
+
+
+def test_every_option_is_a_parameter_of_the_renders() -> None:
+    for function in (glpath.render, glpath.render_frames, RenderJob.of):
+        parameters = inspect.signature(function).parameters
+        assert set(options()) <= set(parameters)
+        assert not any(p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values())
+        assert all(parameters[name].default is None for name in ("max_depth", "sampling", "shadows", "radiosity"))
+        assert parameters["seed"].default == 0
+        assert parameters["count_tests"].default is False
+
+
+def test_defaults_that_differ_are_all_said() -> None:
+    text = " ".join((inspect.getdoc(render) or "").split())
+    assert 'default 256 of "path" and "gather", 16 of "classic" and "t-buffer"' in text
+    assert 'default "classic" of "classic", "hierarchy" of "t-buffer"' in text
+    assert 'default 5. Of "gather", the vertex at which the solution is looked up' in text
+
+
+def test_an_integrator_is_a_name_or_its_settings() -> None:
+    by_name = glpath.render(BOX, max_depth=2, seed=3, directions="sphere", spp=2, resolution=(8, 8))
+    settings = PathTraceSettings(max_depth=2, seed=3, directions="sphere")
+    by_settings = glpath.render(BOX, integrator=settings, spp=2, resolution=(8, 8))
+    assert (by_name.radiance_sums == by_settings.radiance_sums).all()
+    assert by_name.metadata.settings == by_settings.metadata.settings
+    assert settings_of(settings, {"seed": 0}) == PathTraceSettings(max_depth=2, directions="sphere")
+
+
+def test_settings_are_checked_also_where_they_come_as_an_instance() -> None:
+    for settings, words in (
+        (PathTraceSettings(max_depth=0), "max_depth: 0 where a whole number from 1 to 1000"),
+        (GatherSettings(max_depth=1), "max_depth: 1 where a whole number from 2"),
+        (GatherSettings(light_resolution=2.5), "light_resolution: 2.5"),  # type: ignore[arg-type]
+        (TBufferSettings(shadow_filter=99), "shadow_filter: 99"),
+        (TBufferSettings(count_tests="yes"), "count_tests: 'yes' where True or False"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(glpath.UsageError) as caught:
+            glpath.render(BOX, integrator=settings)
+        assert words in str(caught.value)
+
+
+def test_values_become_those_of_the_type() -> None:
+    settings = checked(PathTraceSettings(ambient=0.5, cell_share=2))  # type: ignore[arg-type]
+    assert isinstance(settings, PathTraceSettings)
+    assert settings.ambient == (0.5, 0.5, 0.5)
+
+
+def test_an_option_that_there_is_not_is_named_with_the_nearest() -> None:
+    with pytest.raises(glpath.UsageError, match="Did you mean shadow_filter"):
+        glpath.render(BOX, integrator="t-buffer", shadow_filtre=2)
