@@ -305,15 +305,14 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
 def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
     areas = scene.areas
     sides = []
-    for number, shape in enumerate(scene.shapes):
+    for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         if not shape.emits or shape.primitive == "plane":
             continue
-        part = slice(shape.first, shape.first + shape.count)
         spheres = shape.primitive == "sphere"
         own = _sphere_areas(scene.spheres[part]) if spheres else areas[part]
         cdf = np.concatenate([[0.0], np.cumsum(own) / own.sum()])
         for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
-            sides.append(_Side(number, spheres, shape.first, cdf, float(own.sum()), sign, shape.emission))
+            sides.append(_Side(number, spheres, part.start, cdf, float(own.sum()), sign, shape.emission))
     return tuple(sides)
 
 

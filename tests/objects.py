@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.scene.model import Camera, Float64, Material, Scene, Shape
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 
 GREY = Material("grey", np.full(3, 0.5))
 
@@ -46,6 +48,7 @@ def scene_of(
     spheres: ArrayLike = (),
     triangles: ArrayLike = (),
     planes: ArrayLike = (),
+    triangle_uv: ArrayLike | None = None,
     view: Camera | None = None,
     materials: Sequence[Material] = (GREY,),
     **fields: object,
@@ -54,18 +57,8 @@ def scene_of(
     s = np.array(spheres, float).reshape(-1, 3, 4)
     t = np.array(triangles, float).reshape(-1, 3, 3)
     p = np.array(planes, float).reshape(-1, 3, 4)
-    parts = [("sphere", i, 1) for i in range(len(s))] + [("mesh", 0, len(t))] * bool(len(t))
-    parts += [("plane", i, 1) for i in range(len(p))]
-    shapes = [
-        Shape(f"{kind}-{i}", kind, first, count, i % len(materials)) for i, (kind, first, count) in enumerate(parts)
-    ]
-    given = {"shapes": tuple(shapes), "triangle_uv": np.zeros((len(t), 3, 2))} | fields
-    return Scene(
-        "test",
-        view or camera(),
-        t,
-        materials=tuple(materials),
-        spheres=s,
-        planes=p,
-        **given,  # type: ignore[arg-type]
-    )
+    parts: list[tuple[Mesh | Literal["sphere", "plane"], Float64]] = [("sphere", each) for each in s]
+    parts += [(Mesh.of_triangles(t, triangle_uv), IDENTITY)] * bool(len(t))
+    parts += [("plane", each) for each in p]
+    shapes = [Shape(f"shape-{i}", what, i % len(materials), where[None]) for i, (what, where) in enumerate(parts)]
+    return Scene("test", view or camera(), Shapes(shapes), tuple(materials), **fields)  # type: ignore[arg-type]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.scene.model import Camera, Float64, Material, Scene, Shape
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 from glpath.scene.tessellate import box, quad
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 8))
@@ -47,10 +50,15 @@ def part(
 
 def room(*parts: dict[str, Any]) -> Scene:
     """A scene of `part`s."""
-    shapes, first = [], 0
-    for i, p in enumerate(parts):
-        count = len(p["triangles"])
-        shapes.append(Shape(f"part{i}", "mesh", first, count, i, **p["shape"]))
-        first += count
+    shapes = [Shape(f"part{i}", Mesh.of_triangles(p["triangles"]), i, **p["shape"]) for i, p in enumerate(parts)]
     materials = tuple(Material(f"material{i}", **p["material"]) for i, p in enumerate(parts))
-    return Scene("room", CAMERA, np.concatenate([p["triangles"] for p in parts]), tuple(shapes), materials)
+    return Scene("room", CAMERA, Shapes(shapes), materials)
+
+
+def with_triangles(scene: Scene, name: str, change: Callable[[Float64], Float64]) -> Scene:
+    """The scene with the triangles (T, 3, 3) of one shape changed."""
+    shapes = list(scene.shapes)
+    i = next(i for i, shape in enumerate(shapes) if shape.name == name)
+    mesh = Mesh.of_triangles(change(scene.triangles[scene.shapes.ranges[i]].copy()))
+    shapes[i] = replace(shapes[i], geometry=mesh, world_from_object=IDENTITY[None])
+    return replace(scene, shapes=Shapes(shapes))

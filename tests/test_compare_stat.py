@@ -5,13 +5,14 @@ The rates that README states come from `pytest -m evidence -s tests/test_compare
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conftest import MakeFilm
+from rooms import with_triangles
 
 import glpath
 from glpath.compare import Noise, Picture, compare
@@ -147,10 +148,12 @@ def moved(scene: Scene) -> Scene:
 
 def wrong_normal(scene: Scene, face: int = 0) -> Scene:
     """A face of the short block turned inside out; the back of its material is black. 0 is its top, 2 its front."""
-    first = range_of(scene, "short-block")[0] + 2 * face
-    triangles = scene.triangles.copy()
-    triangles[first : first + 2] = triangles[first : first + 2, ::-1]
-    return replace(scene, triangles=triangles)
+
+    def turn(corners: np.ndarray) -> np.ndarray:
+        corners[2 * face : 2 * face + 2] = corners[2 * face : 2 * face + 2, ::-1]
+        return corners
+
+    return with_triangles(scene, "short-block", turn)
 
 
 def one_sided(scene: Scene) -> Scene:
@@ -159,18 +162,6 @@ def one_sided(scene: Scene) -> Scene:
     shapes = [replace(s, material=len(materials)) if s is shape else s for s in scene.shapes]
     materials.append(replace(scene.materials[shape.material], two_sided=False))
     return replace(scene, shapes=tuple(shapes), materials=tuple(materials))
-
-
-def with_triangles(scene: Scene, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Scene:
-    first, count = range_of(scene, name)
-    triangles = scene.triangles.copy()
-    triangles[first : first + count] = change(triangles[first : first + count])
-    return replace(scene, triangles=triangles)
-
-
-def range_of(scene: Scene, name: str) -> tuple[int, int]:
-    shape = next(s for s in scene.shapes if s.name == name)
-    return shape.first, shape.count
 
 
 def changes() -> Iterator[tuple[str, Scene, dict[str, object]]]:

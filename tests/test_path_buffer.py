@@ -15,7 +15,7 @@ from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene import load_scene
-from glpath.scene.model import Camera, Material, Scene, Shape
+from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 
 Float64 = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ Float64 = NDArray[np.float64]
 def scene_of(triangles: Float64) -> Scene:
     camera = Camera(np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]), 40.0, (8, 8))
     material = Material("grey", np.full(3, 0.5))
-    return Scene("soup", camera, triangles, (Shape("soup", "mesh", 0, len(triangles), 0),), (material,))
+    return Scene("soup", camera, Shapes((Shape("soup", Mesh.of_triangles(triangles), 0),)), (material,))
 
 
 def buffer_for(scene: Scene, cells: tuple[int, int], paths: tuple[int, int] = (128, 32)) -> PathBuffer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, Sh
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.scene.model import Scene, Shape
+from glpath.scene.model import Mesh, Scene, Shape
 
 Float64 = NDArray[np.float64]
 
@@ -428,8 +429,9 @@ def test_shape_is_what_identity_compares() -> None:
     low = np.array([[-1.0, 0, -1], [3, 0, -1], [-1, 0, 3]])
     triangles = np.stack([low, low + np.array([0.0, 1.0, 0.0])])
     one = scene_of(triangles=triangles)
-    split = (Shape("a", "mesh", 0, 1, 0), Shape("b", "mesh", 1, 1, 0))
-    two = scene_of(triangles=triangles, shapes=split)
+    two = replace(
+        one, shapes=[Shape(name, Mesh.of_triangles(t[None]), 0) for name, t in zip("ab", triangles, strict=True)]
+    )
     for scene, expected in ((one, 1), (two, 0)):
         buffer = buffer_for(scene, 40, SphereShadowBuffer)
         buffer.fill((0.0, 4.0, 0.0))

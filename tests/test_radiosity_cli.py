@@ -158,19 +158,19 @@ def test_a_baked_scene_is_what_was_solved(solved, tmp_path):
     # All backs are black here, and left out.
     assert [len(m.primitives) for m in document.meshes] == [1] * len(scene.shapes)
 
-    for shape, mesh in zip(scene.shapes, document.meshes, strict=True):
+    for shape, part, mesh in zip(scene.shapes, scene.shapes.ranges, document.meshes, strict=True):
         a = mesh.primitives[0].attributes
         position, colour = (_array(document, index) for index in (a.POSITION, a.COLOR_0))
         faces = _array(document, mesh.primitives[0].indices).reshape(-1, 3)
-        assert len(faces) == (solution.divisions[shape.first : shape.first + shape.count] ** 2).sum()
-        first = int(solution.first_vertex[shape.first])
+        assert len(faces) == (solution.divisions[part] ** 2).sum()
+        first = int(solution.first_vertex[part.start])
         radiance = solution.vertices[0, first : first + len(position)] / np.pi + shape.emission
         np.testing.assert_allclose(colour, np.clip(radiance / 2, 0, 1), rtol=1e-6)
         # The triangles face as the scene's do, and cover them.
         corners = position[faces].astype(float)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
         whole = scene.normals * scene.areas[:, None]
-        expected = whole[shape.first : shape.first + shape.count].sum(axis=0)
+        expected = whole[part].sum(axis=0)
         np.testing.assert_allclose(normals.sum(axis=0), expected, atol=1e-5)
     lamp = _array(document, document.meshes[0].primitives[0].attributes.COLOR_0)
     np.testing.assert_array_equal(lamp, 1.0)

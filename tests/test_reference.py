@@ -17,7 +17,7 @@ from scipy import integrate
 from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError
 from glpath.scene import load_scene
-from glpath.scene.model import Camera, Material, Scene, Shape
+from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference import closed_forms
 from tests.reference.numpy_path_tracer import nearest_hits, path_trace
 
@@ -54,13 +54,13 @@ def cube(size=1.0, inside=True):
 
 def scene_of(camera, *parts):
     """A scene of (triangles, Material, emission, emission_two_sided) parts; the last two may be left out."""
-    shapes, first = [], 0
+    shapes = []
     for i, (triangles, _, *light) in enumerate(parts):
         emission, two_sided = (*light, *(np.zeros(3), False)[len(light) :])
         emission = np.broadcast_to(np.asarray(emission, float), 3)
-        shapes.append(Shape(f"part{i}", "mesh", first, len(triangles), i, emission, two_sided))
-        first += len(triangles)
-    return Scene("test", camera, np.concatenate([p[0] for p in parts]), tuple(shapes), tuple(p[1] for p in parts))
+        mesh = Mesh.of_triangles(triangles)
+        shapes.append(Shape(f"part{i}", mesh, i, emission=emission, emission_two_sided=two_sided))
+    return Scene("test", camera, Shapes(shapes), tuple(p[1] for p in parts))
 
 
 def camera(position, target, up=(0, 0, 1), fov=40.0, resolution=(1, 1)):

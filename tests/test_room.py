@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 import glpath
 from glpath.errors import SceneError
-from glpath.scene import Scene, check_scene, load_scene, path_traceable
+from glpath.scene import Scene, Shape, check_scene, load_scene, path_traceable
 from glpath.scene.room import ROOM
 from glpath.scene.solids import arc, block, cushion, lines, moved, skin, turned
 
@@ -18,9 +18,14 @@ def room() -> Scene:
     return load_scene("room")
 
 
+def of_shape(scene: Scene, shape: Shape) -> np.ndarray:
+    """Its triangles (T, 3, 3)."""
+    return scene.triangles[scene.shapes.ranges[scene.shapes.index(shape)]]
+
+
 def bottom(scene: Scene, name: str) -> float:
     """The lowest point of all shapes whose names begin so, metres."""
-    parts = [scene.triangles[s.first : s.first + s.count] for s in scene.shapes if s.name.startswith(f"{name}-")]
+    parts = [of_shape(scene, s) for s in scene.shapes if s.name.startswith(f"{name}-")]
     return float(np.concatenate(parts)[..., 1].min())
 
 
@@ -54,11 +59,11 @@ def test_furniture_stands_on_the_floor_and_things_on_furniture(room: Scene):
         "bookcase",
     ):
         assert bottom(room, name) == pytest.approx(0, abs=1e-9), name
-    rug = room.triangles[[s.first for s in room.shapes if s.name == "rug-blue"]][0, 0, 1]
+    rug = next(of_shape(room, s) for s in room.shapes if s.name == "rug-blue")[0, 0, 1]
     assert bottom(room, "coffee-table") == pytest.approx(rug)
     for thing, support in (("table-lamp", "side-table"), ("tall", "table"), ("clock", "mantel"), ("jar", "mantel")):
         parts = [s for s in room.shapes if s.name.removesuffix("-top").removesuffix("-body") == support]
-        tops = [room.triangles[s.first : s.first + s.count, :, 1].max() for s in parts]
+        tops = [of_shape(room, s)[:, :, 1].max() for s in parts]
         assert bottom(room, thing) == pytest.approx(max(tops)), thing
 
 

@@ -434,7 +434,9 @@ def test_a_file_says_what_stands_in_the_scene(tmp_path: Path):
     assert scene.camera.resolution == (320, 200)
     assert scene.camera.fov == 50
     assert scene.camera.up.tolist() == [0, 0, 1]
-    assert [(s.name, s.kind, s.first, s.count) for s in scene.shapes] == [
+    assert [
+        (s.name, s.kind, part.start, s.count) for s, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
+    ] == [
         ("lamp", "quad", 0, 2),
         ("box-1", "box", 2, 12),
         ("mesh-2", "mesh", 14, 2),

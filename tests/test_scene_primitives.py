@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from glpath.scene import Camera, Light, Material, Scene, Shape, Sky, Texture, load_scene, scene_from_dict
+from glpath.scene import Scene, scene_from_dict
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
+SQUARES = {"materials": {"squares": {"texture": "t"}}, "textures": {"t": {"type": "checker"}}}
 BALL = {"type": "sphere", "radius": 1.0}
 TURN = {"rotate": {"axis": [1, 2, -1], "angle": 50}}
 
@@ -105,7 +105,10 @@ def test_flipped_normals_turn_a_plane_over():
 def test_every_kind_of_primitive_has_its_own_ranges():
     ground = {"type": "plane", "normal": [0, 1, 0]}
     mixed = scene(BALL, QUAD, ground, {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1]}, BALL, ground)
-    assert [(s.kind, s.primitive, s.first, s.count) for s in mixed.shapes] == [
+    assert [
+        (s.kind, s.primitive, part.start, s.count)
+        for s, part in zip(mixed.shapes, mixed.shapes.ranges, strict=True)
+    ] == [
         ("sphere", "sphere", 0, 1),
         ("quad", "triangle", 0, 2),
         ("plane", "plane", 0, 1),
@@ -114,8 +117,8 @@ def test_every_kind_of_primitive_has_its_own_ranges():
         ("plane", "plane", 1, 1),
     ]
     assert mixed.triangle_shape.tolist() == [1] * 2 + [3] * 12
-    assert mixed.primitive_shape("sphere").tolist() == [0, 4]
-    assert mixed.primitive_shape("plane").tolist() == [2, 5]
+    assert mixed.shapes.primitive_shape("sphere").tolist() == [0, 4]
+    assert mixed.shapes.primitive_shape("plane").tolist() == [2, 5]
     assert mixed.triangle_uv.shape == (14, 3, 2)
 
 
@@ -172,7 +175,8 @@ def test_every_face_of_a_box_shows_the_whole_texture_upright():
 
 def test_a_mesh_without_coordinates_is_seen_along_its_normals():
     vertices = [[0, 0, 0], [4, 0, 0], [4, 2, 0], [0, 2, 0], [0, 0, 1], [0, 2, 1]]
-    mesh = scene({"type": "mesh", "vertices": vertices, "faces": [[0, 1, 2, 3], [0, 3, 5, 4]]})
+    faces = [[0, 1, 2, 3], [0, 3, 5, 4]]
+    mesh = scene({"type": "mesh", "vertices": vertices, "faces": faces, "material": "squares"}, **SQUARES)
     assert mesh.triangle_uv[:2].reshape(-1, 2).max(axis=0).tolist() == [1, 0.5]
     assert mesh.triangle_uv[2:].reshape(-1, 2).max(axis=0).tolist() == [0.25, 0.5]
     assert uv_at(mesh, np.array([[4, 2, 0]])).tolist() == [[1, 0.5]]
@@ -209,95 +213,3 @@ def test_dropped_triangles_take_their_coordinates_with_them():
     }
     with pytest.warns(UserWarning, match="dropped 1 of 2"):
         assert scene(mesh).triangle_uv.tolist() == [[[0, 0], [1, 0], [0, 1]]]
-
-
-# --- the digest ---
-
-
-def everything() -> Scene:
-    """A scene in which every field has something in it."""
-    return Scene(
-        name="all",
-        camera=Camera(np.array([0.0, 0, 9]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 6)),
-        triangles=np.arange(9.0).reshape(1, 3, 3) ** 2,
-        shapes=(
-            Shape("t", "mesh", 0, 1, 0),
-            Shape("s", "sphere", 0, 1, 0),
-            Shape("p", "plane", 0, 1, 0, np.ones(3), True),
-        ),
-        materials=(Material("m", np.full(3, 0.5), texture=0),),
-        source="here",
-        triangle_uv=np.arange(6.0).reshape(1, 3, 2),
-        spheres=np.arange(12.0).reshape(1, 3, 4),
-        planes=np.arange(12.0).reshape(1, 3, 4),
-        textures=(Texture("x", np.ones((2, 2, 3), np.float32)),),
-        lights=(Light("l", "point", np.ones(3)),),
-        ambient=np.ones(3),
-        sky=Sky(np.ones(3), np.zeros(3)),
-    )
-
-
-# Names change no picture, nor does whether triangles were a quad or a mesh.
-UNSEEN = {"name", "source"}
-WORDS = {"kind": {"mesh": "sphere", "sphere": "plane", "plane": "mesh", "point": "spot"}}
-WORDS |= {"filter": {"linear": "nearest"}, "falloff": {"quadratic": "none"}}
-
-
-def mutations(value: Any, field: str = "scene") -> Any:
-    """Everything that differs from `value` in one place, with the path of that place."""
-    if field in WORDS:
-        yield field, WORDS[field][value]
-    elif isinstance(value, np.ndarray):
-        for index in np.ndindex(value.shape):
-            changed = value.copy()
-            changed[index] += 0.25
-            yield f"{field}{list(index)}", changed
-    elif isinstance(value, bool):
-        yield field, not value
-    elif isinstance(value, int | float):
-        yield field, value + 1
-    elif field == "sky" or field == "texture":
-        yield field, None
-    elif isinstance(value, tuple):
-        for i, each in enumerate(value):
-            for path, changed in mutations(each, f"{field}"):
-                yield f"[{i}].{path}", (*value[:i], changed, *value[i + 1 :])
-        if field in ("materials", "textures", "lights", "shapes"):
-            yield f"{field} less one", value[:-1]
-    if hasattr(value, "__dataclass_fields__"):
-        for each in fields(value):
-            if each.name not in UNSEEN:
-                for path, changed in mutations(getattr(value, each.name), each.name):
-                    yield f"{field}.{path}", replace(value, **{each.name: changed})
-
-
-def test_the_digest_changes_with_every_field():
-    whole = everything()
-    seen = {whole.digest(): "the scene itself"}
-    for path, changed in mutations(whole):
-        digest = changed.digest()
-        assert digest not in seen, f"{path} has the digest of {seen[digest]}"
-        seen[digest] = path
-    reached = " ".join(seen.values())
-    for kind in (Scene, Camera, Shape, Material, Texture, Light, Sky):
-        for each in fields(kind):
-            assert each.name in UNSEEN or f".{each.name}" in reached, f"{kind.__name__}.{each.name}"
-
-
-def test_the_digest_is_of_what_is_seen_and_not_of_names():
-    whole = everything()
-    renamed = replace(
-        whole,
-        name="other",
-        source="there",
-        textures=(replace(whole.textures[0], name="other"),),
-        lights=(replace(whole.lights[0], name="other"),),
-        shapes=(replace(whole.shapes[0], name="other", kind="quad"), *whole.shapes[1:]),
-    )
-    assert renamed.digest() == whole.digest()
-
-
-def test_moving_a_value_from_one_array_to_the_next_changes_the_digest():
-    one = load_scene("furnace", {"shape": "sphere"})
-    other = replace(one, spheres=np.zeros((0, 3, 4)), planes=one.spheres)
-    assert one.digest() != other.digest()

@@ -31,12 +31,15 @@ def test_spheres_take_their_place_among_the_triangles_to_the_last_bit(flip: bool
     assert len(exact.triangles) == 4
     triangles = path_traceable(exact)
     vertices, faces = tessellate.sphere(center, radius, 2)
-    expected = (center + radius * tessellate.unit_sphere(2)[0])[faces]
+    expected = (center + radius * tessellate.unit_sphere(2).vertices)[faces]
     assert np.array_equal(vertices[faces], expected)
     assert np.array_equal(triangles.triangles[2:322], expected[:, ::-1] if flip else expected)
     assert np.array_equal(triangles.triangles[:2], exact.triangles[:2])
     assert np.array_equal(triangles.triangles[322:324], exact.triangles[2:])
-    assert [(s.name, s.first, s.count, s.primitive) for s in triangles.shapes] == [
+    assert [
+        (s.name, part.start, s.count, s.primitive)
+        for s, part in zip(triangles.shapes, triangles.shapes.ranges, strict=True)
+    ] == [
         ("quad-0", 0, 2, "triangle"),
         ("ball", 2, 320, "triangle"),
         ("lamp", 322, 2, "triangle"),

@@ -29,9 +29,12 @@ def shape(scene: Scene, name: str) -> Shape:
     return next(each for each in scene.shapes if each.name == name)
 
 
+def part_of(scene: Scene, name: str) -> slice:
+    return scene.shapes.ranges[scene.shapes.index(shape(scene, name))]
+
+
 def triangles(scene: Scene, name: str) -> np.ndarray:
-    found = shape(scene, name)
-    return scene.triangles[found.first : found.first + found.count]
+    return scene.triangles[part_of(scene, name)]
 
 
 def pixels(scene: Scene, points: np.ndarray) -> np.ndarray:
@@ -65,15 +68,14 @@ def test_the_fronts_of_the_room_are_inward_and_of_the_blocks_outward(name: str):
     scene = load_scene(name)
     lower, upper = scene.bounds
     normals, centres = scene.normals, scene.triangles.mean(axis=1)
-    for each in scene.shapes:
-        part = slice(each.first, each.first + each.count)
+    for each, part in zip(scene.shapes, scene.shapes.ranges, strict=True):
         inside_of_it = (lower + upper) / 2
         sign = 1
         if each.count > 2:
             inside_of_it = scene.triangles[part].reshape(-1, 3).mean(axis=0)
             sign = -1
         assert (sign * np.sum(normals[part] * (inside_of_it - centres[part]), axis=1) > 0).all(), each.name
-    assert np.allclose(normals[shape(scene, "light").first], [0, -1, 0], atol=1e-6)
+    assert np.allclose(normals[part_of(scene, "light").start], [0, -1, 0], atol=1e-6)
 
 
 def test_the_cornell_box_has_the_published_measures():
@@ -84,7 +86,7 @@ def test_the_cornell_box_has_the_published_measures():
     assert camera.fov == pytest.approx(2 * np.degrees(np.arctan(0.0125 / 0.035)), abs=1e-4)
     assert camera.frame()[2].tolist() == [0, 0, 1]
     light = triangles(scene, "light")
-    assert scene.areas[shape(scene, "light").first :][:2].sum() == pytest.approx(130 * 105)
+    assert scene.areas[part_of(scene, "light")].sum() == pytest.approx(130 * 105)
     assert 548.8 - 0.2 < light[..., 1].min() < 548.8  # below the ceiling, not in it
     tops = {"short-block": 165, "tall-block": 330}
     for name, height in tops.items():
@@ -133,9 +135,9 @@ def test_cornell_box_36_is_the_scene_of_mitsuba():
         assert np.allclose(material.reflectance, theirs[material.name]["reflectance"]["value"])
         if value["type"] == "rectangle":
             normal = np.array(value["to_world"].matrix)[:3, 2]
-            assert np.allclose(ours.normals[shape(ours, key).first], normal / np.linalg.norm(normal), atol=1e-6), (
-                key
-            )
+            assert np.allclose(
+                ours.normals[part_of(ours, key).start], normal / np.linalg.norm(normal), atol=1e-6
+            ), key
     assert np.allclose(shape(ours, "light").emission, theirs["light"]["emitter"]["radiance"]["value"])
     sensor, camera = theirs["sensor"], ours.camera
     matrix = np.array(sensor["to_world"].matrix)
@@ -249,7 +251,7 @@ def test_a_ground_goes_below_the_stack():
     assert np.linalg.det(ground[:, :3]) == pytest.approx(1)
     assert ground[1, 3] == pytest.approx(scene.bounds[0][1])
     assert scene.shapes[0].primitive == "plane"
-    assert scene.primitive_shape("sphere").tolist() == list(range(1, 21))
+    assert scene.shapes.primitive_shape("sphere").tolist() == list(range(1, 21))
     assert check_scene(scene) == []
 
 
@@ -259,7 +261,7 @@ def test_a_million_objects_are_quickly_there():
     elapsed = time.process_time() - start
     assert len(scene.spheres) == 1_000_000
     assert sum(each.count for each in scene.shapes) == 1_000_000
-    assert len(scene.primitive_shape("sphere")) == 1_000_000
+    assert len(scene.shapes.primitive_shape("sphere")) == 1_000_000
     assert elapsed < 10  # 0.6 s where nothing else runs
     start = time.process_time()
     assert len(load_scene("stacked", {"objects": 6000, "kind": "triangle"}).shapes) == 6000

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glpath.scene import scene_from_dict
-from glpath.scene.tessellate import Int64, box, quad, sphere, subdivide
+from glpath.scene.tessellate import Int32, box, quad, sphere, subdivide
 
 Float64 = np.ndarray
 
@@ -26,7 +26,7 @@ def area(corners: Float64) -> float:
     )
 
 
-def is_closed(faces: Int64) -> bool:
+def is_closed(faces: Int32) -> bool:
     """Each edge is passed exactly once in each direction."""
     passes = Counter((int(a), int(b)) for a, b in faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
     return all(count == 1 and passes[b, a] == 1 for (a, b), count in passes.items())

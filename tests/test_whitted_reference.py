@@ -70,16 +70,16 @@ def as_mitsuba(mitsuba: Any, scene: Scene) -> Any:
             "sampler": {"type": "multijitter", "sample_count": SPP},
         },
     }
-    for shape in scene.shapes:
+    for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True):
         material = bsdf(scene.materials[shape.material])
         if shape.primitive == "sphere":
-            one = {"type": "sphere", "to_world": transform(scene.spheres[shape.first]), "bsdf": material}
+            one = {"type": "sphere", "to_world": transform(scene.spheres[part.start]), "bsdf": material}
         elif shape.primitive == "plane":
-            u, v, normal, point = scene.planes[shape.first].T
+            u, v, normal, point = scene.planes[part.start].T
             large = np.stack([1e3 * u, 1e3 * v, normal, point], axis=1)
             one = {"type": "rectangle", "to_world": transform(large), "bsdf": material}
         else:
-            a, b, d = scene.triangles[shape.first]
+            a, b, d = scene.triangles[part.start]
             mesh = mitsuba.Mesh("triangle", 3, 1, props=_with_bsdf(mitsuba, material))
             parameters = mitsuba.traverse(mesh)
             parameters["vertex_positions"] = np.concatenate([a, b, d]).astype(np.float32)

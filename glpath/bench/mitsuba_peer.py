@@ -124,12 +124,12 @@ def to_mitsuba(
     }
     low, high = scene.bounds
     offset = SIDE_OFFSET * float(np.linalg.norm(high - low))
-    for i, shape in enumerate(scene.shapes):
-        corners = scene.triangles[shape.first : shape.first + shape.count]
+    for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        corners = scene.triangles[part]
         material = scene.materials[shape.material]
         diffuse = _diffuse(material.reflectance)
         if shape.emits and shape.emission_two_sided:
-            n = scene.normals[shape.first : shape.first + shape.count, None, :]
+            n = scene.normals[part, None, :]
             back = diffuse if material.two_sided else _diffuse(np.zeros(3))
             described[f"shape{i}_front"] = _mesh(mi, shape, corners + offset * n, diffuse)
             described[f"shape{i}_back"] = _mesh(mi, shape, (corners - offset * n)[:, ::-1], back)

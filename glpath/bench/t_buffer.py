@@ -33,7 +33,7 @@ from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
 from glpath.measure import Condition, Report, cores, in_turns, judge, machine, seconds_of
 from glpath.scene import load_scene
-from glpath.scene.model import Camera, Material, Scene, Shape
+from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from glpath.versions import versions
 
 COUNTS = {"1e3": 1_000, "1e5": 100_000, "1e6": 1_000_000}
@@ -55,22 +55,20 @@ def crowd(kind: str, count: int, resolution: tuple[int, int] = RESOLUTION, seed:
     random = np.random.default_rng(seed)
     centres = random.uniform(-1, 1, (count, 3))
     radius = np.sqrt(8 / (np.pi * count))
-    spheres, triangles = np.zeros((0, 3, 4)), np.zeros((0, 3, 3))
     if kind == "sphere":
         spheres = np.concatenate([np.tile(radius * np.eye(3), (count, 1, 1)), centres[:, :, None]], axis=2)
+        crowd = Shape("crowd", "sphere", 0, spheres)
     else:
         # Equilateral, turned at random: half of the area is lost to the slant, so it is twice a sphere's disc.
         corners = np.array([[0.0, 1.0], [-np.sqrt(0.75), -0.5], [np.sqrt(0.75), -0.5]])
         size = radius * np.sqrt(2 * np.pi / (1.5 * np.sqrt(0.75)))
         u, v = _frames(random, count)
         triangles = centres[:, None] + size * (corners[:, :1] * u[:, None] + corners[:, 1:] * v[:, None])
+        crowd = Shape("crowd", Mesh.of_triangles(triangles), 0)
     return Scene(
         name=f"crowd of {count} {kind}s",
         camera=Camera(np.array([0.4, -3.6, 0.9]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, resolution),
-        triangles=triangles,
-        triangle_uv=np.zeros((len(triangles), 3, 2)),
-        spheres=spheres,
-        shapes=(Shape("crowd", "sphere" if kind == "sphere" else "mesh", 0, count, 0),),
+        shapes=Shapes((crowd,)),
         materials=(Material("grey", np.full(3, 0.5)),),
     )
 

@@ -177,8 +177,8 @@ def _areas(scene: Scene) -> list[float | None]:
     spheres = 4 * np.pi * np.mean(products, axis=1) ** (1 / exponent)
     of_kind = {"triangle": triangles, "sphere": spheres}
     return [
-        float(of_kind[s.primitive][s.first : s.first + s.count].sum()) if s.primitive in of_kind else None
-        for s in scene.shapes
+        float(of_kind[shape.primitive][part].sum()) if shape.primitive in of_kind else None
+        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
     ]
 
 

@@ -127,7 +127,7 @@ def number_primitives(scene: Scene) -> Numbering:
     """The numbers that `DeviceScene` gives: kind by kind, within a kind in the scene's order."""
     round_ = is_round(scene.spheres)
     order = np.concatenate([np.flatnonzero(round_), np.flatnonzero(~round_)])
-    spheres, triangles, planes = (scene.primitive_shape(kind) for kind in ("sphere", "triangle", "plane"))
+    spheres, triangles, planes = (scene.shapes.primitive_shape(kind) for kind in ("sphere", "triangle", "plane"))
     first_triangle = len(scene.spheres)
     first_plane = first_triangle + len(triangles)
     return Numbering(
@@ -195,7 +195,8 @@ class DeviceScene:
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
-        vertices, faces, uv = _vertex_pool(scene)
+        vertices, faces = scene.shapes.vertices, scene.shapes.faces
+        uv = scene.shapes.vertex_uv if scene.textures else np.zeros((0, 2))
         positions = vertices.astype(np.float32)
         self.triangles = TriangleBuffers(gl, positions, faces.astype(np.uint32))
         texels, first_rows = _texture_rows(gl, scene)
@@ -312,14 +313,6 @@ def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]
     return lower, upper
 
 
-def _vertex_pool(scene: Scene) -> tuple[Float64, NDArray[np.int64], Float64]:
-    """(V, 3) vertices, (T, 3) faces into them, (V, 2) texture coordinates or (0, 2) where nothing asks for them."""
-    vertices = scene.triangles.reshape(-1, 3)
-    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
-    uv = scene.triangle_uv.reshape(-1, 2) if scene.textures else np.zeros((0, 2))
-    return vertices, faces, uv
-
-
 def _radius(scene: Scene, centre: Float64) -> float:
     reach = np.linalg.norm(scene.triangles.reshape(-1, 3) - centre, axis=1).max(initial=0.0)
     if len(scene.spheres):
@@ -399,7 +392,10 @@ def _planes(scene: Scene) -> Float64:
 
 def _emission(scene: Scene, lighting: Lighting) -> Float64:
     density = lighting.triangle_density
-    rows = [[*s.emission, density[s.first] if s.primitive == "triangle" and s.count else 0.0] for s in scene.shapes]
+    rows = [
+        [*shape.emission, density[part.start] if shape.primitive == "triangle" and shape.count else 0.0]
+        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
+    ]
     return np.array(rows, np.float64).reshape(-1, 1, 4)
 
 

@@ -24,6 +24,7 @@ from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.device_scene import DeviceScene
 from glpath.sampling import counter_hash
+from glpath.scene.geometry import IDENTITY, Mesh, Shapes
 from glpath.scene.model import Float64, Scene
 
 
@@ -95,18 +96,16 @@ def scene_of_elements(scene: Scene, divisions: NDArray[np.int32]) -> Scene:
         b = lattice.vertex_barycentrics(int(n))
         points = corners[0] + b @ (corners[1:] - corners[0])
         elements.append(points[lattice.element_vertices(int(n))])
-    first = lattice.starts(lattice.element_count(divisions))
-    shapes = tuple(
+    shapes = [
         replace(
             shape,
             kind="mesh",
-            first=int(first[shape.first]),
-            count=int(first[shape.first + shape.count] - first[shape.first]),
+            geometry=Mesh.of_triangles(np.concatenate(elements[part])),
+            world_from_object=IDENTITY[None],
         )
-        for shape in scene.shapes
-    )
-    triangles = np.concatenate(elements)
-    return replace(scene, triangles=triangles, triangle_uv=np.zeros((len(triangles), 3, 2)), shapes=shapes)
+        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
+    ]
+    return replace(scene, shapes=Shapes(shapes))
 
 
 def atlas_form_factors(resolution: int) -> Float64:

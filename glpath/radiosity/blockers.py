@@ -67,15 +67,12 @@ class Blockers:
     @classmethod
     def of_scene(cls, scene: Scene) -> Blockers:
         """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
-        shape = np.repeat(
-            np.arange(len(scene.shapes), dtype=np.int32),
-            [s.count if s.primitive == "triangle" else 0 for s in scene.shapes],
-        )
+        shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
         corners, first, two = _parallelograms(triangles, shape)
         closed = np.zeros(len(scene.shapes), bool)
-        for i, s in enumerate(scene.shapes):
-            closed[i] = s.primitive == "triangle" and _closed(triangles[s.first : s.first + s.count])
+        for i, part in enumerate(scene.shapes.ranges):
+            closed[i] = scene.shapes[i].primitive == "triangle" and _closed(triangles[part])
         return cls(corners, two, closed[shape[first]], shape[first])
 
     @classmethod

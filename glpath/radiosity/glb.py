@@ -124,8 +124,9 @@ def _primitives(
 
     shape = scene.shapes[number]
     material = scene.materials[shape.material]
-    points, faces = _lattices(solution, scene, range(shape.first, shape.first + shape.count))
-    first = int(solution.first_vertex[shape.first])
+    part = scene.shapes.ranges[number]
+    points, faces = _lattices(solution, scene, range(part.start, part.stop))
+    first = int(solution.first_vertex[part.start])
     position = file.add(points.astype(np.float32), gltf.ARRAY_BUFFER, bounds=True)
     found = []
     for back in range(2):

@@ -347,10 +347,11 @@ def check_solvable(scene: Scene) -> None:
     longest = np.abs(scene.triangles - scene.triangles[:, :1]).max(axis=(1, 2))
     flat = np.flatnonzero(tiny | (scene.areas <= 1e-14 * longest**2))
     if len(flat):
-        shape = scene.shapes[int(scene.triangle_shape[flat[0]])]
+        number = int(scene.triangle_shape[flat[0]])
+        shape = scene.shapes[number]
         raise place.error(
             f'has {len(flat)} triangles without area, the first in the shape "{shape.name}": number '
-            f"{flat[0] - shape.first} of its {shape.count}.",
+            f"{flat[0] - scene.shapes.ranges[number].start} of its {shape.count}.",
             "Their corners coincide or lie on one line: leave them out.",
         )
     if not np.isfinite(scene.triangles).all():

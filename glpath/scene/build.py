@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from msgspec import UnsetType
@@ -16,9 +17,9 @@ from glpath.scene import description, lights, materials, tessellate, transform
 from glpath.scene.check import check_camera
 from glpath.scene.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.meshes import inline_mesh, read_mesh
-from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape
+from glpath.scene.model import Camera, Float64, Mesh, Scene, Shape, Shapes, placed
 from glpath.scene.place import Place, shown
-from glpath.scene.tessellate import FLAT, Geometry, with_area
+from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 from glpath.scene.values import light, unit, unknown
 
@@ -50,9 +51,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
     number = {material.name: index for index, material in enumerate(surfaces)}
 
     shapes = []
-    parts: dict[Primitive, list[Float64]] = {"triangle": [], "sphere": [], "plane": []}
-    texture_places: list[Float64] = []
-    count: dict[Primitive, int] = dict.fromkeys(parts, 0)
+    files: dict[tuple[Path, bool, bool], Mesh] = {}
     for index, given in enumerate(file.shapes):
         here = place.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
@@ -62,39 +61,33 @@ def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
                 "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
             )
         radiance, two_sided = lights.emission(given.emission, here.field("emission"))
-        shape = Shape(shape_name, kind, 0, 1, number[given.material], radiance, two_sided)
-        primitives = parts[shape.primitive]
-        if isinstance(given, description.Sphere):
-            shape = replace(shape, subdivisions=given.subdivisions)
-            primitives.append(_sphere(given, here)[None])
-        elif isinstance(given, description.Plane):
-            primitives.append(_plane(given, here)[None])
-        else:
-            corners, uv = with_area(*_triangles(given, here, folder), shape_name, here)
-            primitives.append(corners)
-            texture_places.append(uv)
-        shapes.append(replace(shape, first=count[shape.primitive], count=len(primitives[-1])))
-        count[shape.primitive] += len(primitives[-1])
+        material = number[given.material]
+        geometry: Mesh | Literal["sphere", "plane"]
+        subdivisions = 4
+        match given:
+            case description.Sphere():
+                geometry, matrix, subdivisions = "sphere", _sphere(given, here), given.subdivisions
+            case description.Plane():
+                geometry, matrix = "plane", _plane(given, here)
+            case _:
+                matrix = _world(given, here)[:3]
+                textured = surfaces[material].texture is not None
+                geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), files)
+                _check_extent(placed(geometry.vertices, matrix), here)
+                geometry = with_area(geometry, matrix, shape_name, here)
+        shapes.append(Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind))
 
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
         camera=camera,
-        triangles=_joined(parts["triangle"], (3, 3)),
-        shapes=tuple(shapes),
+        shapes=Shapes(shapes),
         materials=surfaces,
         source=place.source,
-        triangle_uv=_joined(texture_places, (3, 2)),
-        spheres=_joined(parts["sphere"], (3, 4)),
-        planes=_joined(parts["plane"], (3, 4)),
         textures=textures,
         lights=lights.lights(file.lights, place.field("lights")),
         ambient=light(file.ambient, place.field("ambient")),
         sky=lights.sky(file.sky, camera.up, place.field("sky")),
     )
-
-
-def _joined(parts: list[Float64], shape: tuple[int, int]) -> Float64:
-    return np.ascontiguousarray(np.concatenate([np.zeros((0, *shape)), *parts]))
 
 
 def _camera(file: SceneFile) -> Camera:
@@ -172,32 +165,42 @@ def _plane(given: description.Plane, place: Place) -> Float64:
     return np.column_stack([u, v, normal, point])
 
 
-def _triangles(
-    given: description.Quad | description.Box | description.Mesh, place: Place, folder: Path
-) -> Geometry:
-    """Corners (T, 3, 3) in world space and texture coordinates (T, 3, 2), with those triangles without area."""
-    uv = None
+def _mesh(
+    given: description.Quad | description.Box | description.Mesh,
+    place: Place,
+    folder: Path,
+    textured: bool,
+    mirrored: bool,
+    files: dict[tuple[Path, bool, bool], Mesh],
+) -> Mesh:
+    """The mesh of a shape, with texture coordinates where it is `textured`, ready for its transform.
+
+    mirrored : the transform exchanges fronts and backs
+    files    : meshes of files that have been read, by path, `textured` and whether they were turned: shapes of one
+               file are instances of one mesh
+    """
+    reverse = given.flip_normals != mirrored
     match given:
         case description.Quad():
             _check_quad(np.array(given.corners), place.field("corners"))
-            vertices, faces = tessellate.quad(given.corners)
-            uv = tessellate.quad_uv()
+            mesh = tessellate.quad_mesh(given.corners)
         case description.Box():
-            vertices, faces = tessellate.box(*_box_corners(given, place))
-            uv = tessellate.box_uv()
-        case description.Mesh():
-            vertices, faces, vertex_uv = _mesh(given, place, folder)
-            uv = None if vertex_uv is None else vertex_uv[faces]
-    corners = vertices[faces]
-    if uv is None:
-        uv = tessellate.projected_uv(corners)
-    reverse = given.flip_normals
-    if given.transform:
-        matrix = _world(given, place)
-        corners = transform.apply(matrix, corners)
-        reverse ^= transform.mirrors(matrix)
-    _check_extent(corners, place)
-    return (corners[:, ::-1], uv[:, ::-1]) if reverse else (corners, uv)
+            mesh = tessellate.box_mesh(*_box_corners(given, place))
+        case description.Mesh(file=str(name)) if _only_a_file(given):
+            key = (folder / name, textured, reverse)
+            if key not in files:
+                files[key] = _finished(read_mesh(folder / name, place.field("file")), textured, reverse)
+            return files[key]
+        case _:
+            mesh = _inline_mesh(given, place)
+    return _finished(mesh, textured, reverse)
+
+
+def _finished(mesh: Mesh, textured: bool, reverse: bool) -> Mesh:
+    mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+    if textured and mesh.uv is None:
+        mesh = tessellate.with_projected_uv(mesh)
+    return mesh.turned() if reverse else mesh
 
 
 def _check_extent(coordinates: Float64, place: Place) -> None:
@@ -264,16 +267,16 @@ def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64
     )
 
 
-def _mesh(given: description.Mesh, place: Place, folder: Path) -> tuple[Float64, tessellate.Int64, Float64 | None]:
-    """Vertices (V, 3), faces (F, 3), and texture coordinates (V, 2) where there are any."""
-    inline = not isinstance(given.vertices, UnsetType) and not isinstance(given.faces, UnsetType)
-    partly = any(not isinstance(each, UnsetType) for each in (given.vertices, given.faces, given.uv))
-    if not isinstance(given.file, UnsetType) and not partly:
-        return read_mesh(folder / given.file, place.field("file"))
-    if isinstance(given.file, UnsetType) and inline:
-        assert not isinstance(given.vertices, UnsetType)
-        assert not isinstance(given.faces, UnsetType)
-        return *inline_mesh(given.vertices, given.faces, place), _inline_uv(given, place)
+def _only_a_file(given: description.Mesh) -> bool:
+    return all(isinstance(each, UnsetType) for each in (given.vertices, given.faces, given.uv))
+
+
+def _inline_mesh(given: description.Mesh, place: Place) -> Mesh:
+    if isinstance(given.file, UnsetType) and not (
+        isinstance(given.vertices, UnsetType) or isinstance(given.faces, UnsetType)
+    ):
+        mesh = inline_mesh(given.vertices, given.faces, place)
+        return mesh if isinstance(given.uv, UnsetType) else replace(mesh, uv=_inline_uv(given.uv, mesh, place))
     fields = ("vertices", "faces", "uv", "file")
     names = [name for name in fields if not isinstance(getattr(given, name), UnsetType)]
     raise place.error(
@@ -282,13 +285,10 @@ def _mesh(given: description.Mesh, place: Place, folder: Path) -> tuple[Float64,
     )
 
 
-def _inline_uv(given: description.Mesh, place: Place) -> Float64 | None:
-    if isinstance(given.uv, UnsetType):
-        return None
-    assert not isinstance(given.vertices, UnsetType)
-    if len(given.uv) != len(given.vertices):
+def _inline_uv(given: list[tuple[float, float]], mesh: Mesh, place: Place) -> Float64:
+    if len(given) != len(mesh.vertices):
         raise place.field("uv").error(
-            f"has {len(given.uv)} pairs, but the mesh has {len(given.vertices)} vertices.",
+            f"has {len(given)} pairs, but the mesh has {len(mesh.vertices)} vertices.",
             "List one pair [u, v] for each vertex, in the same order.",
         )
-    return np.array(given.uv, np.float64)
+    return np.array(given, np.float64)

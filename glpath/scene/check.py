@@ -116,7 +116,7 @@ def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> l
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
         for point in (scene.camera.position, light.position)
     )
-    shape_of_plane = scene.primitive_shape("plane")
+    shape_of_plane = scene.shapes.primitive_shape("plane")
     return found + [
         f'The light "{light.name}" and the camera are on different sides of the plane '
         f'"{scene.shapes[shape_of_plane[index]].name}", which keeps it from all that can be seen. Move one of them.'
@@ -250,7 +250,7 @@ def _touched(scene: Scene) -> Shape | None:
     """The first shape that the camera stands on: of planes, then of spheres, then of triangles."""
 
     def owner(primitive: Primitive, number: int) -> Shape:
-        return scene.shapes[int(scene.primitive_shape(primitive)[number])]
+        return scene.shapes[int(scene.shapes.primitive_shape(primitive)[number])]
 
     lower, upper = scene.bounds
     reach = _TOUCHING * float(np.linalg.norm(upper - lower))
@@ -294,11 +294,9 @@ def _enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     about = np.flatnonzero(_near_spheres(scene.spheres, point))
     within = about[_from_surface(scene.spheres[about], point)[0] < 0]
     sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
-    around[scene.primitive_shape("sphere")[within]] = sign
+    around[scene.shapes.primitive_shape("sphere")[within]] = sign
     for index in _shapes_about(scene, point):
-        shape = scene.shapes[index]
-        corners = scene.triangles[shape.first : shape.first + shape.count]
-        turns = _solid_angle(corners - point) / (4 * np.pi)
+        turns = _solid_angle(scene.triangles[scene.shapes.ranges[index]] - point) / (4 * np.pi)
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
     return around
 
@@ -308,7 +306,7 @@ def _shapes_about(scene: Scene, point: Float64) -> list[int]:
     indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
     if not indices:
         return []
-    first = [scene.shapes[i].first for i in indices]
+    first = [scene.shapes.ranges[i].start for i in indices]
     lower = np.minimum.reduceat(scene.triangles.min(axis=1), first)
     upper = np.maximum.reduceat(scene.triangles.max(axis=1), first)
     return [indices[i] for i in np.flatnonzero(((lower <= point) & (upper >= point)).all(axis=1))]

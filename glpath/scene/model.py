@@ -1,23 +1,39 @@
 """The scene as plain data: triangles, spheres, planes, materials, lights, a camera. No file format and no GL here.
 
-Quads, boxes and meshes are triangles by the time they stand here; spheres and planes stay exact, for engines that
-intersect them. Shapes keep their names and their range of primitives in `shapes`, so that messages and tables can
-speak of them.
+Quads and boxes are meshes by the time they stand here; spheres and planes stay exact, for engines that intersect
+them.
 """
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
+from glpath.errors import SceneError
+from glpath.scene.digest import digest_of
+from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 
-Primitive = Literal["triangle", "sphere", "plane"]
+__all__ = [
+    "Camera",
+    "Float64",
+    "Int32",
+    "Light",
+    "LightKind",
+    "Material",
+    "Mesh",
+    "Primitive",
+    "Scene",
+    "Shape",
+    "Shapes",
+    "Sky",
+    "Texture",
+    "placed",
+    "sphere_extent",
+]
+
 LightKind = Literal["point", "spot", "directional"]
 
 
@@ -131,50 +147,11 @@ class Sky:
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A named range of primitives with one material: an object, in the words of TB.
-
-    kind               : of the scene file: quad, box, mesh (ranges of triangles), sphere or plane
-    first, count       : range in `Scene.triangles`, `Scene.spheres` or `Scene.planes`, see `primitive`
-    material           : index into `Scene.materials`
-    emission           : (3,) float64 radiance W sr^-1 m^-2, linear Rec. 709; zeros for a shape that is not a light
-    emission_two_sided : the light leaves both sides; otherwise only the side of the normal
-    subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
-    """
-
-    name: str
-    kind: str
-    first: int
-    count: int
-    material: int
-    emission: Float64 = field(default_factory=lambda: np.zeros(3))
-    emission_two_sided: bool = False
-    subdivisions: int = 4
-
-    @property
-    def primitive(self) -> Primitive:
-        """What it consists of."""
-        return self.kind if self.kind in ("sphere", "plane") else "triangle"  # type: ignore[return-value]
-
-    @property
-    def emits(self) -> bool:
-        return bool(np.any(self.emission > 0))
-
-
 @dataclass(frozen=True, repr=False)
 class Scene:
     """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
 
-    triangles    : (T, 3, 3) float64, corners in world space; counter-clockwise seen from the front
-    shapes       : ranges that cover the triangles, the spheres and the planes, each in order and without gaps
-    triangle_uv  : (T, 3, 2) float64 texture coordinates of the corners; (0, 3, 2) where no texture asks for them
-    spheres      : (S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre; any affine map,
-                   so an ellipsoid as well. Its front is outside, or inside where the determinant is negative. u
-                   runs with the longitude about the unit sphere's z axis, v from its south pole (0) to its north
-                   (1)
-    planes       : (P, 3, 4) float64, world_from_plane: columns are the directions in which u and v grow by one (any
-                   length, perpendicular), the unit normal out of the front, and the point of u = v = 0
+    shapes       : meshes, exact spheres and planes, and where they stand
     lights       : without extent; the path tracer knows none of them
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]
     sky          : None: black
@@ -182,27 +159,62 @@ class Scene:
 
     name: str
     camera: Camera
-    triangles: Float64
-    shapes: tuple[Shape, ...]
+    shapes: Shapes
     materials: tuple[Material, ...]
     source: str = ""
-    triangle_uv: Float64 = field(default_factory=lambda: np.zeros((0, 3, 2)))
-    spheres: Float64 = field(default_factory=lambda: np.zeros((0, 3, 4)))
-    planes: Float64 = field(default_factory=lambda: np.zeros((0, 3, 4)))
     textures: tuple[Texture, ...] = ()
     lights: tuple[Light, ...] = ()
     ambient: Float64 = field(default_factory=lambda: np.zeros(3))
     sky: Sky | None = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shapes", Shapes.of(self.shapes))
+        for shape in self.shapes:
+            if isinstance(shape.geometry, Mesh) and shape.geometry.uv is None and shape.count:
+                material = self.materials[shape.material]
+                if material.texture is not None:
+                    raise SceneError(
+                        f'{self.source or self.name}: the shape "{shape.name}" has the material '
+                        f'"{material.name}" with a texture, but its mesh has no texture coordinates.',
+                        "Give the mesh `uv`, one pair for each vertex, or the shape a material without a texture.",
+                    )
+
+    @property
+    def triangles(self) -> Float64:
+        """(T, 3, 3) float64, corners in world space; counter-clockwise seen from the front. Not to be written to.
+
+        Made from the meshes when first asked for; `shapes.vertices` and `shapes.faces` are the same, with shared
+        vertices.
+        """
+        return self.shapes.triangles
+
+    @property
+    def triangle_uv(self) -> Float64:
+        """(T, 3, 2) float64 texture coordinates of the corners; zeros where a mesh has none."""
+        return self.shapes.triangle_uv
+
+    @property
+    def spheres(self) -> Float64:
+        """(S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre.
+
+        Any affine map, so an ellipsoid as well. Its front is outside, or inside where the determinant is negative.
+        u runs with the longitude about the unit sphere's z axis, v from its south pole (0) to its north (1).
+        """
+        return self.shapes.spheres
+
+    @property
+    def planes(self) -> Float64:
+        """(P, 3, 4) float64, world_from_plane.
+
+        Columns are the directions in which u and v grow by one (any length, perpendicular), the unit normal out of
+        the front, and the point of u = v = 0.
+        """
+        return self.shapes.planes
+
     @property
     def triangle_shape(self) -> Int32:
         """(T,) int32, the index into `shapes` of each triangle."""
-        return self.primitive_shape("triangle")
-
-    def primitive_shape(self, primitive: Primitive) -> Int32:
-        """(T,), (S,) or (P,) int32, the index into `shapes` of each triangle, sphere or plane."""
-        counts = [s.count if s.primitive == primitive else 0 for s in self.shapes]
-        return np.repeat(np.arange(len(self.shapes), dtype=np.int32), counts)
+        return self.shapes.primitive_shape("triangle")
 
     @property
     def normals(self) -> Float64:
@@ -221,11 +233,7 @@ class Scene:
 
         Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
         """
-        reach, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
-        points = np.concatenate([self.triangles.reshape(-1, 3), centre - reach, centre + reach])
-        if not len(points):
-            points = self.planes[:, :, 3]
-        return points.min(axis=0), points.max(axis=0)
+        return self.shapes.bounds
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.
@@ -242,9 +250,7 @@ class Scene:
         parts = [
             f"{count:,} {word}{'s' * (count != 1)}"
             for count, word in (
-                (len(self.triangles), "triangle"),
-                (len(self.spheres), "sphere"),
-                (len(self.planes), "plane"),
+                *((self.shapes.total(kind), kind) for kind in get_args(Primitive)),
                 (len(self.shapes), "shape"),
                 (len(self.materials), "material"),
                 (len(self.lights) + sum(shape.emits for shape in self.shapes), "light"),
@@ -266,49 +272,12 @@ class Scene:
     def digest(self, camera: bool = True) -> str:
         """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.
 
-        Names do not, nor whether triangles were written as a box or as a mesh.
+        Names do not. Derived from the fields of the model (`glpath.scene.digest`), so a box has another digest than
+        the same triangles written as a mesh.
 
         camera : False leaves it out: what is left decides the light, wherever it is seen from
         """
-        h = hashlib.sha256()
-
-        def add(*values: ArrayLike) -> None:
-            for value in values:
-                array = np.asarray(value)
-                array = array.astype("<i8") if array.dtype.kind in "bi" else array.astype("<f8", copy=False)
-                h.update(f"{array.dtype}{array.shape}".encode())
-                h.update(np.ascontiguousarray(array).data)
-
-        if camera:
-            c = self.camera
-            add(c.position, c.target, c.up, c.fov, c.resolution)
-        add(self.triangles, self.triangle_uv, self.spheres, self.planes)
-        kinds = get_args(Primitive)
-        add([[kinds.index(s.primitive), s.first, s.count, s.material, s.subdivisions] for s in self.shapes])
-        add([s.emission for s in self.shapes], [s.emission_two_sided for s in self.shapes])
-        for m in self.materials:
-            add(
-                m.reflectance, m.two_sided, m.specular, m.exponent, m.mirror, -1 if m.texture is None else m.texture
-            )
-        for t in self.textures:
-            add(t.image, t.scale, t.filter == "nearest")
-        for x in self.lights:
-            add(
-                get_args(LightKind).index(x.kind), x.intensity, x.position, x.direction, x.cone, x.falloff == "none"
-            )
-        add(self.ambient)
-        if self.sky is not None:
-            add(self.sky.zenith, self.sky.horizon, self.sky.up)
-        return h.hexdigest()
-
-
-def sphere_extent(spheres: Float64) -> Float64:
-    """(S, 3) float64: how far spheres (S, 3, 4) reach from their centres along each axis.
-
-    An ellipsoid reaches along an axis as far as that row of its map is long.
-    """
-    linear = spheres[:, :, :3]
-    return np.asarray(np.sqrt(np.einsum("nij,nij->ni", linear, linear)))
+        return digest_of(self) if camera else digest_of(replace(self, camera=None))  # type: ignore[arg-type]
 
 
 def _area_vectors(triangles: Float64) -> Float64:

@@ -72,7 +72,7 @@ def _shaded(scene: Scene, camera: Camera) -> Float64:
     number = found[~missed]
     base, lamp = _colours(scene)
     kinds = ("triangle", "sphere", "plane")
-    shape = np.concatenate([scene.primitive_shape(kind) for kind in kinds])[number]  # type: ignore[arg-type]
+    shape = np.concatenate([scene.shapes.primitive_shape(kind) for kind in kinds])[number]  # type: ignore[arg-type]
     normals = _normals(scene, number, ways[~missed], view.nearest[~missed] * view.stretch[~missed])
     facing = np.abs(np.einsum("ij,ij->i", normals, ways[~missed]))
     lit = _FLAT + (1 - _FLAT) * facing

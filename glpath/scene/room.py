@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from glpath.scene import furniture
 from glpath.scene.furniture import Fineness, Part, Piece, placed
-from glpath.scene.model import Camera, Float64, Material, Scene, Shape
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 from glpath.scene.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
 
 #: The room reaches from 0 to this.
@@ -120,19 +120,21 @@ def room(*, detail: _Detail = 1.0, resolution: _Resolution = 256) -> Scene:
 
 def _scene(parts: Sequence[Part], camera: Camera) -> Scene:
     names = [name for name in _COLOURS if any(part.material == name for part in parts)]
-    first = np.cumsum([0, *(len(part.corners) for part in parts)]).tolist()
     shapes = [
-        Shape(p.name, "mesh", begin, len(p.corners), names.index(p.material), emission=np.array(p.emission))
-        for begin, p in zip(first, parts, strict=False)
+        Shape(
+            part.name,
+            Mesh.of_triangles(part.corners).welded(),
+            names.index(part.material),
+            emission=np.array(part.emission),
+        )
+        for part in parts
     ]
     return Scene(
         name="room",
         camera=camera,
-        triangles=np.concatenate([part.corners for part in parts]),
-        shapes=tuple(shapes),
+        shapes=Shapes(shapes),
         materials=tuple(Material(name, np.array(_COLOURS[name]), two_sided=False) for name in names),
         source="room",
-        triangle_uv=np.zeros((first[-1], 3, 2)),
     )
 
 

@@ -5,14 +5,15 @@ The more there are, the smaller they grow, so that about the same share of the p
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Light, Material, Scene, Shape, Sky
+from glpath.scene.model import Camera, Float64, Light, Material, Mesh, Scene, Shape, Shapes, Sky
 
 Int64 = NDArray[np.int64]
 
@@ -66,21 +67,19 @@ def stacked(
         spheres = np.zeros((objects, 3, 4))
         spheres[:, range(3), range(3)] = radius
         spheres[:, :, 3] = centres
-        triangles = np.zeros((0, 3, 3))
+        shapes = _shapes(objects, "sphere", lambda part: {"geometry": "sphere", "world_from_object": spheres[part]})
         bottom = centres[:, 1].min() - radius
     else:
-        spheres = np.zeros((0, 3, 4))
         triangles = _wall_of_triangles(objects, half_width)
+        shapes = _shapes(objects, "triangle", lambda part: {"geometry": Mesh.of_triangles(triangles[part])})
         bottom = triangles[:, :, 1].min()
     materials = [
         Material(name, np.array(colour), specular=np.full(3, 0.3), exponent=40.0)
         for name, colour in _COLOURS.items()
     ]
-    shapes = _shapes(objects, kind, len(materials))
-    planes = np.zeros((0, 3, 4))
     if ground:
-        planes = np.array([[[1.0, 0, 0, 0], [0, 0, 1, bottom], [0, -1, 0, 0]]])
-        shapes.insert(0, Shape("ground", "plane", 0, 1, len(materials)))
+        plane = np.array([[[1.0, 0, 0, 0], [0, 0, 1, bottom], [0, -1, 0, 0]]])
+        shapes.insert(0, Shape("ground", "plane", len(materials), plane))
         materials.append(Material("ground", np.full(3, 0.6)))
     return Scene(
         name="stacked",
@@ -91,13 +90,9 @@ def stacked(
             _FOV,
             (max(1, round(resolution * aspect)), resolution),
         ),
-        triangles=triangles,
-        shapes=tuple(shapes),
+        shapes=Shapes(shapes),
         materials=tuple(materials),
         source="stacked",
-        triangle_uv=np.broadcast_to([(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)], (len(triangles), 3, 2)).copy(),
-        spheres=spheres,
-        planes=planes,
         # As bright as the reflectance where a surface in the middle faces it.
         lights=(Light("lamp", "point", np.full(3, np.pi * _LIGHT @ _LIGHT), position=_LIGHT.copy()),),
         ambient=np.full(3, 0.1),
@@ -105,13 +100,16 @@ def stacked(
     )
 
 
-def _shapes(objects: int, kind: str, colours: int) -> list[Shape]:
-    shape_kind = "sphere" if kind == "sphere" else "mesh"
+def _shapes(objects: int, kind: str, geometry_of: Callable[[slice], dict[str, Any]]) -> list[Shape]:
+    colours = len(_COLOURS)
     if objects <= _MOST_SHAPES:
-        return [Shape(f"{kind}-{i}", shape_kind, i, 1, i % colours, subdivisions=2) for i in range(objects)]
+        return [
+            Shape(f"{kind}-{i}", material=i % colours, subdivisions=2, **geometry_of(slice(i, i + 1)))
+            for i in range(objects)
+        ]
     ends = np.linspace(0, objects, colours + 1).astype(int).tolist()
     return [
-        Shape(f"{kind}s-{i}", shape_kind, first, last - first, i, subdivisions=2)
+        Shape(f"{kind}s-{i}", material=i, subdivisions=2, **geometry_of(slice(first, last)))
         for i, (first, last) in enumerate(pairwise(ends))
     ]
 

@@ -1,23 +1,21 @@
-"""Quads, boxes and spheres as triangles, and texture coordinates for them.
+"""Quads, boxes and spheres as meshes, and texture coordinates for meshes without.
 
-Every shape gives `(vertices, faces)`: (V, 3) float64 and (F, 3) int64, counter-clockwise seen from the front.
-Vertices are shared, so that neighbouring triangles meet without a gap.
+Where it says `(vertices, faces)` these are (V, 3) float64 and (F, 3) int32, counter-clockwise seen from the front,
+vertices shared, so that neighbouring triangles meet without a gap.
 """
 
 from __future__ import annotations
 
 import warnings
-from functools import lru_cache
+from dataclasses import replace
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneWarning
-from glpath.scene.model import Float64
+from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.place import Place
-
-Int64 = NDArray[np.int64]
-Geometry = tuple[Float64, Float64]  # corners (T, 3, 3) and texture coordinates (T, 3, 2)
 
 # Height over longest edge below which a triangle has no area: corners are 32 bit numbers on the GPU.
 FLAT = 1e-7
@@ -26,22 +24,22 @@ FLAT = 1e-7
 _CUBE_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
-def split_faces(faces: list[list[int]]) -> Int64:
-    """(F, 3) int64: faces of four vertices become two triangles along the line from the first to the third."""
+def split_faces(faces: list[list[int]]) -> Int32:
+    """(F, 3) int32: faces of four vertices become two triangles along the line from the first to the third."""
     triangles = []
     for face in faces:
         triangles.append(face[:3])
         if len(face) == 4:
             triangles.append([face[0], face[2], face[3]])
-    return np.array(triangles, np.int64).reshape(-1, 3)
+    return np.array(triangles, np.int32).reshape(-1, 3)
 
 
-def quad(corners: ArrayLike) -> tuple[Float64, Int64]:
+def quad(corners: ArrayLike) -> tuple[Float64, Int32]:
     """Two triangles. corners: (4, 3), scene units."""
     return np.array(corners, np.float64), split_faces([[0, 1, 2, 3]])
 
 
-def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int64]:
+def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int32]:
     """Twelve triangles, fronts outward. lower, upper: (3,), scene units."""
     corner = np.arange(8)
     at_upper = np.stack([corner & 1, corner >> 1 & 1, corner >> 2 & 1], axis=1)
@@ -49,13 +47,20 @@ def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int64]:
     return vertices, split_faces([list(face) for face in _CUBE_FACES])
 
 
-def quad_uv() -> Float64:
-    """(2, 3, 2) texture coordinates of `quad`: (0, 0), (1, 0), (1, 1) and (0, 1) at its corners."""
-    return np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64)[split_faces([[0, 1, 2, 3]])]
+def quad_mesh(corners: ArrayLike) -> Mesh:
+    """`quad` with the texture coordinates (0, 0), (1, 0), (1, 1) and (0, 1) at its corners."""
+    return Mesh(*quad(corners), uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64))
 
 
+def box_mesh(lower: ArrayLike, upper: ArrayLike) -> Mesh:
+    """`box` with texture coordinates, and so with four vertices for each face."""
+    vertices, faces = box(lower, upper)
+    return Mesh.of_triangles(vertices[faces], box_uv()).welded()
+
+
+@cache
 def box_uv() -> Float64:
-    """(12, 3, 2) texture coordinates of `box`, 0 to 1 on every face.
+    """(12, 3, 2) texture coordinates of `box`, 0 to 1 on every face. Not to be written to.
 
     Seen from the front, u goes to the right and v up: along y on the four sides. The top and the bottom are those
     of a box that is tilted about the x axis until one sees them.
@@ -87,29 +92,29 @@ def projected_uv(corners: Float64) -> Float64:
     return np.take_along_axis(place, axes[:, None, :], axis=2)
 
 
-def subdivide(vertices: Float64, faces: Int64) -> tuple[Float64, Int64]:
+def subdivide(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
     """Each triangle split in four at the middles of its edges; two triangles share the vertex on their edge."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, which = np.unique(edges, axis=0, return_inverse=True)
-    middle = len(vertices) + which.reshape(-1, 3)
+    middle = len(vertices) + which.reshape(-1, 3).astype(np.int32)
     a, b, c = faces.T
     ab, bc, ca = middle.T
     split = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
     return np.concatenate([vertices, vertices[unique].mean(axis=1)]), split
 
 
-def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64, Int64]:
+def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64, Int32]:
     """An icosphere of 20 * 4^subdivisions triangles, vertices on the sphere, fronts outward.
 
     The triangles lie inside the sphere: at 4 subdivisions their area is 0.12 % and their volume 0.22 % short.
     """
-    vertices, faces = unit_sphere(subdivisions)
-    return np.asarray(center, np.float64) + radius * vertices, faces
+    unit = unit_sphere(subdivisions)
+    return np.asarray(center, np.float64) + radius * unit.vertices, unit.faces
 
 
 @lru_cache(maxsize=4)
-def unit_sphere(subdivisions: int) -> tuple[Float64, Int64]:
-    """The icosphere of radius 1 about the origin. The arrays are shared between callers: not to be written to."""
+def unit_sphere(subdivisions: int) -> Mesh:
+    """The icosphere of radius 1 about the origin, with the sphere's normals. One mesh for all who ask for it."""
     golden = (1 + np.sqrt(5)) / 2
     rectangle = np.array([(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
@@ -119,10 +124,10 @@ def unit_sphere(subdivisions: int) -> tuple[Float64, Int64]:
         vertices, faces = subdivide(vertices, faces)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     vertices.flags.writeable = faces.flags.writeable = False
-    return vertices, faces
+    return Mesh(vertices, faces, normals=vertices)
 
 
-def _icosahedron_faces(vertices: Float64) -> Int64:
+def _icosahedron_faces(vertices: Float64) -> Int32:
     """The 20 triples of mutually nearest vertices, turned outward. vertices: (12, 3), unit length."""
     near = vertices @ vertices.T > 0.4  # neighbours are 63.4 degrees apart: cosine 0.447; the next ones -0.447
     triples = [
@@ -132,22 +137,27 @@ def _icosahedron_faces(vertices: Float64) -> Int64:
         for k in range(j + 1, 12)
         if near[i, j] and near[j, k] and near[i, k]
     ]
-    faces = np.array(triples, np.int64)
+    faces = np.array(triples, np.int32)
     inward = np.linalg.det(vertices[faces]) < 0
     faces[inward] = faces[inward][:, ::-1]
     return faces
 
 
-def with_area(corners: Float64, uv: Float64, name: str, place: Place) -> Geometry:
-    """`corners` (T, 3, 3) and `uv` (T, 3, 2) without the triangles that have no area, which a SceneWarning counts.
+def with_projected_uv(mesh: Mesh) -> Mesh:
+    """`mesh` with the texture coordinates of `projected_uv`; vertices are split where two triangles differ."""
+    apart = mesh.unshared()
+    uv = projected_uv(mesh.vertices[mesh.faces])
+    return replace(apart, uv=uv.reshape(-1, 2)).welded()
+
+
+def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, place: Place) -> Mesh:
+    """`mesh` without the triangles that have no area in the world, which a SceneWarning counts.
 
     Raises SceneError when none has. `name` and `place` are the shape's.
     """
-    edges = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    flat = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= FLAT * longest**2
+    flat = without_area(placed(mesh.vertices, world_from_mesh)[mesh.faces])
     if not flat.any():
-        return corners, uv
+        return mesh
     if flat.all():
         raise place.error(
             f'("{name}") has {len(flat)} triangles, none of which has an area.',
@@ -161,4 +171,11 @@ def with_area(corners: Float64, uv: Float64, name: str, place: Place) -> Geometr
         ),
         stacklevel=2,
     )
-    return corners[~flat], uv[~flat]
+    return mesh.without_faces(flat)
+
+
+def without_area(corners: Float64) -> NDArray[np.bool_]:
+    """(T,) bool: which of the triangles (T, 3, 3) have no area."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= FLAT * longest**2)

@@ -1,4 +1,4 @@
-"""The transform of a shape: its steps as one matrix [pyrr], applied to triangles."""
+"""The transform of a shape: its steps as one matrix [pyrr]."""
 
 from __future__ import annotations
 
@@ -22,11 +22,6 @@ def world_from_shape(steps: Sequence[Step], place: Place) -> Float64:
     for index, step in enumerate(steps):
         matrix = _matrix_of_step(step, place.item(index)) @ matrix
     return matrix
-
-
-def apply(matrix: Float64, triangles: Float64) -> Float64:
-    """(T, 3, 3) float64 in world space, corners in the order in which they were. See `mirrors`."""
-    return triangles @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def mirrors(matrix: Float64) -> bool:

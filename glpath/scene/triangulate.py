@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from glpath.errors import SceneError
-from glpath.scene.model import Float64, Scene, Shape
+from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes
+from glpath.scene.model import Scene
 from glpath.scene.place import Place
-from glpath.scene.tessellate import unit_sphere, with_area
+from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
 # A float on the GPU holds a triangle's number.
 MOST_TRIANGLES = 2**24 - 1
@@ -28,41 +29,29 @@ def path_traceable(scene: Scene) -> Scene:
     if not len(scene.spheres):
         return scene
     _check_number(scene)
-    shapes: list[Shape] = []
-    triangles: list[Float64] = []
-    first = 0
-    for index, shape in enumerate(scene.shapes):
-        part = slice(shape.first, shape.first + shape.count)
-        kind = shape.kind
-        if shape.primitive == "sphere":
-            place = Place(scene.source or scene.name, f"shapes[{index}]")
-            corners = _tessellated(scene.spheres[part], shape.subdivisions)
-            corners, _ = with_area(corners, np.zeros((len(corners), 3, 2)), shape.name, place)
-            kind = "mesh"
-        else:
-            corners = scene.triangles[part]
-        triangles.append(corners)
-        shapes.append(replace(shape, kind=kind, first=first, count=len(corners)))
-        first += len(corners)
+    place = Place(scene.source or scene.name)
+    shapes = [
+        _tessellated(shape, place.field("shapes").item(index)) if shape.primitive == "sphere" else shape
+        for index, shape in enumerate(scene.shapes)
+    ]
+    return replace(scene, shapes=Shapes(shapes))
+
+
+def _tessellated(shape: Shape, place: Place) -> Shape:
+    """The shape with instances of the one icosphere instead of spheres."""
+    mesh, matrices = unit_sphere(shape.subdivisions), shape.world_from_object
+    if (np.linalg.det(matrices[:, :, :3]) < 0).all():
+        # Turned back, so that a room of a sphere has the triangles of the ball, wound the other way.
+        mesh, matrices = mesh.turned(), turned(matrices)
+    instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
+    alone = Shapes((instances,))
+    if not without_area(alone.triangles).any():
+        return instances
+    # An ellipsoid so flat that some of its triangles are lost: they are not the same in every instance.
+    whole = Mesh(alone.vertices, alone.faces, normals=alone.vertex_normals)
     return replace(
-        scene,
-        triangles=np.ascontiguousarray(np.concatenate(triangles)),
-        triangle_uv=np.zeros((first, 3, 2)),  # no texture is left that could look at them
-        spheres=np.zeros((0, 3, 4)),
-        shapes=tuple(shapes),
+        instances, geometry=with_area(whole, IDENTITY, shape.name, place), world_from_object=IDENTITY[None]
     )
-
-
-def _tessellated(world_from_unit: Float64, subdivisions: int) -> Float64:
-    """(S * T, 3, 3) corners of the triangles of spheres (S, 3, 4)."""
-    vertices, faces = unit_sphere(subdivisions)
-    inward = np.linalg.det(world_from_unit[:, :, :3]) < 0
-    # Turned back, so that a room of a sphere has the triangles of the ball, wound the other way.
-    outward = np.where(inward[:, None, None], turned(world_from_unit), world_from_unit)
-    points = vertices @ outward[:, :, :3].swapaxes(1, 2) + outward[:, None, :, 3]
-    corners = points[:, faces]
-    corners[inward] = corners[inward][:, :, ::-1]
-    return corners.reshape(-1, 3, 3)
 
 
 def turned(world_from_unit: Float64) -> Float64:
@@ -95,7 +84,7 @@ def _check_known(scene: Scene) -> None:
 
 def _check_number(scene: Scene) -> None:
     """Before any is made: a few thousand spheres can be more triangles than fit into memory."""
-    count = len(scene.triangles)
+    count = scene.shapes.total("triangle")
     for shape in scene.shapes:
         if shape.primitive == "sphere":
             count += shape.count * 20 * 4**shape.subdivisions

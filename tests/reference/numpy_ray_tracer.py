@@ -185,9 +185,9 @@ def _surface(scene: Scene, primitive: Int64, position: Float64) -> tuple[Float64
 def _shape_of_primitive(scene: Scene) -> Int64:
     first = {"sphere": 0, "triangle": len(scene.spheres), "plane": len(scene.spheres) + len(scene.triangles)}
     of = np.zeros(len(scene.spheres) + len(scene.triangles) + len(scene.planes), np.int64)
-    for number, shape in enumerate(scene.shapes):
-        start = first[shape.primitive] + shape.first
-        of[start : start + shape.count] = number
+    for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        start = first[shape.primitive]
+        of[start + part.start : start + part.stop] = number
     return of
 
 

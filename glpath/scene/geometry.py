@@ -1,0 +1,335 @@
+"""What shapes consist of: meshes that share vertices, exact spheres and planes, and where their instances stand.
+
+A shape is a geometry and the maps that put it into the world; `Shapes` derives from them what engines ask for, each
+array when it is first asked for: a pool of vertices in world space with faces into it, or separate corners.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import accumulate, pairwise
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.scene.digest import digest_of
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+Primitive = Literal["triangle", "sphere", "plane"]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles that share vertices. Equal only to itself: shapes that hold one mesh are instances of it.
+
+    vertices : (V, 3) float64
+    faces    : (F, 3) int32 numbers of vertices, counter-clockwise seen from the front
+    uv       : (V, 2) float64 texture coordinates of the vertices; None without
+    normals  : (V, 3) float64 unit shading normals on the side of the front, zeros where the face's own is meant;
+               None without
+    """
+
+    vertices: Float64
+    faces: Int32
+    uv: Float64 | None = None
+    normals: Float64 | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Of all that changes the picture; see `glpath.scene.digest`."""
+        return digest_of(self.vertices, self.faces, self.uv, self.normals)
+
+    @classmethod
+    def of_triangles(cls, corners: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
+        """Triangles (F, 3, 3) that share no vertices, with texture coordinates (F, 3, 2) of their corners."""
+        vertices = np.ascontiguousarray(corners, np.float64).reshape(-1, 3)
+        return cls(
+            vertices, _apart(len(vertices) // 3), None if uv is None else np.array(uv, np.float64).reshape(-1, 2)
+        )
+
+    def unshared(self) -> Mesh:
+        """The same with three vertices of its own for each face."""
+        return replace(self._with_vertices(self.faces.ravel()), faces=_apart(len(self.faces)))
+
+    def welded(self) -> Mesh:
+        """The same with vertices that are equal to the last bit, in all that they have, made one."""
+        parts = [part for part in (self.vertices, self.uv, self.normals) if part is not None]
+        rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
+        _, first, which = np.unique(
+            rows.view(np.dtype((np.void, rows.strides[0]))).ravel(), return_index=True, return_inverse=True
+        )
+        return replace(self._with_vertices(first), faces=which.astype(np.int32)[self.faces])
+
+    def without_faces(self, dropped: NDArray[np.bool_]) -> Mesh:
+        """Without some faces, and without the vertices that then no face has; itself where there are none.
+
+        dropped : (F,) bool
+        """
+        faces = self.faces[~dropped] if dropped.any() else self.faces
+        used = np.zeros(len(self.vertices), np.bool_)
+        used[faces] = True
+        if used.all():
+            return self if faces is self.faces else replace(self, faces=faces)
+        number = np.cumsum(used, dtype=np.int32) - 1
+        return replace(self._with_vertices(np.flatnonzero(used)), faces=number[faces].astype(np.int32))
+
+    def turned(self) -> Mesh:
+        """With the fronts on the other side."""
+        return replace(
+            self, faces=self.faces[:, ::-1].copy(), normals=None if self.normals is None else -self.normals
+        )
+
+    def _with_vertices(self, which: NDArray[np.integer[Any]]) -> Mesh:
+        return replace(
+            self,
+            vertices=self.vertices[which],
+            uv=None if self.uv is None else self.uv[which],
+            normals=None if self.normals is None else self.normals[which],
+        )
+
+
+IDENTITY = np.eye(3, 4)
+IDENTITY.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A named geometry of one material, an object in the words of TB; it may stand in several places.
+
+    geometry           : a mesh, or the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`
+    material           : index into `Scene.materials`
+    world_from_object  : (N, 3, 4) float64, an affine map for each instance, last column the translation. A map that
+                         mirrors turns fronts to the other side; so does it a sphere's, to the inside
+    emission           : (3,) float64 radiance W sr^-1 m^-2, linear Rec. 709; zeros for a shape that is not a light
+    emission_two_sided : the light leaves both sides; otherwise only the side of the normal
+    subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
+    kind               : how it was written: quad, box, mesh, sphere or plane
+    """
+
+    name: str
+    geometry: Mesh | Literal["sphere", "plane"]
+    material: int
+    world_from_object: Float64 = field(default_factory=lambda: IDENTITY[None])
+    emission: Float64 = field(default_factory=lambda: np.zeros(3))
+    emission_two_sided: bool = False
+    subdivisions: int = 4
+    kind: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.kind:
+            object.__setattr__(self, "kind", "mesh" if isinstance(self.geometry, Mesh) else self.geometry)
+
+    @property
+    def primitive(self) -> Primitive:
+        """What it consists of."""
+        return "triangle" if isinstance(self.geometry, Mesh) else self.geometry
+
+    @property
+    def count(self) -> int:
+        """How many primitives it consists of, in all its instances."""
+        each = len(self.geometry.faces) if isinstance(self.geometry, Mesh) else 1
+        return len(self.world_from_object) * each
+
+    @property
+    def emits(self) -> bool:
+        return bool(np.any(self.emission > 0))
+
+
+_Number = TypeVar("_Number", np.float64, np.int32)
+
+
+class Shapes(tuple[Shape, ...]):
+    """The shapes of a scene in order, and the arrays that are derived from them. The arrays cannot be written to.
+
+    Triangles, spheres and planes are each counted on from shape to shape, and in a shape from instance to instance.
+    """
+
+    @classmethod
+    def of(cls, shapes: Iterable[Shape]) -> Shapes:
+        """`shapes` themselves where they are `Shapes` already, with all that has been derived."""
+        return shapes if isinstance(shapes, Shapes) else cls(shapes)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Shapes, (tuple(self),)  # without what was derived
+
+    @cached_property
+    def digest(self) -> str:
+        """Of all that changes the picture; see `glpath.scene.digest`."""
+        return digest_of(tuple(self))
+
+    @cached_property
+    def ranges(self) -> tuple[slice, ...]:
+        """For each shape its range of triangles, of spheres or of planes, whichever it consists of."""
+        end: dict[Primitive, int] = {"triangle": 0, "sphere": 0, "plane": 0}
+        ranges = []
+        for shape in self:
+            first = end[shape.primitive]
+            end[shape.primitive] += shape.count
+            ranges.append(slice(first, end[shape.primitive]))
+        return tuple(ranges)
+
+    @cached_property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Each mesh once, in the order of first use."""
+        return tuple(dict.fromkeys(shape.geometry for shape in self if isinstance(shape.geometry, Mesh)))
+
+    def mesh_instances(self) -> Iterator[tuple[int, Mesh, Float64]]:
+        """Index of the shape, mesh and world_from_mesh (3, 4) of each instance, in the order of triangles."""
+        for index, shape in enumerate(self):
+            if isinstance(shape.geometry, Mesh):
+                for world_from_mesh in shape.world_from_object:
+                    yield index, shape.geometry, world_from_mesh
+
+    @cached_property
+    def vertices(self) -> Float64:
+        """(V, 3) float64 in world space: those of all instances, one after the other."""
+        return _joined([placed(mesh.vertices, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
+
+    @cached_property
+    def faces(self) -> Int32:
+        """(T, 3) int32 numbers of `vertices`; the fronts are where the corners run counter-clockwise."""
+        meshes = [mesh for _, mesh, _ in self.mesh_instances()]
+        first = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
+        parts = [
+            mesh.faces + np.int32(start) if start else mesh.faces
+            for mesh, start in zip(meshes, first, strict=False)
+        ]
+        return _joined(parts, np.zeros((0, 3), np.int32))
+
+    @cached_property
+    def vertex_uv(self) -> Float64:
+        """(V, 2) float64 texture coordinates of `vertices`; zeros where a mesh has none."""
+        return _joined(
+            [_or_zeros(mesh.uv, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
+        )
+
+    @cached_property
+    def vertex_normals(self) -> Float64:
+        """(V, 3) float64 unit shading normals of `vertices` in world space; zeros where the face's own is meant."""
+        return _joined([_world_normals(mesh, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
+
+    @cached_property
+    def triangles(self) -> Float64:
+        """(T, 3, 3) float64 corners in world space."""
+        parts = []
+        for _, mesh, m in self.mesh_instances():
+            vertices = placed(mesh.vertices, m)
+            apart = 3 * len(mesh.faces) == len(vertices) and np.array_equal(mesh.faces, _apart(len(mesh.faces)))
+            parts.append(vertices.reshape(-1, 3, 3) if apart else vertices[mesh.faces])
+        return _joined(parts, np.zeros((0, 3, 3)))
+
+    @cached_property
+    def triangle_uv(self) -> Float64:
+        """(T, 3, 2) float64 texture coordinates of the corners; zeros where a mesh has none."""
+        meshes = (mesh for _, mesh, _ in self.mesh_instances())
+        parts = [_or_zeros(None if m.uv is None else m.uv[m.faces], len(m.faces), 3, 2) for m in meshes]
+        return _joined(parts, np.zeros((0, 3, 2)))
+
+    @cached_property
+    def spheres(self) -> Float64:
+        """(S, 3, 4) float64, see `Scene.spheres`."""
+        return _joined([s.world_from_object for s in self if s.geometry == "sphere"], np.zeros((0, 3, 4)))
+
+    @cached_property
+    def planes(self) -> Float64:
+        """(P, 3, 4) float64, see `Scene.planes`."""
+        return _joined([s.world_from_object for s in self if s.geometry == "plane"], np.zeros((0, 3, 4)))
+
+    @cached_property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """See `Scene.bounds`."""
+        used = np.zeros(len(self.vertices), np.bool_)
+        used[self.faces] = True
+        extent, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
+        points = np.concatenate([self.vertices[used], centre - extent, centre + extent])
+        if not len(points):
+            points = self.planes[:, :, 3]
+        return points.min(axis=0), points.max(axis=0)
+
+    def total(self, primitive: Primitive) -> int:
+        """How many triangles, spheres or planes there are."""
+        return sum(shape.count for shape in self if shape.primitive == primitive)
+
+    def primitive_shape(self, primitive: Primitive) -> Int32:
+        """(T,), (S,) or (P,) int32, the index of the shape of each triangle, sphere or plane."""
+        counts = [shape.count if shape.primitive == primitive else 0 for shape in self]
+        return np.repeat(np.arange(len(self), dtype=np.int32), counts)
+
+
+def _apart(faces: int) -> Int32:
+    """(F, 3): faces that share no vertices."""
+    return np.arange(3 * faces, dtype=np.int32).reshape(-1, 3)
+
+
+def placed(points: Float64, world_from_object: Float64) -> Float64:
+    """Points (..., 3) where an affine map (3, 4) takes them; themselves where it is the identity.
+
+    By sums of products in one order, as the bits of a point must not depend on which other points are with it.
+    """
+    if np.array_equal(world_from_object, IDENTITY):
+        return points
+    x, y, z = (points[..., axis, None] for axis in range(3))
+    m = world_from_object
+    return np.asarray(x * m[:, 0] + y * m[:, 1] + z * m[:, 2] + m[:, 3])
+
+
+def sphere_extent(spheres: Float64) -> Float64:
+    """(S, 3) float64: how far spheres (S, 3, 4) reach from their centres along each axis.
+
+    An ellipsoid reaches along an axis as far as that row of its map is long.
+    """
+    linear = spheres[:, :, :3]
+    return np.asarray(np.sqrt(np.einsum("nij,nij->ni", linear, linear)))
+
+
+def _or_zeros(values: Float64 | None, *shape: int) -> Float64:
+    """`values`, or zeros that take no memory."""
+    return np.broadcast_to(0.0, shape) if values is None else values
+
+
+def _world_normals(mesh: Mesh, world_from_mesh: Float64) -> Float64:
+    """(V, 3): turned by the matrix of cofactors, as the cross products of edges are."""
+    if mesh.normals is None or np.array_equal(world_from_mesh[:, :3], IDENTITY[:, :3]):
+        return _or_zeros(mesh.normals, len(mesh.vertices), 3)
+    a, b, c = world_from_mesh[:, :3]
+    normals = mesh.normals @ np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0, length, 1.0))
+
+
+def _joined(parts: Sequence[NDArray[_Number]], empty: NDArray[_Number]) -> NDArray[_Number]:
+    """One array of all parts, not to be written to: without a copy where they are pieces of one array in order.
+
+    empty : what no parts make
+    """
+    parts = [part for part in parts if len(part)]
+    if not parts:
+        return empty
+    shape: tuple[int, ...] = (sum(map(len, parts)), *parts[0].shape[1:])
+    if not any(any(part.strides) for part in parts):  # zeros that take no memory
+        return np.broadcast_to(parts[0].ravel()[0], shape)
+    if all(_follows(before, after) for before, after in pairwise(parts)):
+        # Not the strides of a part: along an axis of length 1 they may be anything.
+        strides = np.empty((1, *shape[1:]), parts[0].dtype).strides
+        whole = np.lib.stride_tricks.as_strided(parts[0], shape, strides)
+    else:
+        whole = np.concatenate(parts)
+    whole = whole.view()
+    whole.flags.writeable = False
+    return whole
+
+
+def _follows(before: NDArray[Any], after: NDArray[Any]) -> bool:
+    """Whether `after` begins in memory where `before` ends, in the same array."""
+    return (
+        before.base is not None
+        and before.base is after.base
+        and before.flags.c_contiguous
+        and after.flags.c_contiguous
+        and before.ctypes.data + before.nbytes == after.ctypes.data
+    )

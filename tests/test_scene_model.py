@@ -1,0 +1,244 @@
+"""The model of a scene: its digest, meshes with shared vertices, and instances of them."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+
+from glpath.errors import SceneError
+from glpath.scene import load_scene, scene_from_dict
+from glpath.scene.digest import UNSEEN
+from glpath.scene.model import Camera, Light, Material, Mesh, Scene, Shape, Shapes, Sky, Texture
+from glpath.scene.tessellate import unit_sphere
+
+CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
+QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
+
+
+def scene(*shapes: dict, **tables: object) -> Scene:
+    return scene_from_dict({"camera": CAMERA, "shapes": list(shapes), **tables})
+
+
+# --- the digest ---
+
+
+def everything() -> Scene:
+    """A scene in which every field has something in it."""
+    corners = np.arange(9.0).reshape(3, 3) ** 2
+    mesh = Mesh(corners, np.array([[0, 1, 2]], np.int32), np.arange(6.0).reshape(3, 2), np.eye(3))
+    return Scene(
+        name="all",
+        camera=Camera(np.array([0.0, 0, 9]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 6)),
+        shapes=Shapes(
+            [
+                Shape("t", mesh, 0, np.stack([np.eye(3, 4), 2 * np.eye(3, 4)])),
+                Shape("s", "sphere", 1, np.arange(12.0).reshape(1, 3, 4)),
+                Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True),
+            ]
+        ),
+        materials=(Material("m", np.full(3, 0.5)), Material("n", np.full(3, 0.25), texture=0)),
+        source="here",
+        textures=(Texture("x", np.ones((2, 2, 3), np.float32)),),
+        lights=(Light("l", "point", np.ones(3)),),
+        ambient=np.ones(3),
+        sky=Sky(np.ones(3), np.zeros(3)),
+    )
+
+
+def mutations(value: Any, declared: Any = None) -> Iterator[tuple[str, Any]]:
+    """Everything that differs from `value` in one place, with the path of that place: by what it is declared as."""
+    options = [each for each in (get_args(declared) or ()) if get_origin(declared) is not tuple]
+    for option in options:
+        if option is type(None) and value is not None:
+            yield "", None
+        elif get_origin(option) is Literal:
+            options.extend(get_args(option))
+        elif isinstance(option, str) and option != value:
+            yield "", option
+    if is_dataclass(value):
+        hints = get_type_hints(type(value))
+        for each in fields(value):
+            for path, changed in mutations(getattr(value, each.name), hints[each.name]):
+                yield f".{type(value).__name__}.{each.name}{path}", replace(value, **{each.name: changed})
+    elif isinstance(value, np.ndarray):
+        for index in np.ndindex(value.shape):
+            changed = value.astype(float)
+            changed[index] += 0.25 if value.dtype.kind == "f" else 1
+            yield str(list(index)), changed.astype(value.dtype)
+    elif isinstance(value, tuple):
+        for i, each in enumerate(value):
+            for path, changed in mutations(each):
+                yield f"[{i}]{path}", (*value[:i], changed, *value[i + 1 :])
+        if value and is_dataclass(value[0]):
+            yield " less one", value[:-1]
+    elif isinstance(value, bool):
+        yield "", not value
+    elif isinstance(value, int | float):
+        yield "", value + 1
+    elif isinstance(value, str) and not options:
+        yield "", value + "x"
+
+
+def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
+    """By introspection: a field that somebody adds is looked at, and so is each that is said to change nothing."""
+    whole = everything()
+    seen = {whole.digest(): "the scene itself"}
+    reached = set()
+    for path, changed in mutations(whole):
+        names = re.findall(r"\.([A-Z]\w*)\.(\w+)", path)
+        reached.update(names)
+        digest = changed.digest()
+        if names[-1][1] in UNSEEN.get(names[-1][0], ()):
+            assert digest == whole.digest(), path
+        else:
+            assert digest not in seen, f"{path} has the digest of {seen[digest]}"
+            seen[digest] = path
+    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, Light, Sky)
+    assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
+
+
+def test_the_digest_is_of_values_and_not_of_objects():
+    whole = everything()
+    mesh = whole.shapes[0].geometry
+    copied = replace(mesh, vertices=mesh.vertices.copy(), faces=mesh.faces.astype(np.int64))
+    again = replace(whole, shapes=(replace(whole.shapes[0], geometry=copied), *whole.shapes[1:]))
+    assert again.digest() == whole.digest()
+
+
+def test_the_digest_without_the_camera_is_that_of_every_view():
+    whole = everything()
+    moved = whole.with_camera(fov=20.0)
+    assert moved.digest() != whole.digest()
+    assert moved.digest(camera=False) == whole.digest(camera=False)
+
+
+def test_moving_a_value_from_one_array_to_the_next_changes_the_digest():
+    one = load_scene("furnace", {"shape": "sphere"})
+    other = replace(one, shapes=[replace(one.shapes[0], geometry="plane")])
+    assert one.digest() != other.digest()
+
+
+# --- meshes and instances ---
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "office", "room", "furnace", "stacked"])
+def test_the_pool_of_vertices_has_the_same_triangles_with_shared_vertices(name: str):
+    s = load_scene(name, {"kind": "triangle"} if name == "stacked" else None).shapes
+    assert np.array_equal(s.vertices[s.faces], s.triangles)
+    assert s.faces.dtype == np.int32
+    assert len(s.faces) == s.total("triangle") == len(s.triangles)
+    assert len(s.vertex_uv) == len(s.vertex_normals) == len(s.vertices)
+    assert np.array_equal(s.vertex_uv[s.faces], s.triangle_uv)
+    assert len(np.unique(s.faces)) == len(s.vertices)
+
+
+def test_instances_stand_where_their_maps_put_them_and_normals_stay_perpendicular():
+    """Against a mesh that was moved by hand, with a map that shears and mirrors."""
+    rng = np.random.default_rng(5)
+    ball = unit_sphere(2)
+    maps = np.eye(3, 4) + 0.3 * rng.normal(size=(3, 3, 4))
+    maps[1, :, 0] *= -1  # one that mirrors
+    assert (np.sign(np.linalg.det(maps[:, :, :3])) == [1, -1, 1]).all()
+    shapes = Shapes([Shape("balls", ball, 0, maps), Shape("one", ball, 0)])
+    expected = [ball.vertices @ m[:, :3].T + m[:, 3] for m in maps]
+    assert np.allclose(shapes.vertices, np.concatenate([*expected, ball.vertices]), atol=1e-12)
+    assert shapes.meshes == (ball,)
+    assert shapes.ranges == (slice(0, 960), slice(960, 1280))
+    assert np.allclose(np.linalg.norm(shapes.vertex_normals, axis=1), 1)
+    # The normal of an ellipsoid is the gradient of |unit point|², and on the side where the corners run around it.
+    for m, normals in zip(maps, shapes.vertex_normals[: 3 * len(ball.vertices)].reshape(3, -1, 3), strict=True):
+        gradient = ball.vertices @ np.linalg.inv(m[:, :3])
+        gradient *= np.sign(np.linalg.det(m[:, :3])) / np.linalg.norm(gradient, axis=1, keepdims=True)
+        assert np.allclose(normals, gradient, atol=1e-9)
+    corners = shapes.triangles
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("tj,tkj->tk", flat, shapes.vertex_normals[shapes.faces]) > 0).all()
+
+
+def test_pieces_of_one_array_are_derived_without_a_copy_and_others_in_order():
+    balls = np.random.default_rng(3).normal(size=(5, 3, 4))
+    one_by_one = Shapes([Shape(str(i), "sphere", 0, balls[i][None]) for i in range(5)])
+    assert np.array_equal(one_by_one.spheres, balls)
+    assert np.shares_memory(one_by_one.spheres, balls)
+    mixed = Shapes([one_by_one[3], one_by_one[1], Shape("two", "sphere", 0, balls[[0, 2]]), one_by_one[4]])
+    assert np.array_equal(mixed.spheres, balls[[3, 1, 0, 2, 4]])
+    assert np.array_equal(Shapes([one_by_one[1], one_by_one[1]]).spheres, balls[[1, 1]])
+
+
+def test_welding_joins_what_is_equal_to_the_last_bit_and_nothing_else():
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1 + 1e-15, 0]]], float)
+    mesh = Mesh.of_triangles(corners)
+    assert len(mesh.vertices) == 6
+    welded = mesh.welded()
+    assert len(welded.vertices) == 5  # (1, 0, 0) twice; (0, 1, 0) and its neighbour stay two
+    assert np.array_equal(welded.vertices[welded.faces], corners)
+    apart = Mesh.of_triangles(corners, [[[0, 0], [1, 0], [0, 1]], [[0.5, 0], [1, 1], [0, 1]]]).welded()
+    assert len(apart.vertices) == 6  # (1, 0, 0) has two places in the texture
+
+
+def test_a_box_shares_vertices_where_the_texture_coordinates_allow_it():
+    box = scene({"type": "box", "min": [0, 0, 0], "max": [1, 2, 3]}).shapes[0].geometry
+    assert (len(box.vertices), len(box.faces)) == (20, 12)  # some agree in uv across an edge
+
+
+def test_shapes_of_one_file_are_instances_of_one_mesh(tmp_path: Path):
+    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nf 1 2 3\n")
+    shapes = [
+        {"type": "mesh", "file": str(tmp_path / "t.obj"), "transform": [{"translate": [0, 0, z]}]} for z in (0, 1)
+    ]
+    turned = [{"type": "mesh", "file": str(tmp_path / "t.obj"), "flip_normals": True}]
+    loaded = scene_from_dict({"camera": CAMERA, "shapes": shapes + turned})
+    assert [len(mesh.vertices) for mesh in loaded.shapes.meshes] == [3, 3]  # the stray vertex is gone
+    assert loaded.shapes[0].geometry is loaded.shapes[1].geometry
+    assert loaded.triangles[:2, :, 2].tolist() == [[0] * 3, [1] * 3]
+    assert np.allclose(loaded.normals[:, 2], [1, 1, -1])
+
+
+NORMALS = {
+    "t.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 0 1 1\nf 1//1 2//2 3//1\n",
+    "t.ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "property float nx\nproperty float ny\nproperty float nz\nelement face 1\n"
+    "property list uchar int vertex_indices\n"
+    "end_header\n0 0 0 0 0 2\n1 0 0 0 1 1\n0 1 0 0 0 2\n3 0 1 2\n",
+}
+
+
+@pytest.mark.parametrize("name", NORMALS)
+def test_the_normals_of_a_file_are_kept_and_none_are_made_up(tmp_path: Path, name: str):
+    (tmp_path / name).write_text(NORMALS[name])
+    shape = {"type": "mesh", "file": str(tmp_path / name)}
+    s = scene_from_dict({"camera": CAMERA, "shapes": [shape, {**shape, "flip_normals": True}]}).shapes
+    root = np.sqrt(0.5)
+    expected = np.array([[0, 0, 1], [0, root, root], [0, 0, 1]])
+    assert np.allclose(s.vertex_normals[s.faces[0]], expected)
+    assert np.allclose(s.vertex_normals[s.faces[1]], -expected[::-1])
+    (tmp_path / "plain.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    plain = {"type": "mesh", "file": str(tmp_path / "plain.obj")}
+    assert scene_from_dict({"camera": CAMERA, "shapes": [plain]}).shapes[0].geometry.normals is None
+
+
+def test_a_texture_on_a_mesh_without_coordinates_is_an_error_where_nobody_can_make_them_up():
+    one = scene(QUAD)
+    mesh = Mesh.of_triangles(one.triangles)
+    with pytest.raises(SceneError, match=r'the shape "quad-0" has the material "default" with a texture.*\n.*`uv`'):
+        replace(
+            one,
+            shapes=[replace(one.shapes[0], geometry=mesh)],
+            materials=[replace(one.materials[0], texture=0)],
+            textures=(Texture("x", np.ones((2, 2, 3), np.float32)),),
+        )
+
+
+def test_what_is_derived_stays_with_the_shapes_and_cannot_be_written_to():
+    one = load_scene("cornell-box")
+    assert one.with_camera(fov=20.0).triangles is one.triangles
+    with pytest.raises(ValueError, match="read-only"):
+        one.triangles[0] = 0
+    assert pickle.loads(pickle.dumps(one)).digest() == one.digest()
