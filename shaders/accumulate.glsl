@@ -16,10 +16,12 @@ layout(location = 1) out uvec4 high;
 void accumulate(ivec2 pixel, vec4 radiance)
 {
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);
-    // No NaN, no infinity, nothing that a block of path sets could add up beyond the words. Asked of the bits: a compiler may turn a comparison around, which
-    // is not the same for a NaN.
+    // No NaN, no infinity, nothing that a block of path sets could add up beyond the words, and nothing negative, which
+    // words have not, and light is not. Asked of the bits: a compiler may turn a comparison around, which is not the
+    // same for a NaN.
     uvec3 exponent = floatBitsToUint(scaled) & 0x7f800000u;
     bool bad = any(equal(exponent, uvec3(0x7f800000u))) || any(greaterThan(scaled, vec3(1.0e18)));
+    bad = bad || any(lessThan(scaled, vec3(0.0)));
     if (bad) scaled = vec3(0.0);
     vec3 upper = floor(scaled * (1.0 / 4294967296.0));
     uvec3 add_low = uvec3(scaled - upper * 4294967296.0);

@@ -8,6 +8,7 @@ says `#include <NAME>` for NAME in the `generated` mapping.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ import moderngl
 
 from glpath.errors import ShaderError
 
+TEXELS = ("auto", "image", "fetch")
 GLSL_VERSION = "#version 430 core"
 
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
@@ -156,6 +158,17 @@ class Program:
             self._values[name] = value
 
 
+def _texels_are_images(gl: moderngl.Context) -> bool:
+    """Which of the two ways of texels.glsl: by the renderer, or as GLPATH_TEXELS says, so that tests run both."""
+    chosen = os.environ.get("GLPATH_TEXELS") or "auto"
+    if chosen not in TEXELS:
+        raise ShaderError(
+            f"GLPATH_TEXELS: there is no {chosen!r}; allowed are {', '.join(TEXELS)}", "unset GLPATH_TEXELS"
+        )
+    renderer = str(gl.info["GL_RENDERER"])
+    return chosen == "image" or (chosen == "auto" and renderer.startswith("llvmpipe"))
+
+
 def load_program(
     gl: moderngl.Context,
     *,
@@ -180,7 +193,7 @@ def load_program(
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
-    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if gl.info["GL_RENDERER"].startswith("llvmpipe") else {}
+    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if _texels_are_images(gl) else {}
     sources = {
         k: Source(v, generated or {}, dict(defines or {}) | (fetch_defines if k != "vertex_shader" else {}))
         for k, v in stages.items()
