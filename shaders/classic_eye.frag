@@ -1,5 +1,6 @@
-// classic_eye.frag: primary rays by the classical algorithm: each against every primitive.
-// Writes what a T-buffer holds: primitive + 1 (0 for none) and t.
+// classic_eye.frag: primary rays by the classical algorithm: each against every primitive, so many in a draw.
+// Writes what a T-buffer holds: primitive + 1 (0 for none) and t. Of several draws' primitives the depth test keeps the
+// nearest, by t * DEPTH_SCALE, which has all bits of t.
 #include <SCENE>
 #include "object_classic.glsl"
 #include "object_eye.glsl"
@@ -8,15 +9,20 @@
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
 
+uniform int begin;  // the first primitive of this draw
+uniform int end;    // behind its last
+
 layout(location = 0) out vec2 found;
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     float t;
-    int primitive = nearest_classic(eye_position, eye_direction(pixel), 0.0, -1, t);
-    found = vec2(primitive + 1, t);
+    int primitive = nearest_of(begin, end, eye_position, eye_direction(pixel), 0.0, -1, t);
 #ifdef COUNT_TESTS
     tests_of_pixel[pixel.y * eye_size.x + pixel.x] += tests;
 #endif
+    if (primitive < 0) discard;
+    found = vec2(primitive + 1, t);
+    gl_FragDepth = t * DEPTH_SCALE;
 }

@@ -30,16 +30,21 @@ uint tests = 0u;  // made by this invocation so far
 #define COUNT_TEST
 #endif
 
-// The nearest primitive of those from FIRST on, or -1; t is NO_HIT then.
-int nearest_classic(vec3 origin, vec3 direction, float tmin, int own, out float t)
+// The nearest of the primitives from begin to before end, or -1; t is NO_HIT then.
+int nearest_of(int begin, int end, vec3 origin, vec3 direction, float tmin, int own, out float t)
 {
     int primitive = -1;
     t = NO_HIT;
-    TEST_ALL(0, first_ellipsoid, intersect_sphere)
-    TEST_ALL(first_ellipsoid, first_triangle, intersect_ellipsoid)
-    TEST_ALL(first_triangle, first_plane, intersect_triangle)
-    TEST_ALL(first_plane, primitive_count, intersect_plane)
+    TEST_ALL(begin, min(end, first_ellipsoid), intersect_sphere)
+    TEST_ALL(max(begin, first_ellipsoid), min(end, first_triangle), intersect_ellipsoid)
+    TEST_ALL(max(begin, first_triangle), min(end, first_plane), intersect_triangle)
+    TEST_ALL(max(begin, first_plane), end, intersect_plane)
     return primitive;
+}
+
+int nearest_classic(vec3 origin, vec3 direction, float tmin, int own, out float t)
+{
+    return nearest_of(0, primitive_count, origin, direction, tmin, own, t);
 }
 
 // Is anything between tmin and tmax? The first found ends the search [TB IV.A 2 v].

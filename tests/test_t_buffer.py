@@ -16,6 +16,7 @@ from reference.numpy_ray_tracer import camera_rays, nearest
 import glpath.gl.program as program
 from glpath.buffers import t_buffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.gl import passes
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
@@ -350,3 +351,20 @@ def test_no_pixel_is_lost_where_programs_differ_in_the_last_bits(
     share = np.mean(primitive[exact >= 0] == exact[exact >= 0])
     # One of those that the ray meets stays where a device finds nothing again.
     assert share == 1.0 if "1u" in otherwise else share > 0.9
+
+
+def test_the_classical_algorithm_in_many_draws_is_that_in_one(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that none runs into a watchdog; a picture is that of one draw, and no test is made twice."""
+    scene = soup(2)
+    objects = DeviceScene(gl, scene)
+    seen, tests = [], []
+    for primitives in (1000, 7, 1):
+        monkeypatch.setattr(passes, "TESTS_PER_DRAW", primitives * 96 * 64)
+        buffer = ClassicEye(gl, objects, (96, 64), count_tests=True)
+        buffer.fill(eye_uniforms(scene.camera))
+        seen.append(buffer.read())
+        tests.append(buffer.take_tests())
+    assert_all_equal(seen)
+    assert tests == [96 * 64 * objects.count] * 3

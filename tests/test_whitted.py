@@ -12,6 +12,7 @@ from reference import numpy_ray_tracer
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.gl import passes
 from glpath.rendering import tiles
 from glpath.sampling import pixel_place
 from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture
@@ -107,6 +108,29 @@ def test_all_engines_draw_the_same_bits() -> None:
     ]
     for film in films[1:]:
         np.testing.assert_array_equal(film, films[0])
+
+
+@pytest.mark.parametrize("integrator", ["classic", "t-buffer"])
+def test_a_picture_in_many_draws_is_that_in_one(monkeypatch: pytest.MonkeyPatch, integrator: str) -> None:
+    """So that none runs into a watchdog."""
+    options: dict[str, Any] = {"integrator": integrator, "secondary": "classic", "count_tests": True, "spp": 2}
+    whole = glpath.render(everything(), **options)
+    monkeypatch.setattr(passes, "TESTS_PER_DRAW", 20_000)
+    parts = glpath.render(everything(), **options)
+    np.testing.assert_array_equal(whole.radiance_sums, parts.radiance_sums)
+    counted = [film.metadata.statistics["intersection_tests"] for film in (whole, parts)]
+    assert counted[0] == counted[1]
+
+
+@pytest.mark.parametrize(("size", "tests"), [((640, 480), 1), ((640, 480), 10**6), ((5, 3), 10**9), ((1, 1), 0)])
+def test_no_draw_has_more_tests_than_is_stated(size: tuple[int, int], tests: int) -> None:
+    areas = passes.draw_areas(size, tests)
+    covered = np.zeros(size, int)
+    for x, y, width, height in areas:
+        assert width * height == 1 or width * height * tests <= passes.TESTS_PER_DRAW
+        covered[x : x + width, y : y + height] += 1
+    assert np.all(covered == 1)
+    assert len(areas) == 1 or tests > 1
 
 
 @pytest.mark.parametrize("count", [1, 5, 400])

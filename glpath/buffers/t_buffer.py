@@ -22,6 +22,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.gl import passes
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Dispatch, Pass, largest_point
@@ -116,7 +117,7 @@ class EyeBuffer(ABC):
 class ClassicEye(EyeBuffer):
     """Primary rays of the classical algorithm: every ray against every primitive [TB I].
 
-    Cost:     pixels x primitives.
+    Cost:     pixels x primitives, in draws of at most `TESTS_PER_DRAW`.
     Poor at:  many primitives.
     """
 
@@ -127,14 +128,25 @@ class ClassicEye(EyeBuffer):
         self._pass = Pass(
             "primary rays",
             gl,
-            self._program({}, vertex="fullscreen.vert", fragment="classic_eye.frag"),
-            gl.framebuffer([self.texture]),
+            self._program(
+                {"DEPTH_SCALE": DISTANCE_TO_DEPTH}, vertex="fullscreen.vert", fragment="classic_eye.frag"
+            ),
+            gl.framebuffer([self.texture], float_depth_texture(gl, size)),
+            depth=True,
             textures=objects.textures,
             buffers=self._buffers,
         )
 
     def fill(self, eye: Uniforms) -> None:
-        self._pass.run(self.objects.uniforms | dict(eye))
+        uniforms = self.objects.uniforms | dict(eye)
+        count, width, height = self.objects.count, *self.size
+        share = max(1, passes.TESTS_PER_DRAW // (width * height))
+        for begin in range(0, max(count, 1), share):
+            # In order, so that of equal t the lowest number stays.
+            self._pass.clear = (0.0, 0.0, 0.0, 0.0) if begin == 0 else None
+            self._pass.run(uniforms | {"begin": begin, "end": min(begin + share, count)})
+            if share < count:
+                self.gl.finish()  # a watchdog counts what a device was given at once
 
 
 class TBuffer(EyeBuffer):

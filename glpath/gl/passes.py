@@ -23,6 +23,25 @@ BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
 }
 
 
+#: Ray-primitive tests of one draw at most, where a shader loops over primitives: some tenths of a second on a slow
+#: graphics card. A system's watchdog ends a program whose draw takes longer than a few seconds (Windows: two).
+TESTS_PER_DRAW = 1 << 28
+
+
+def draw_areas(size: tuple[int, int], tests_per_pixel: int) -> list[tuple[int, int, int, int]]:
+    """Areas (x, y, width, height) of a window, each of at most TESTS_PER_DRAW tests, and at least one pixel."""
+    width, height = size
+    pixels = max(1, TESTS_PER_DRAW // max(1, tests_per_pixel))
+    if width * height <= pixels:
+        return [(0, 0, width, height)]
+    side = 1 << (pixels.bit_length() - 1) // 2  # llvmpipe shares work in squares of powers of two
+    return [
+        (x, y, min(side, width - x), min(side, height - y))
+        for y in range(0, height, side)
+        for x in range(0, width, side)
+    ]
+
+
 def largest_point(gl: moderngl.Context) -> int:
     """How many pixels along a point may be on this device; OpenGL promises one."""
     return int(gl.info["GL_POINT_SIZE_RANGE"][1])

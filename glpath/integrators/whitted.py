@@ -20,7 +20,7 @@ from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
-from glpath.gl.passes import Pass, Stopwatch
+from glpath.gl.passes import Pass, Stopwatch, draw_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.integrators.settings import WhittedSettings
@@ -109,8 +109,13 @@ class WhittedTracer:
         uniforms = self._constant | eye
         if self.shadow_buffer is not None:
             uniforms |= self.shadow_buffer.uniforms
+        shading = self._shade_passes[self._sum]
         with self.stopwatch.stage("shade"):
-            self._shade_passes[self._sum].run(uniforms)
+            for area in self._areas:
+                shading.area = area
+                shading.run(uniforms)
+                if len(self._areas) > 1:
+                    self.gl.finish()  # a watchdog counts what a device was given at once
         self._sum = 1 - self._sum
 
     def take(self) -> NDArray[np.float64]:
@@ -186,6 +191,7 @@ class WhittedTracer:
             textures |= self.shadow_buffer.textures
             defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
             defines["SHADOW_BUFFERS"] = 1
+        self._areas = draw_areas(self._size, self._rays_loop_over())
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
         if settings.max_depth > 1 and any(np.any(material.mirror > 0) for material in objects.scene.materials):
             defines["REFLECTIONS"] = 1
@@ -205,6 +211,16 @@ class WhittedTracer:
             )
             for i in range(2)
         ]
+
+    def _rays_loop_over(self) -> int:
+        """Ray-primitive tests that the shading of a pixel may take, where they are a loop over all primitives."""
+        settings, objects = self.settings, self.objects
+        planes = objects.numbering.count - objects.numbering.first_plane
+        loop = objects.count if settings.secondary == "classic" else planes
+        shadow_rays = len(objects.lights)
+        if settings.shadows != "rays":
+            shadow_rays -= objects.positional_lights
+        return settings.max_depth * (1 + shadow_rays) * loop
 
     def _count(self) -> None:
         if not self.count_tests:
