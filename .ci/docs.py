@@ -22,7 +22,14 @@ REMARK = re.compile(r"^(?P<name>Costs?|Poor at|Limits|Sources?|Raises|Warns|Unit
 HEADING = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 
 # Faces and workshops: what they do is said by --help and README.
-LEFT_OUT = ("glpath.__main__", "glpath.cli", "glpath.bench", "glpath.figures", "glpath.kernels")
+LEFT_OUT = (
+    "glpath.__main__",
+    "glpath.cli",
+    "glpath.bench",
+    "glpath.figures",
+    "glpath.experiments",
+    "glpath.kernels",
+)
 
 
 def markdown(docstring: str) -> str:

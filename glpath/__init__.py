@@ -23,8 +23,7 @@ if TYPE_CHECKING:
         ShaderError,
         UsageError,
     )
-    from glpath.film import Film
-    from glpath.image import read_image
+    from glpath.film import Film, read_image
     from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
@@ -51,7 +50,7 @@ _HOME = {
     "ShaderError": "errors",
     "UsageError": "errors",
     "load_scene": "scene",
-    "read_image": "image",
+    "read_image": "film",
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",

@@ -19,6 +19,12 @@ from numpy.lib.npyio import NpzFile
 from glpath.errors import ImageError
 
 
+def shipped_folder(name: str) -> Path | None:
+    """A folder that ships with glpath: inside the package in a wheel, beside it in a checkout."""
+    package = Path(__file__).resolve().parent
+    return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
+
+
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """The place to write a file to, so that it appears at `path` whole or not at all.

@@ -14,6 +14,7 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 
 from __future__ import annotations
 
+import contextlib
 import json
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -24,9 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath import image
 from glpath.errors import ImageError, UsageError
 from glpath.files import open_npz, whole_file
-from glpath.image import encode_png, mean_of_sums, write_exr, write_png
+from glpath.image import encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 
 Float64 = NDArray[np.float64]
@@ -63,7 +65,8 @@ class FilmMetadata:
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
     integrator      : for example "path_trace"
     seed, max_depth : of the random numbers; vertices of a path, as in the paper
-    settings        : all else that decides the picture (sampling, directions, ambient, ...), as JSON has values
+    settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
+    noisy           : whether another seed is another image, so that comparisons have to look at the noise
     full_resolution : (width, height) of the whole picture, pixels
     window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
     device          : the renderer's name; several, joined by " + ", after merging
@@ -85,6 +88,7 @@ class FilmMetadata:
     device: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     elapsed_s: float = 0.0
+    noisy: bool = True
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -160,7 +164,7 @@ class Film:
         """
         if not self.path_sets:
             raise UsageError("film: holds no path set, so there is no picture.", "Render at least one.")
-        return mean_of_sums(self.radiance_sums, self.batch_counts)
+        return _mean(self.radiance_sums, self.batch_counts)
 
     def merge(self, other: Film) -> Film:
         """A film with the path sets of both, which must be different ones of the same render.
@@ -307,6 +311,35 @@ class Film:
             "glpath.ranges": json.dumps(self.ranges),
             **self.metadata.as_strings(),
         }
+
+
+def read_image(path: str | Path) -> Float64:
+    """Read an image, or the mean of a film, as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
+
+    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
+    .exr : channels R, G, B or Y; of a crop its own pixels only
+    .npz : a film's mean, or the array `radiance`
+    .npy : (H, W, 3) or (H, W)
+
+    Raises ImageError for a file that is missing, broken, or of another kind.
+    """
+    if Path(path).suffix.lower() == ".npz":
+        # Whatever is wrong with the file, the reader of images says.
+        with (
+            contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile),
+            open_npz(path) as stored,
+        ):
+            if "radiance_sums" in stored and "radiance" not in stored:
+                if not stored["batch_counts"].any():
+                    raise ImageError(f"{path}: cannot be read as .npz: the film holds no path set.")
+                return _mean(stored["radiance_sums"], stored["batch_counts"])
+    return image.read_image(path)
+
+
+def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
+    """(H, W, 3) float64, the mean of (B, H, W, 3) sums over batches of so many path sets each."""
+    mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
+    return mean
 
 
 def check_suffix(path: str | Path) -> Path:

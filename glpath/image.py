@@ -157,18 +157,12 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
-def mean_of_sums(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
-    """(H, W, 3) float64, the mean of a film's (B, H, W, 3) sums over batches of so many path sets each."""
-    mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
-    return mean
-
-
 def read_image(path: str | Path) -> Float64:
     """Read a picture as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 
     .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
     .exr : channels R, G, B or Y; of a crop its own pixels only
-    .npz : a film's mean, or the array `radiance`
+    .npz : the array `radiance`; a film's is read by `glpath.film.read_image`
     .npy : (H, W, 3) or (H, W)
 
     Raises ImageError for a file that is missing, broken, or of another kind.
@@ -260,11 +254,7 @@ def _read_npz(path: Path) -> Float64:
     with open_npz(path) as stored:
         if "radiance" in stored:
             return stored["radiance"].astype(np.float64)
-        if "radiance_sums" not in stored:
-            raise ValueError(f"found {', '.join(stored) or 'nothing'}, expected a film's sums or `radiance`")
-        if not stored["batch_counts"].any():
-            raise ValueError("the film holds no path set")
-        return mean_of_sums(stored["radiance_sums"], stored["batch_counts"])
+        raise ValueError(f"found {', '.join(stored) or 'nothing'}, expected `radiance`, or a film's sums")
 
 
 def _read_npy(path: Path) -> Float64:

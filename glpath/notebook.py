@@ -26,6 +26,7 @@ from glpath.errors import GlpathError, SceneError
 from glpath.figures.candidates import ShaftScene
 from glpath.gl.context import Context, get_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.interactive import in_notebook
 from glpath.radiosity import Strategy
 from glpath.rendering.factory import Engine, plan_of
 from glpath.rendering.options import MAX_SPP, check_count, numbers, settings_of, with_options
@@ -100,7 +101,7 @@ def view(
     planned = plan_of(settings)
     traced = planned.traceable(loaded)
     planned = planned.prepared(traced, lambda stage: None)
-    context = get_context(backend, device, require_gpu)
+    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
     engine = planned.engine(context, traced, (0, 0, *loaded.camera.resolution), False)
     return View(loaded, engine, context, spp, exposure, tonemap)
 

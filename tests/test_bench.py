@@ -15,8 +15,8 @@ from glpath.bench.equal_error import line_to_target, samples_to_target
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
+from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
-from glpath.measure import Report
 from glpath.scene.model import Camera
 
 

@@ -23,8 +23,8 @@ from glpath import rendering
 from glpath.cli.main import app
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
-from glpath.film import Film
-from glpath.image import read_image, write_exr
+from glpath.film import Film, read_image
+from glpath.image import write_exr
 from glpath.progress import duration, percent, reporting
 
 

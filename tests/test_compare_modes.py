@@ -90,7 +90,7 @@ def test_the_mode_follows_from_the_picture(make_film: MakeFilm) -> None:
     traced = Picture.of_film(make_film([(0, 64)]))
     assert default_mode(traced, traced) == "stat"
     assert default_mode(traced, Picture.of_array(traced.mean)) == "fuzzy"
-    whitted = Picture.of_film(make_film([(0, 64)], integrator="t-buffer"))
+    whitted = Picture.of_film(make_film([(0, 64)], integrator="t-buffer", noisy=False))
     assert default_mode(whitted, whitted) == "fuzzy"
 
 

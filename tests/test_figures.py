@@ -16,11 +16,11 @@ from typer.testing import CliRunner, Result
 
 from glpath.cli.main import app
 from glpath.errors import GlpathError
+from glpath.experiments.verdict import Report
 from glpath.figures import style
 from glpath.figures.catalogue import FIGURES
 from glpath.figures.outcome import Outcome, as_csv, write
 from glpath.figures.style import Axis, Series
-from glpath.measure import Report
 
 FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes"]
 

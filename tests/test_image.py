@@ -13,6 +13,7 @@ import pytest
 
 from glpath import files, image
 from glpath.errors import ImageError, UsageError
+from glpath.film import read_image
 
 RAMP = np.linspace(0, 1, 256)
 
@@ -91,12 +92,12 @@ def test_grey_and_alpha_become_three_channels(tmp_path: Path) -> None:
 def test_a_film_is_read_as_its_mean(make_film, tmp_path: Path) -> None:
     film = make_film([(0, 40)])
     film.save(tmp_path / "a.npz")
-    assert np.array_equal(image.read_image(tmp_path / "a.npz"), film.mean)
+    assert np.array_equal(read_image(tmp_path / "a.npz"), film.mean)
     np.savez(tmp_path / "b.npz", radiance=film.mean)
-    assert np.array_equal(image.read_image(tmp_path / "b.npz"), film.mean)
+    assert np.array_equal(read_image(tmp_path / "b.npz"), film.mean)
     make_film([]).save(tmp_path / "empty.npz")
     with pytest.raises(ImageError, match=r"empty.npz: .*no path set"):
-        image.read_image(tmp_path / "empty.npz")
+        read_image(tmp_path / "empty.npz")
 
 
 @pytest.mark.parametrize("suffix", image.READABLE)
@@ -104,6 +105,8 @@ def test_a_film_is_read_as_its_mean(make_film, tmp_path: Path) -> None:
 def test_a_broken_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> None:
     path = tmp_path / f"broken{suffix}"
     path.write_bytes(content)
+    with pytest.raises(ImageError, match=rf"broken{suffix}: cannot be read as {suffix}: \S"):
+        read_image(path)
     with pytest.raises(ImageError, match=rf"broken{suffix}: cannot be read as {suffix}: \S"):
         image.read_image(path)
 

@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from glpath.measure import Condition, in_turns, judge, machine, seconds_of
+from glpath.experiments.timing import in_turns, seconds_of
+from glpath.experiments.verdict import Condition, judge, machine
 
 
 @pytest.mark.parametrize(
@@ -55,7 +56,7 @@ def test_contestants_take_turns_and_the_median_counts() -> None:
 @pytest.mark.parametrize("least", [1, 3])
 def test_no_round_starts_when_there_was_enough_but_the_least_number_does(least: int) -> None:
     calls = []
-    in_turns({"a": lambda: calls.append(1) or 0.0}, 5, least=least, enough_s=0.0)
+    in_turns({"a": lambda: calls.append(1) or 0.0}, 5, min_rounds=least, enough_s=0.0)
     assert len(calls) == least
 
 

@@ -39,7 +39,7 @@ def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path)
     if name in ("path-buffer-5", "path-buffer-6"):
         assert report["holds"] is True, measured
     if name == "path-buffer-7":
-        stored = Path(__file__).parent / "data" / "cornell-box-36-depth3.npz"
+        stored = Path(__file__).parents[1] / "scenes" / "references" / "cornell-box-36-depth3.npz"
         with np.load(stored) as file:
             truth = file[file.files[0]]
         scene = load_scene("cornell-box-36")

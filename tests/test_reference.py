@@ -21,7 +21,7 @@ from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference import closed_forms
 from tests.reference.numpy_path_tracer import nearest_hits, path_trace
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "scenes" / "references"
 
 GREY = Material("grey", np.full(3, 0.5))
 BLACK = Material("black", np.zeros(3))

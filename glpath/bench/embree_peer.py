@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.measure import cores
+from glpath.experiments.verdict import cores
 from glpath.scene.model import Camera
 
 Float32 = NDArray[np.float32]

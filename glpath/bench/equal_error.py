@@ -15,7 +15,8 @@ import numpy as np
 
 from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError
-from glpath.image import read_image
+from glpath.files import shipped_folder
+from glpath.film import read_image
 from glpath.integrators.path_stages import PathStages
 from glpath.rendering.factory import Engine
 from glpath.scene import load_scene
@@ -40,10 +41,13 @@ def mitsuba_scenes(scene: Scene, depth: int, notes: list[str]) -> Callable[[int]
 
 
 def reference_picture(given: str | Path | None, name: str, depth: int, mitsuba: bool, say: Say) -> Float64 | None:
-    """The picture of a file; by default the stored one of a checkout, else Mitsuba makes one; None without both."""
-    stored = Path(__file__).resolve().parents[2] / "tests" / "data" / f"{name}-depth{depth}.npz"
-    if given is not None or stored.is_file():
-        return read_image(given or stored)
+    """The image of a file; by default the one that ships, else Mitsuba makes one; None without both."""
+    shipped = shipped_folder("scenes")
+    stored = None if shipped is None else shipped / "references" / f"{name}-depth{depth}.npz"
+    if given is not None:
+        return read_image(given)
+    if stored is not None and stored.is_file():
+        return read_image(stored)
     if not mitsuba:
         return None
     say(f"no stored reference: Mitsuba renders one of {_REFERENCE_SPP} samples")

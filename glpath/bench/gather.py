@@ -34,12 +34,12 @@ from glpath.bench.equal_error import (
     warm_up,
 )
 from glpath.compare import relative_mse
+from glpath.experiments.verdict import Condition, Report, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.measure import Condition, Report, judge, machine
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solve import solve_radiosity
 from glpath.scene import load_scene
@@ -91,7 +91,7 @@ def bench_gather(
     Parameters
     ----------
     seeds     : independent renders that errors and times are taken over
-    reference : a converged picture of the scene with all bounces; by default the one of the checkout, else Mitsuba
+    reference : a converged picture of the scene with all bounces; by default the one that ships, else Mitsuba
                 makes one
     say       : called with a line on what goes on
     scale     : below 1, fewer samples of all, to see that it works

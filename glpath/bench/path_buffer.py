@@ -32,11 +32,11 @@ from glpath.bench.equal_error import (
     warm_up,
 )
 from glpath.compare import relative_mse
+from glpath.experiments.verdict import Report, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import PathTraceSettings
-from glpath.measure import Report, machine
 from glpath.scene import load_scene
 from glpath.scene.model import Scene
 from glpath.versions import versions
@@ -55,7 +55,7 @@ def bench_path_buffer(
     Parameters
     ----------
     seeds     : independent renders that errors and times are taken over
-    reference : a converged picture of the scene; by default the one of the checkout, else Mitsuba makes one
+    reference : a converged picture of the scene; by default the one that ships, else Mitsuba makes one
     say       : called with a line on what goes on
     """
     context = get_context()

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.measure import Condition, Report, cores, judge, machine
+from glpath.experiments.verdict import Condition, Report, cores, judge, machine
 from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Statistics, Visibility, facing
 from glpath.radiosity.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from glpath.versions import versions

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from glpath.errors import UsageError
-from glpath.measure import Report
+from glpath.experiments.verdict import Report
 
 # What each bench measures, and which options it takes besides --json.
 BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {

@@ -134,8 +134,8 @@ def _read(path: Path) -> Picture:
     """With noise where the file has it: a film, or a baseline. Raises ImageError."""
     from glpath.compare import Picture
     from glpath.files import open_npz
-    from glpath.film import Film
-    from glpath.image import read_exr_channels, read_image
+    from glpath.film import Film, read_image
+    from glpath.image import read_exr_channels
 
     image = read_image(path)
     if path.suffix.lower() == ".npz":

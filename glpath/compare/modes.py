@@ -19,9 +19,6 @@ MODES: tuple[str, ...] = get_args(Mode)
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
 
-# Engines whose samples differ only in their place in the pixel.
-_DETERMINISTIC = ("classic", "t-buffer")
-
 
 def compare(picture: Picture, reference: Picture, mode: str | None = None, **limits: float) -> Verdict:
     """Whether two pictures count as the same.
@@ -40,9 +37,9 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
-    """ "stat" where both are films of an engine that has noise, else "fuzzy"."""
-    made_by = [side.provenance.get("glpath.integrator") for side in (picture, reference)]
-    return "fuzzy" if any(name is None or name in _DETERMINISTIC for name in made_by) else "stat"
+    """ "stat" where both are films that have noise, as their metadata says, else "fuzzy"."""
+    noisy = [side.provenance.get("glpath.noisy") == "true" for side in (picture, reference)]
+    return "stat" if all(noisy) else "fuzzy"
 
 
 def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.experiments.verdict import Condition, Report, judge, machine
 from glpath.files import whole_file
 from glpath.gl.context import get_context
 from glpath.image import encode_png
-from glpath.measure import Condition, Report, judge, machine
 from glpath.versions import versions
 
 Say = Callable[[str], None]

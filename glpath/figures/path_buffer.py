@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from glpath.experiments.verdict import Condition
 from glpath.figures.mesh_step import mesh_step
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.style import pictures
 from glpath.image import tonemap
-from glpath.measure import Condition
 from glpath.radiosity import RadiositySolution, solve_radiosity
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.experiments.timing import in_turns
+from glpath.experiments.verdict import Condition
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.style import Axis, Series, pictures, plot
 from glpath.figures.whitted_frame import Setup, WhittedFrame
 from glpath.image import tonemap
-from glpath.measure import Condition, in_turns
 from glpath.scene import Scene, load_scene
 
 Float64 = NDArray[np.float64]
@@ -228,7 +229,9 @@ def _sweep(
         say(f"{name}: {objects} objects")
         scene = _stacked(objects, _size(viewport, scale))
         frames = {key: WhittedFrame(scene, setup) for key, setup in setups.items()}
-        seconds = in_turns({key: frame.seconds for key, frame in frames.items()}, rounds=9, least=3, enough_s=6.0)
+        seconds = in_turns(
+            {key: frame.seconds for key, frame in frames.items()}, rounds=9, min_rounds=3, enough_s=6.0
+        )
         row: dict[str, Any] = {"objects": objects, "coverage": float(_covered(scene).mean())}
         row |= {f"{key}_s": value for key, value in seconds.items()}
         for key, frame in frames.items():
@@ -450,7 +453,9 @@ def figure_17(scale: float, say: Say) -> Outcome:
     sizes = sorted({scaled(r, scale, 20 + i) for i, r in enumerate(RESOLUTIONS)})
     say(f"t-buffer-17: {objects} objects, shadow-buffers up to {sizes[-1]} x {2 * sizes[-1]}")
     frames = {str(r): WhittedFrame(scene, Setup("t-buffer", "sphere", r)) for r in sizes}
-    seconds = in_turns({key: frame.seconds for key, frame in frames.items()}, rounds=15, least=3, enough_s=60.0)
+    seconds = in_turns(
+        {key: frame.seconds for key, frame in frames.items()}, rounds=15, min_rounds=3, enough_s=60.0
+    )
     rows: Rows = [
         {"rows": r, "columns": 2 * r, "s": seconds[str(r)], "tests": frames[str(r)].tests()["shadow_buffer"]}
         for r in sizes

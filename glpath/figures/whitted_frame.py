@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.experiments.timing import seconds_of
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.settings import ClassicSettings, Shadows, TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
-from glpath.measure import seconds_of
 from glpath.scene import Scene
 
 

@@ -10,11 +10,11 @@ of the first, collected while the second is current, deletes the second's object
 does not guard against it. Who needs two devices starts two processes. No display is ever terminated (eglTerminate):
 EGL shares one per device with everybody in the process.
 
-In the kernel of a notebook, each device is tried in a process of its own first, as a broken driver can end the
-process that asks it.
+Whoever asks may have each device tried in a process of its own first, as a broken driver can end the process that
+asks it: renders do so in the kernel of a notebook.
 
-Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, in a notebook a Python start more; nothing
-          when cached.
+Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, a Python start more where that is tried
+          first; nothing when cached.
 Poor at:  threads (a context belongs to one at a time, see `Context.leave`) and fork (see `Context.check`).
 Source:   EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_MESA_device_software.
 """
@@ -39,7 +39,6 @@ from glcontext import egl
 from glpath.errors import ContextError
 from glpath.gl.osmesa import OSMesaLoader, load_osmesa
 from glpath.gl.program import forget_programs
-from glpath.interactive import in_notebook
 
 REQUIRED_VERSION = 430
 BACKENDS = ("auto", "egl", "osmesa")
@@ -173,7 +172,9 @@ _lock = threading.RLock()
 _context: Context | None = None
 
 
-def get_context(backend: str = "auto", device: int | None = None, require_gpu: bool = False) -> Context:
+def get_context(
+    backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
+) -> Context:
     """The context of this process, made at the first call, current in the calling thread.
 
     Parameters
@@ -181,6 +182,7 @@ def get_context(backend: str = "auto", device: int | None = None, require_gpu: b
     backend     : auto, egl or osmesa; auto takes GLPATH_BACKEND, or else what is best
     device      : index of the EGL device, as `glpath devices` lists them; None takes GLPATH_DEVICE, or the best
     require_gpu : refuse a software renderer instead of falling back to it
+    probe_first : try each device in a process of its own before this one; where this process must not end
 
     Raises
     ------
@@ -190,7 +192,7 @@ def get_context(backend: str = "auto", device: int | None = None, require_gpu: b
     global _context
     with _lock:
         if _context is None:
-            _context = _create(*_chosen(backend, device), require_gpu)
+            _context = _create(*_chosen(backend, device), require_gpu, probe_first)
         else:
             _context.check()
             _refuse_another(_context.info, backend, device)
@@ -260,7 +262,7 @@ def _chosen(backend: str, device: int | None) -> tuple[str, int | None]:
     return backend, device
 
 
-def _create(backend: str, device: int | None, require_gpu: bool) -> Context:
+def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Context:
     """The first candidate that works: hardware, then software, then OSMesa."""
     failures: list[str] = []
     candidates: list[_Candidate] = []
@@ -278,7 +280,7 @@ def _create(backend: str, device: int | None, require_gpu: bool) -> Context:
     for candidate in candidates:
         if candidate.software:
             continue
-        context = _attempt(candidate, failures)
+        context = _attempt(candidate, failures, probe_first)
         if context is None:
             continue
         if context.info.hardware:
@@ -291,7 +293,7 @@ def _create(backend: str, device: int | None, require_gpu: bool) -> Context:
     if require_gpu:
         raise _no_gpu(failures + [f"{c.backend} device {c.index} (software)" for c in software if c not in demoted])
     for candidate in software:
-        context = _attempt(candidate, failures)
+        context = _attempt(candidate, failures, probe_first)
         if context is not None:
             return context
     raise _none_works(failures)
@@ -376,9 +378,8 @@ def egl_candidates() -> list[_Candidate]:
     return found
 
 
-def _attempt(candidate: _Candidate, failures: list[str]) -> Context | None:
-    if in_notebook():
-        # A broken driver can end its process, and the kernel holds the user's work: another process goes first.
+def _attempt(candidate: _Candidate, failures: list[str], probe_first: bool) -> Context | None:
+    if probe_first:
         probe = _finish_probe(candidate, _start_probe(candidate))
         if probe.info is None:
             failures.append(probe.error)

@@ -15,6 +15,7 @@ from glpath.errors import SceneWarning
 from glpath.film import Film
 from glpath.gl.context import Context, get_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.interactive import in_notebook
 from glpath.progress import Progress, Report, reporting
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
 from glpath.rendering.options import with_options
@@ -98,7 +99,7 @@ def render(
         **options,
     )
     session = Session(job, loaded, stacklevel=2)
-    context = get_context(backend, device, require_gpu)
+    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
     with _reporting(progress, on_progress) as report:
         film = session.render(job, loaded, context, timings=timings, on_progress=report)
     for text in session.remarks(film):
@@ -134,7 +135,7 @@ def run(
     """
     loaded = job.sensor.seen(job.scene.load(scene))
     session = Session(job, loaded, stacklevel=2)
-    context = get_context() if context is None else context
+    context = get_context(probe_first=in_notebook()) if context is None else context
     film = session.render(job, loaded, context, timings=timings, on_progress=on_progress)
     for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
@@ -180,7 +181,7 @@ def render_frames(
     job, base = describe(
         scene, integrator=integrator, spp=spp, resolution=resolution, parameters=parameters, **options
     )
-    context = get_context(backend, device, require_gpu)
+    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
     session: Session | None = None
     for frame in frames:
         started = time.perf_counter()

@@ -99,6 +99,7 @@ class Session:
             settings=recorded,
             full_resolution=job.sensor.resolution,
             window=job.window,
+            noisy=job.integrator.noisy,
             device=info.renderer,
             versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
         )

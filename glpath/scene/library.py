@@ -17,6 +17,7 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
+from glpath.files import shipped_folder
 from glpath.scene import tessellate
 from glpath.scene.load import read_scene_file, scene_from_dict
 from glpath.scene.model import Scene
@@ -162,9 +163,7 @@ def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object
 
 
 def _scene_files() -> dict[str, Path]:
-    """The shipped files: beside the package in a wheel (glpath/scenes), beside glpath/ in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    folder = next((f for f in (package / "scenes", package.parent / "scenes") if f.is_dir()), None)
+    folder = shipped_folder("scenes")
     return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
 
 

@@ -1,6 +1,6 @@
 """Makes a converged Mitsuba 3 image to compare with, and measures its own error.
 
-    python tests/reference/make_mitsuba_reference.py --out tests/data/cornell-box-36-depth3.npz
+    python tests/reference/make_mitsuba_reference.py --out scenes/references/cornell-box-36-depth3.npz
 
 Many pictures of `--batch` samples, each of its own seed, are summed in float64. Because their seeds are
 independent, the spread between them gives the error of their mean. The file holds

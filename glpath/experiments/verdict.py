@@ -1,8 +1,4 @@
-"""What a bench or a figure says, one shape for the screen and for scripts, and how both of them time.
-
-Times on a shared machine drift by more than what is to be told apart. So the contestants take turns within one run,
-and the median of their times counts.
-"""
+"""What a bench or a figure finds, in one shape for screen and scripts, and the rule by which a claim holds."""
 
 from __future__ import annotations
 
@@ -10,9 +6,7 @@ import json
 import math
 import os
 import platform
-import statistics
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -101,29 +95,3 @@ def _cpu_name() -> str:
     except OSError:
         return platform.processor()
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
-
-
-def seconds_of(work: Callable[[], object], finish: Callable[[], object] = lambda: None) -> float:
-    """Wall time of one call. `finish` (a context's, which draws later than it is told to) runs on both sides."""
-    finish()
-    start = time.perf_counter()
-    work()
-    finish()
-    return time.perf_counter() - start
-
-
-def in_turns(
-    contestants: Mapping[str, Callable[[], float]], rounds: int, *, least: int = 1, enough_s: float = math.inf
-) -> dict[str, float]:
-    """Median of what each contestant returns, seconds of one run, when they take turns, `rounds` times.
-
-    least, enough_s : from `least` rounds on, no further one starts when all so far took so long
-    """
-    times: dict[str, list[float]] = {name: [] for name in contestants}
-    started = time.perf_counter()
-    for done in range(rounds):
-        if done >= least and time.perf_counter() - started >= enough_s:
-            break
-        for name, contestant in contestants.items():
-            times[name].append(contestant())
-    return {name: statistics.median(each) for name, each in times.items()}

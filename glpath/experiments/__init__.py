@@ -1,0 +1,1 @@
+"""What benches and figures share: how they time, and how they judge."""
