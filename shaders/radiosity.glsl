@@ -1,17 +1,17 @@
 // radiosity.glsl: a radiosity solution, looked up at a point [PB A.4].
 // Needs:  <RADIOSITY>
-// Units:  radiance W sr^-1 m^-2, linear Rec. 709, of what is reflected; emission is not in it.
+// Units:  irradiance W m^-2, linear Rec. 709.
 // A triangle's edges are in n parts. The cell (i, j) of its lattice has a lower element, (i, j) (i + 1, j) (i, j + 1),
 // and an upper one beyond the diagonal, (i + 1, j + 1) (i, j + 1) (i + 1, j), but for the last cell of a row.
 #include <RADIOSITY>
 
-vec3 radiosity_value(int first, int place, int back)
+vec3 irradiance_value(int first, int place, int back)
 {
-    return radiosity_texel(2 * (first + place) + back, RADIOSITY_RADIANCE).rgb;
+    return radiosity_texel(2 * (first + place) + back, RADIOSITY_IRRADIANCE).rgb;
 }
 
 // front: of the triangle, or its back.
-vec3 reflected_radiance(int triangle, vec3 position, bool front)
+vec3 irradiance_at(int triangle, vec3 position, bool front)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
     vec2 range = lattice_texel(triangle, LATTICE_RANGE).xy;
@@ -29,10 +29,10 @@ vec3 reflected_radiance(int triangle, vec3 position, bool front)
     // Rows j and j + 1 of vertices; the three around the point, the one off the diagonal first.
     int row = j * (last + 2) - (j * (j - 1)) / 2 + i, next = row + last + 2 - j;
     vec2 w = upper ? 1.0 - f.yx : f;
-    return (1.0 - w.x - w.y) * radiosity_value(first, upper ? next + 1 : row, back)
-         + w.x * radiosity_value(first, row + 1, back)
-         + w.y * radiosity_value(first, next, back);
+    return (1.0 - w.x - w.y) * irradiance_value(first, upper ? next + 1 : row, back)
+         + w.x * irradiance_value(first, row + 1, back)
+         + w.y * irradiance_value(first, next, back);
 #else
-    return radiosity_value(first, j * (2 * (last + 1) - j) + 2 * i + int(upper), back);
+    return irradiance_value(first, j * (2 * (last + 1) - j) + 2 * i + int(upper), back);
 #endif
 }

@@ -21,6 +21,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.settings import GatherSettings
 from glpath.radiosity import lattice
+from glpath.radiosity.sides import side_reflectance
 from glpath.rendering import tiles
 from glpath.sampling import PathSetSampler, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
@@ -30,19 +31,20 @@ BOX = "cornell-box-36"
 
 
 def solution_of(scene: Scene, divisions: Any, elements: Any = None, vertices: Any = None) -> RadiositySolution:
-    """A made-up solution: radiosity of the elements and of the vertices, broadcast; random where not given."""
+    """A made-up solution: irradiance of the elements and of the vertices, broadcast; random where not given."""
     triangles = path_traceable(scene)
     n = np.broadcast_to(np.asarray(divisions, np.int32), len(triangles.triangles))
     random = np.random.default_rng(5)
     values = []
     for count, given in ((lattice.element_count(n), elements), (lattice.vertex_count(n), vertices)):
         shape = (2, int(count.sum()), 3)
-        values.append(random.uniform(0.0, 4.0, shape) if given is None else np.broadcast_to(given, shape))
+        both = random.uniform(0.0, 8.0, shape) if given is None else np.broadcast_to(given, shape)
+        values.append(np.stack([0.3 * both, 0.7 * both]))
     return RadiositySolution(triangles.digest(camera=False), n, *values, "made up")
 
 
-def even(scene: Scene, radiosity: Any, divisions: Any = 2) -> RadiositySolution:
-    return solution_of(scene, divisions, radiosity, radiosity)
+def even(scene: Scene, irradiance: Any, divisions: Any = 2) -> RadiositySolution:
+    return solution_of(scene, divisions, irradiance, irradiance)
 
 
 def gather(scene: Any, solution: Any, **options: Any) -> glpath.Film:
@@ -108,7 +110,7 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int)
     material = [scene.materials[scene.shapes[s].material] for s in scene.triangle_shape]
     rho = np.array([m.reflectance for m in material])[first]
     rho = np.where((front | np.array([m.two_sided for m in material])[first])[:, None], rho, 0.0)
-    found = rho * solution.lookup(second, barycentric, back, lookup) / np.pi
+    found = rho * solution.lookup(scene, second, barycentric, back, lookup) / np.pi
     return found.reshape(height, width, 3)
 
 
@@ -136,9 +138,12 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any)
 
 
 def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
-    scene = room(size=16)
+    scene = path_traceable(room(size=16))
+    scene = replace(scene, materials=tuple(replace(m, two_sided=True) for m in scene.materials))
+    # Whatever the surface, so much is reflected.
+    irradiance = np.array([1.0, 2.0, 3.0]) / side_reflectance(scene)
     with pytest.warns(glpath.SceneWarning, match="light"):
-        film = gather(scene, even(scene, [1.0, 2.0, 3.0]), spp=8)
+        film = gather(scene, solution_of(scene, 1, irradiance, np.repeat(irradiance, 3, axis=1)), spp=8)
     wall = film.mean[0, 0]
     np.testing.assert_allclose(wall, 0.5 * np.array([1.0, 2.0, 3.0]) / np.pi, rtol=1e-6)
 
@@ -147,7 +152,7 @@ def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
 def test_furnace_is_the_endless_series_at_any_depth(depth: int, directions: Any) -> None:
     scene = load_scene("furnace", {"reflectance": 0.6}).with_camera(resolution=(12, 12))
     reflected = np.pi * (furnace_radiance(1.0, 0.6, 1000) - 1.0)
-    film = gather(scene, even(scene, reflected), spp=128, max_depth=depth, directions=directions)
+    film = gather(scene, even(scene, reflected / 0.6), spp=128, max_depth=depth, directions=directions)
     batches = film.radiance_sums.mean(axis=(1, 2, 3)) / film.batch_counts
     error = batches.std(ddof=1) / np.sqrt(len(batches))
     assert error < 0.05

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.closed_forms import facing_plates_radiance
+from reference.closed_forms import facing_plates_radiance, polygon_irradiance
 from rooms import cuboid, part, rectangle, room, with_triangles
 
 from glpath import RadiosityInterrupted, SceneError, UsageError, load_scene, solve_radiosity
 from glpath.radiosity import memory
-from glpath.radiosity.mesh import Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.mesh import Elements, Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.progressive import Refinement
 from glpath.radiosity.reconstruct import resample
 from glpath.radiosity.sides import sub_triangles
+from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.radiosity.transport import FormFactorOptions, Transport
 from glpath.scene import path_traceable
 
@@ -47,17 +48,16 @@ def refinement(scene, patches=200, splits=0, overshoot=False, points=4):
 @pytest.mark.parametrize("method", ["progressive", "matrix"])
 @pytest.mark.parametrize("shape", ["box", "sphere"])
 def test_white_furnace(method, shape):
-    # Every surface emits and reflects: B = E / (1 - rho) everywhere, of which rho B is reflected.
+    # Every surface emits and reflects: H = pi Le (1 + rho + rho^2 ...) everywhere, of which the 1 is direct.
     rho = 0.6
-    parameters = {"reflectance": rho, "radiance": 2.0, "shape": shape, "subdivisions": 1}
-    solution = solve_radiosity(
-        load_scene("furnace", parameters), method=method, patches=100, unshot=1e-5, receiver_points=1
-    )
-    expected = rho * 2 * np.pi / (1 - rho)
+    scene = load_scene("furnace", {"reflectance": rho, "radiance": 2.0, "shape": shape, "subdivisions": 1})
+    solution = solve_radiosity(scene, method=method, patches=100, unshot=1e-5, receiver_points=1)
     scale = 1e-4 if method == "progressive" else 2e-6
-    np.testing.assert_allclose(solution.elements[0], expected, rtol=scale)
-    np.testing.assert_allclose(solution.vertices[0], expected, rtol=scale)
-    np.testing.assert_array_equal(solution.elements[1], 0)  # outside
+    for light, expected in ((DIRECT, 2 * np.pi), (INDIRECT, 2 * np.pi * rho / (1 - rho))):
+        np.testing.assert_allclose(solution.elements[light, 0], expected, rtol=scale)
+        np.testing.assert_allclose(solution.vertices[light, 0], expected, rtol=scale)
+    np.testing.assert_allclose(solution.reflected(scene)[0], rho * 2 * np.pi / (1 - rho), rtol=scale)
+    np.testing.assert_array_equal(solution.elements[:, 1], 0)  # outside
 
 
 def test_two_facing_plates_are_the_series():
@@ -69,9 +69,43 @@ def test_two_facing_plates_are_the_series():
     solution = solve_radiosity(plates, patches=256, unshot=1e-5)
     expected = facing_plates_radiance(2, 2, 1, emission, reflectance, 40)
     # The plates' middles lie on their diagonals.
-    middle = [solution.lookup([t], [[0.0, 0.5]])[0] / np.pi for t in (0, 2)]
+    middle = [solution.lookup(plates, [t], [[0.0, 0.5]])[0] / np.pi for t in (0, 2)]
     np.testing.assert_allclose(middle[0] + emission[0], expected[0], rtol=0.005)
     np.testing.assert_allclose(middle[1], expected[1], rtol=0.01)
+    # Only the lower one emits: what it gets is indirect, and what the upper one gets of the direct light too.
+    lower, upper = (
+        [solution.irradiance([t], [[0.0, 0.5]], light=light)[0, 0] for light in ("direct", "indirect")]
+        for t in (0, 2)
+    )
+    direct = polygon_irradiance((0, 0, 0), (0, 0, 1), [(-1, -1, 1), (-1, 1, 1), (1, 1, 1), (1, -1, 1)], emission[0])
+    assert lower[0] == 0
+    assert lower[1] == pytest.approx((expected[0] - emission[0]) * np.pi / reflectance[0], rel=0.02)
+    assert upper[0] == pytest.approx(direct, rel=0.01)
+    assert upper[1] == pytest.approx(expected[1] * np.pi / reflectance[1] - direct, rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["progressive", "matrix", "monte-carlo"])
+def test_direct_light_is_that_of_a_rectangle(method):
+    corners = [(-0.4, -0.3, 1.2), (-0.4, 0.5, 1.2), (0.6, 0.5, 1.2), (0.6, -0.3, 1.2)]
+    scene = room(
+        part(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0)), (0.5, 0.2, 0.9)),
+        part(rectangle(corners[0], (0, 0.8, 0), (1, 0, 0)), 0.6, (3.0, 2.0, 1.0)),
+    )
+    solution = solve_radiosity(scene, method=method, size=0.3, receiver_points=1, unshot=1e-6, particles=2_000_000)
+    elements = Elements.of_lattices(solution.divisions[:2].astype(np.int64))
+    middles = elements.points(scene, np.full((1, 3), 1 / 3))[:, 0]
+    expected = np.array([polygon_irradiance(p, (0, 0, 1), corners) for p in middles])[:, None] * [3.0, 2.0, 1.0]
+    found = solution.elements[DIRECT, 0, : len(middles)]
+    if method == "monte-carlo":
+        error = found / expected - 1
+        assert np.abs(error.mean()) < 0.005
+        assert np.sqrt((error**2).mean()) < 0.05
+    else:
+        np.testing.assert_allclose(found, expected, rtol=2e-3)
+    # The lamp gets from the floor alone, which reflects; and nothing arrives anywhere from behind.
+    np.testing.assert_array_equal(solution.elements[DIRECT, 0, len(middles) :], 0)
+    assert (solution.elements[INDIRECT, 0, len(middles) :] > 0).all()
+    np.testing.assert_array_equal(solution.elements[:, 1], 0)
 
 
 def test_one_shot_between_infinitely_many_is_seen_in_the_energy(lit_box):
@@ -83,7 +117,7 @@ def test_one_shot_between_infinitely_many_is_seen_in_the_energy(lit_box):
     for _ in range(150):
         arrived.append(solver.step())
         areas = t.share[:, None] * t.areas[t.patch, None]
-        absorbed = ((1 - t.elements.reflectance) * solver.irradiance * areas).sum(axis=0)
+        absorbed = ((1 - t.elements.reflectance) * solver.irradiance.sum(axis=0) * areas).sum(axis=0)
         unshot = (solver.unshot * t.areas[:, None]).sum(axis=0)
         np.testing.assert_allclose(absorbed + unshot, emitted, rtol=0.01)
     np.testing.assert_allclose(arrived, 1.0, atol=0.1)
@@ -99,7 +133,8 @@ def test_progressive_is_the_matrix_and_overshooting_too(lit_box):
     steps = {}
     for overshoot in (False, True):
         found = solve_radiosity(lit_box, unshot=1e-5, overshoot=overshoot, **options)
-        np.testing.assert_allclose(found.elements, exact.elements, rtol=1e-3, atol=1e-4 * exact.elements.max())
+        for here, there in zip(found.elements, exact.elements, strict=True):
+            np.testing.assert_allclose(here, there, rtol=1e-3, atol=1e-4 * there.max())
         steps[overshoot] = found.statistics["steps"]
     assert steps[True] < steps[False]
 
@@ -111,11 +146,14 @@ def test_monte_carlo_is_progressive_within_its_error(lit_box):
     np.testing.assert_array_equal(particles.elements, again.elements)
     exact = solve_radiosity(lit_box, size=size, unshot=1e-4, splits=1)
     # Point by point, but for the dark beneath the box.
-    front, expected = (s.lookup(*_middles(exact, 8)) for s in (particles, exact))
+    front, expected = (s.irradiance(*_middles(exact, 8)) for s in (particles, exact))
     seen = (expected > 0.02 * expected.max(axis=0)).all(axis=1)
     assert seen.mean() > 0.75
     np.testing.assert_allclose(front[seen].mean(axis=0), expected[seen].mean(axis=0), rtol=0.01)
     assert np.abs(front[seen] / expected[seen] - 1).mean() < 0.05
+    # And what is direct of it: all in all, as the edges of shadows are as wide as elements.
+    energy = [areas_of(lit_box, s) @ s.elements[DIRECT, 0] for s in (particles, exact)]
+    np.testing.assert_allclose(*energy, rtol=0.01)
     assert 0 < particles.statistics["error_of_mean"] < 0.002
 
 
@@ -134,7 +172,7 @@ def test_monte_carlo_says_how_far_it_is_off():
     shooting = Shooting(Mesh.uniform(scene, np.full(12, 2), surface), seed=1)
     shooting.shoot(32, lambda: None)
     assert shooting.particles == 32 * BATCH
-    irradiance, error = shooting.irradiance()[0], shooting.standard_error()[0]
+    irradiance, error = shooting.irradiance().sum(axis=0)[0], shooting.standard_error()[0]
     off = (irradiance - 2 * np.pi) / error
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     # Of equal numbers of hits; each survives by a half.
@@ -147,9 +185,10 @@ def test_the_ambient_estimate_makes_an_early_end_right_in_the_mean(lit_box):
         for options in ({"unshot": 1e-5}, {"unshot": 0.2}, {"unshot": 0.2, "ambient": True})
     )
     areas = areas_of(lit_box, exact)
-    mean = [float((s.elements[0] * areas[:, None]).sum()) for s in (exact, early, with_ambient)]
+    mean = [float((s.reflected(lit_box)[0] * areas[:, None]).sum()) for s in (exact, early, with_ambient)]
     assert mean[1] < 0.85 * mean[0]
     assert mean[2] == pytest.approx(mean[0], rel=0.05)
+    np.testing.assert_array_equal(with_ambient.elements[DIRECT], early.elements[DIRECT])
 
 
 # Sides.
@@ -162,15 +201,16 @@ def test_the_back_of_a_one_sided_plate_is_black_and_of_a_two_sided_not():
             part(rectangle((-1, -1, -1), (2, 0, 0), (0, 2, 0)), 0.0, 1.0),  # below it, shining up
             part(rectangle((-1, -1, 1), (0, 2, 0), (2, 0, 0)), 0.0, 2.0),  # above it, shining down
         )
-        return solve_radiosity(scene, patches=64, unshot=1e-4)
+        solution = solve_radiosity(scene, patches=64, unshot=1e-4)
+        plate = slice(0, int(solution.divisions[0]) ** 2)
+        return solution.reflected(scene)[:, plate]
 
     one, two = lit(False), lit(True)
-    assert (one.elements[1] == 0).all()
-    assert (one.elements[0, :2] > 0).all()
+    assert (one[1] == 0).all()
+    assert (one[0] > 0).all()
     # The lamps are at the same distance on either side, one twice as bright.
-    plate = slice(0, int(two.divisions[0]) ** 2)
-    np.testing.assert_allclose(two.elements[0, plate], 2 * two.elements[1, plate], rtol=0.02)
-    np.testing.assert_allclose(two.elements[0, plate], one.elements[0, plate], rtol=0.01)
+    np.testing.assert_allclose(two[0], 2 * two[1], rtol=0.02)
+    np.testing.assert_allclose(two[0], one[0], rtol=0.01)
 
 
 def test_light_leaves_both_sides_of_a_lamp_that_emits_both_ways():
@@ -183,8 +223,9 @@ def test_light_leaves_both_sides_of_a_lamp_that_emits_both_ways():
     triangles = room(walls, part(lamp)).triangles
     above = np.repeat(triangles.mean(axis=1)[:, 2] > 0.9, one.divisions**2)
     below = np.repeat(triangles.mean(axis=1)[:, 2] < -0.9, one.divisions**2)
-    assert one.elements[0, below].mean() < 0.5 * one.elements[0, above].mean()
-    np.testing.assert_allclose(two.elements[0, below].mean(), two.elements[0, above].mean(), rtol=0.01)
+    one, two = (solution.elements.sum(axis=0)[0] for solution in (one, two))
+    assert one[below].mean() < 0.5 * one[above].mean()
+    np.testing.assert_allclose(two[below].mean(), two[above].mean(), rtol=0.01)
 
 
 # Meshes.
@@ -234,7 +275,7 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed):
     mesh = Mesh.uniform(scene, divisions_of_size(scene, surface, 1.5), surface)
     for _ in range(3):
         mesh = mesh.refine(rng.random(len(mesh.elements)) < 0.25)
-    values = rng.random((2, len(mesh.elements), 3))
+    values = rng.random((2, 2, len(mesh.elements), 3))
     divisions, elements, vertices = resample(mesh, values)
     from glpath.radiosity.solution import RadiositySolution
 
@@ -246,14 +287,15 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed):
             a, b = face[k], face[(k + 1) % 3]
             ends = np.array([(0, 0), (1, 0), (0, 1)], float)[[k, (k + 1) % 3]]
             places = ends[0] + along[:, None] * (ends[1] - ends[0])
-            found = solution.lookup(np.full(101, t), places)
+            found = solution.irradiance(np.full(101, t), places, light="indirect")
             edges.setdefault((min(a, b), max(a, b)), []).append(found if a < b else found[::-1])
     shared = [pair for pair in edges.values() if len(pair) == 2]
     assert len(shared) == 7
     for ours, theirs in shared:
         np.testing.assert_allclose(ours, theirs, atol=2e-6)
     # Inside a triangle the lookup has no steps either.
-    line = solution.lookup(np.zeros(4001, int), np.column_stack([np.linspace(0, 0.6, 4001), np.full(4001, 0.3)]))
+    places = np.column_stack([np.linspace(0, 0.6, 4001), np.full(4001, 0.3)])
+    line = solution.irradiance(np.zeros(4001, int), places, light="direct")
     assert np.abs(np.diff(line, axis=0)).max() < 0.02
 
 
@@ -286,7 +328,7 @@ def test_adaptive_subdivision_goes_to_the_shadow_and_makes_it_right():
     b = rng.random((4000, 2))
     b = np.where(b.sum(axis=1, keepdims=True) > 1, 1 - b, b)
     t = rng.integers(0, 2, 4000)
-    expected, by_coarse, by_adaptive = (s.lookup(t, b) for s in (fine, coarse, adaptive))
+    expected, by_coarse, by_adaptive = (s.irradiance(t, b) for s in (fine, coarse, adaptive))
     off = [np.abs(found - expected).mean() / expected.mean() for found in (by_coarse, by_adaptive)]
     assert off[1] < 0.4 * off[0]
     assert coarse.statistics["elements"] < adaptive.statistics["elements"] < 0.5 * fine.statistics["elements"]
@@ -298,7 +340,7 @@ def test_splitting_elements_changes_nothing_in_a_furnace():
     t = solver.transport
     which = np.random.default_rng(0).random(len(t.mesh.elements)) < 0.4
     solver.irradiance = t.refine(which, solver.irradiance, solver.shot)
-    np.testing.assert_allclose(solver.irradiance[t.elements.back == 0], 2 * np.pi, rtol=1e-5)
+    np.testing.assert_allclose(solver.irradiance[:, t.elements.back == 0], np.pi, rtol=1e-5)
     # The columns that were kept are those that would be found anew.
     kept = t.column(5)
     fresh = Transport(t.mesh, FormFactorOptions(points=1), 1 << 30).column(5)

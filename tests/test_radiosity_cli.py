@@ -164,7 +164,8 @@ def test_a_baked_scene_is_what_was_solved(solved, tmp_path):
         faces = _array(document, mesh.primitives[0].indices).reshape(-1, 3)
         assert len(faces) == (solution.divisions[part] ** 2).sum()
         first = int(solution.first_vertex[part.start])
-        radiance = solution.vertices[0, first : first + len(position)] / np.pi + shape.emission
+        irradiance = solution.vertices[:, 0, first : first + len(position)].sum(axis=0)
+        radiance = scene.materials[shape.material].reflectance * irradiance / np.pi + shape.emission
         np.testing.assert_allclose(colour, np.clip(radiance / 2, 0, 1), rtol=1e-6)
         # The triangles face as the scene's do, and cover them.
         corners = position[faces].astype(float)

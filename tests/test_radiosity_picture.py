@@ -12,12 +12,16 @@ from glpath.radiosity.solution import RadiositySolution
 
 
 def solution_of(scene: glpath.Scene, value: float) -> RadiositySolution:
-    """The same on every front, twice as much on every back."""
+    """What every front reflects, twice as much on every back; a third of it direct."""
     divisions = np.full(len(scene.triangles), 2, np.int32)
     sides = np.array([value, 2 * value])[:, None, None]
-    elements = np.broadcast_to(sides, (2, int(lattice.element_count(divisions).sum()), 3))
-    vertices = np.broadcast_to(sides, (2, int(lattice.vertex_count(divisions).sum()), 3))
-    return RadiositySolution(scene.digest(camera=False), divisions, elements, vertices, "test", {}, {})
+    white = np.array([scene.materials[s.material].reflectance for s in scene.shapes])[scene.triangle_shape]
+    parts = np.array([1 / 3, 2 / 3])[:, None, None, None]
+    values = [
+        parts * np.repeat(sides / white, count, axis=1)
+        for count in (lattice.element_count(divisions), lattice.vertex_count(divisions))
+    ]
+    return RadiositySolution(scene.digest(camera=False), divisions, *values, "test", {}, {})
 
 
 @pytest.mark.parametrize("lookup", ["constant", "interpolated"])

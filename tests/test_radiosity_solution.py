@@ -13,9 +13,11 @@ from glpath import GlpathError, RadiositySolution, SceneError, UsageError, load_
 from glpath.radiosity import lattice
 from glpath.scene import path_traceable
 
+PARTS = np.array([0.25, 0.75])[:, None, None, None]
+
 
 def solution_of(scene, divisions, front, back=lambda p: 0 * p):
-    """A solution whose values are functions of the place."""
+    """A solution whose irradiance is a function of the position: a quarter of it direct."""
     triangles = path_traceable(scene)
     vertices, elements = [], []
     for corners, n in zip(triangles.triangles, divisions, strict=True):
@@ -27,8 +29,8 @@ def solution_of(scene, divisions, front, back=lambda p: 0 * p):
     return RadiositySolution(
         triangles.digest(camera=False),
         np.asarray(divisions, np.int32),
-        np.stack([front(at_elements), back(at_elements)]),
-        np.stack([front(at_vertices), back(at_vertices)]),
+        PARTS * np.stack([front(at_elements), back(at_elements)]),
+        PARTS * np.stack([front(at_vertices), back(at_vertices)]),
         "made up",
         {"size": 0.5},
         {"steps": 3},
@@ -79,11 +81,23 @@ def test_interpolation_repeats_a_linear_function_on_both_sides(box):
     b = np.where(b.sum(axis=1, keepdims=True) > 1, 1 - b, b)
     corners = scene.triangles[t]
     points = corners[:, 0] + np.einsum("pk,pkj->pj", b, corners[:, 1:] - corners[:, :1])
-    np.testing.assert_allclose(solution.lookup(t, b), linear(points), rtol=1e-5)
-    np.testing.assert_allclose(solution.lookup(t, b, 1), 2 * linear(points), rtol=1e-5)
+    np.testing.assert_allclose(solution.irradiance(t, b), linear(points), rtol=1e-5)
+    np.testing.assert_allclose(solution.irradiance(t, b, 1), 2 * linear(points), rtol=1e-5)
+    for mode in ("interpolated", "constant"):
+        both = solution.irradiance(t, b, mode=mode)
+        for light, share in (("direct", 0.25), ("indirect", 0.75)):
+            found = solution.irradiance(t, b, mode=mode, light=light)
+            np.testing.assert_allclose(found, share * both, rtol=1e-6)
+    # What is reflected depends on the surface, and on the side that is seen.
+    materials = [scene.materials[scene.shapes[s].material] for s in scene.triangle_shape[t]]
+    back = np.arange(2000) % 2
+    rho = np.array([m.reflectance * (m.two_sided or side == 0) for m, side in zip(materials, back, strict=True)])
+    np.testing.assert_allclose(
+        solution.lookup(box, t, b, back), rho * (1 + back[:, None]) * linear(points), rtol=1e-5, atol=1e-6
+    )
     # Constant is the value at the element's middle, which is at most an edge away.
-    assert np.abs(solution.lookup(t, b, mode="constant") - linear(points)).max() < 6
-    middles = solution.lookup([0], [[1 / 3, 1 / 3]], mode="constant") if solution.divisions[0] == 1 else None
+    assert np.abs(solution.irradiance(t, b, mode="constant") - linear(points)).max() < 6
+    middles = solution.irradiance([0], [[1 / 3, 1 / 3]], mode="constant") if solution.divisions[0] == 1 else None
     assert middles is None or np.allclose(middles, linear(scene.triangles[0].mean(axis=0)), rtol=1e-5)
 
 
@@ -119,8 +133,13 @@ def test_what_is_no_solution_is_refused(box, tmp_path):
     np.savez(tmp_path / "new.npz", radiosity_format=99)
     with pytest.raises(GlpathError, match="format 99"):
         RadiositySolution.load(tmp_path / "new.npz")
+    np.savez(tmp_path / "old.npz", radiosity_format=1, elements=np.zeros((2, 36, 3)))
+    with pytest.raises(
+        GlpathError, match=r"format 1, which holds what surfaces reflect[\s\S]*Solve the scene anew"
+    ):
+        RadiositySolution.load(tmp_path / "old.npz")
     made = dict(np.load(_saved(box, tmp_path)))
-    np.savez(tmp_path / "short.npz", **made | {"elements": made["elements"][:, 1:]})
+    np.savez(tmp_path / "short.npz", **made | {"elements": made["elements"][:, :, 1:]})
     with pytest.raises(GlpathError, match="divisions make it"):
         RadiositySolution.load(tmp_path / "short.npz")
     np.savez(tmp_path / "nan.npz", **made | {"vertices": made["vertices"] * np.nan})
@@ -136,6 +155,8 @@ def _saved(box, folder):
 def test_lookup_says_what_it_cannot_do(box):
     solution = solution_of(box, np.full(36, 1), linear)
     with pytest.raises(UsageError, match="there are 36"):
-        solution.lookup([36], [[0, 0]])
+        solution.irradiance([36], [[0, 0]])
     with pytest.raises(UsageError, match="allowed are interpolated, constant"):
-        solution.lookup([0], [[0, 0]], mode="nearest")
+        solution.lookup(box, [0], [[0, 0]], mode="nearest")
+    with pytest.raises(UsageError, match="allowed are both, direct, indirect"):
+        solution.irradiance([0], [[0, 0]], light="ambient")

@@ -369,9 +369,9 @@ def figure_11(scale: float, say: Say) -> Outcome:
     return _outcome("path-buffer-11", said, rule, measured, rows, picture, _notes(scale))
 
 
-def _fronts(solution: RadiositySolution) -> Float64:
+def _fronts(solution: RadiositySolution, scene: Scene) -> Float64:
     """(E,) what each element's front reflects, the mean of the colours."""
-    return np.asarray(solution.elements[0].mean(axis=1), float)
+    return np.asarray(solution.reflected(scene)[0].mean(axis=1))
 
 
 def _areas(solution: RadiositySolution, scene: Scene) -> Float64:
@@ -385,14 +385,14 @@ def _noise(a: RadiositySolution, b: RadiositySolution, scene: Scene) -> list[flo
 
     Two that are equally wrong differ by sqrt(2) times their error.
     """
-    x, y = _fronts(a), _fronts(b)
+    x, y = _fronts(a, scene), _fronts(b, scene)
     quarters = np.array_split(np.argsort(_areas(a, scene), kind="stable"), 4)
     return [float(np.sqrt(np.mean((x[q] - y[q]) ** 2) / 2) / np.mean((x[q] + y[q]) / 2)) for q in quarters]
 
 
 def _mean_difference(a: RadiositySolution, b: RadiositySolution, scene: Scene) -> float:
     area = _areas(a, scene)
-    x, y = float(_fronts(a) @ area), float(_fronts(b) @ area)
+    x, y = float(_fronts(a, scene) @ area), float(_fronts(b, scene) @ area)
     return abs(x - y) / ((x + y) / 2)
 
 

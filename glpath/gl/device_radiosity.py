@@ -24,7 +24,7 @@ LAYOUT: dict[str, dict[str, str]] = {
         "Y": "the same for y",
         "RANGE": "n; number of the first of its values",
     },
-    "radiosity": {"RADIANCE": "that leaves by reflection: radiosity / pi; front and back of a place in turns"},
+    "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns"},
 }
 # A float holds the number of a value.
 _MOST = 1 << 24
@@ -36,20 +36,22 @@ def radiosity_glsl() -> str:
 
 
 class DeviceRadiosity:
-    """Reflected radiosity in a texture.
+    """Irradiance in a texture.
 
     Parameters
     ----------
     corners   : (T, 3, 3) of the scene's triangles, world space
     divisions : (T,) n of each triangle
-    values    : (2, N, 3) W m^-2, front and back, of the elements or of the vertices, triangle after triangle
+    values    : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
+                triangle
     starts    : (T,) number of each triangle's first value
+    reflectance  : (2, T, 3) of the triangles' fronts and backs
     interpolated : are `values` those of the vertices?
 
     Attributes
     ----------
     textures, uniforms, defines, generated : for programs that include radiosity.glsl
-    brightest : the greatest radiance in it
+    brightest : the greatest radiance that is reflected
 
     Raises SceneError for more values than the device holds.
     """
@@ -61,6 +63,7 @@ class DeviceRadiosity:
         divisions: NDArray[np.int32],
         values: NDArray[np.float32],
         starts: NDArray[np.int64],
+        reflectance: Float64,
         *,
         interpolated: bool,
     ) -> None:
@@ -78,10 +81,11 @@ class DeviceRadiosity:
         lattice[:, :2] = _lattice_rows(corners, divisions)
         lattice[:, 2, 0] = divisions
         lattice[:, 2, 1] = starts
-        radiance = np.zeros((2 * places, 1, 4))
-        radiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3) / np.pi
-        self.brightest = float(radiance.max(initial=0.0))
-        tables = {"lattice": lattice, "radiosity": radiance}
+        irradiance = np.zeros((2 * places, 1, 4))
+        irradiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
+        most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
+        self.brightest = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
+        tables = {"lattice": lattice, "radiosity": irradiance}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.textures = {"radiosity": texture}
         self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}

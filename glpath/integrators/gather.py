@@ -1,9 +1,9 @@
 """The image gather from a radiosity solution by the path-buffer: the local pass of a two-pass method [PB 4, A.4].
 
-A path is that of the path tracer up to its second vertex; what leaves there by reflection is looked up in the
-solution instead of traced on. So each path carries light of any number of bounces, and a coarse mesh will do: what
-the eye sees is an integral over it, and direct light is not from the solution at all. Stages and sampling are the
-path tracer's, see `path_stages`; direct light and emission are weighed as there.
+A path is that of the path tracer up to its second vertex; the light that arrives there is looked up in the
+solution, and reflected, instead of traced. So each path carries light of any number of bounces, and a coarse mesh
+will do: what the eye sees is an integral over it, and direct light is not from the solution at all. Stages and
+sampling are the path tracer's, see `path_stages`; direct light and emission are weighed as there.
 
 Cost:     a path set of depth two, less the direct light at the second vertex, plus the lookup; whatever the solver
           took. A camera that moves needs no new solution.
@@ -38,6 +38,7 @@ def device_radiosity(
 ) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
     from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
+    from glpath.radiosity.sides import side_reflectance
 
     interpolated = lookup == "interpolated"
     count = lattice.vertex_count if interpolated else lattice.element_count
@@ -45,8 +46,9 @@ def device_radiosity(
         gl,
         scene.triangles,
         solution.divisions,
-        solution.vertices if interpolated else solution.elements,
+        (solution.vertices if interpolated else solution.elements).sum(axis=0),
         lattice.starts(count(solution.divisions))[:-1],
+        side_reflectance(scene),
         interpolated=interpolated,
     )
 

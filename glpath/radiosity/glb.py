@@ -134,7 +134,8 @@ def _primitives(
         reflects = np.any(material.reflectance > 0) and (not back or material.two_sided)
         if not (emits or reflects):
             continue
-        radiance = solution.vertices[back, first : first + len(points)] / np.pi
+        irradiance = solution.vertices[:, back, first : first + len(points)].sum(axis=0)
+        radiance = material.reflectance * irradiance / np.pi if reflects else np.zeros((len(points), 3))
         if emits:
             radiance = radiance + shape.emission
         colour = np.clip(radiance * 2.0**exposure, 0.0, 1.0).astype(np.float32)

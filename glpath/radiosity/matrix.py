@@ -15,7 +15,7 @@ from glpath.scene.model import Float64
 
 
 def solve_matrix(transport: Transport) -> Float64:
-    """(R, 3) float64: the irradiance of all elements, by gathering from all patches."""
+    """(2, R, 3) float64: the irradiance of all elements, direct and indirect, by gathering from all patches."""
     t = transport
     factors = t.matrix()
     count = len(t.sides)
@@ -25,7 +25,8 @@ def solve_matrix(transport: Transport) -> Float64:
     for c in range(3):
         system = np.eye(count) - t.sides.reflectance[:, c, None] * between
         radiosity[:, c] = np.linalg.solve(system, t.sides.emission[:, c])
-    return np.asarray(factors.astype(np.float64) @ radiosity)
+    exact = factors.astype(np.float64)
+    return np.stack([exact @ t.sides.emission, exact @ (radiosity - t.sides.emission)])
 
 
 def matrix_bytes(elements: int, patches: int) -> int:

@@ -26,7 +26,7 @@ from glpath.radiosity import lattice
 from glpath.radiosity.blockers import Blockers
 from glpath.radiosity.mesh import Elements, Int64, Mesh, blocker_of_triangle
 from glpath.radiosity.rays import nearest, rays_of
-from glpath.radiosity.sides import Sides, open_points
+from glpath.radiosity.sides import Sides, open_points, side_reflectance
 from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
@@ -58,9 +58,9 @@ class Shooting:
     mesh      : each patch one element
     seed      : another seed is another, independent solution
     particles : that were shot
-    flux      : (2, E, 3) energy that arrived at the elements' fronts and backs in all, W times `particles`
+    flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
+                reflected; at the elements' fronts and backs
     hits      : of particles on surfaces
-
     open_areas : (2, E) of what is not buried in solids, of both sides
     """
 
@@ -76,8 +76,9 @@ class Shooting:
         count = len(scene.triangles)
         ones = np.ones(count, np.int64)
         sides = Sides.of(scene, Elements.of_lattices(ones))
-        self._reflectance = np.zeros((2, count, 3))
-        self._reflectance[sides.back, sides.element] = sides.reflectance
+        used = np.zeros((2, count), bool)
+        used[sides.back, sides.element] = True
+        self._used = used[:, self.mesh.elements.triangle]
         divisions = ones.copy()
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         # Emitters by their power; the mean of the channels, so that no coloured light is starved.
@@ -87,11 +88,11 @@ class Shooting:
         self._lamps = _Lamps(sides.element[lamps], sides.back[lamps], np.cumsum(chance), power / chance[:, None])
         self._rays = rays_of(scene)
         self._surfaces = _Surfaces(
-            scene.normals, self._reflectance, divisions, lattice.starts(lattice.element_count(divisions))
+            scene.normals, side_reflectance(scene), divisions, lattice.starts(lattice.element_count(divisions))
         )
         self.open_areas = _open_areas(self.mesh)
-        self.flux = np.zeros((2, len(self.mesh.elements), 3))
-        self.square = np.zeros_like(self.flux)
+        self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
+        self.square = np.zeros(self.flux.shape[1:])
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
@@ -102,7 +103,7 @@ class Shooting:
                 numbers = range(start, min(start + threads, first + batches))
                 for flux, hits in pool.map(self._batch, numbers):
                     self.flux += flux
-                    self.square += flux**2
+                    self.square += flux.sum(axis=0) ** 2
                     self.hits += hits
                     self.particles += BATCH
                 on_batch()
@@ -113,21 +114,22 @@ class Shooting:
         return flux, int(hits)
 
     def irradiance(self) -> Float64:
-        """(2, E, 3) W m^-2, the estimate so far."""
+        """(2, 2, E, 3) W m^-2, the estimate so far: direct and indirect, as `flux`."""
         return self.flux / max(self.particles, 1) / self.open_areas[..., None]
 
     def standard_error(self) -> Float64:
-        """(2, E, 3) of `irradiance`, from how the batches differ; infinite while there are less than two."""
+        """(2, E, 3) of both parts of `irradiance` together, from how the batches differ; infinite while there are
+        less than two."""
         batches = self.particles // BATCH
         if batches < 2:
-            return np.full_like(self.flux, np.inf)
-        mean = self.flux / batches
+            return np.full_like(self.square, np.inf)
+        mean = self.flux.sum(axis=0) / batches
         variance = np.maximum(self.square / batches - mean**2, 0.0) / (batches - 1)
-        return np.sqrt(variance) / BATCH / self.open_areas[..., None]
+        return np.asarray(np.sqrt(variance) / BATCH / self.open_areas[..., None])
 
-    def reflected(self) -> Float64:
-        """(2, E, 3): reflected radiosity of the elements, both sides."""
-        return self._reflectance[:, self.mesh.elements.triangle] * self.irradiance()
+    def result(self) -> Float64:
+        """(2, 2, E, 3): irradiance of the elements; 0 where a side neither reflects nor emits."""
+        return np.asarray(self.irradiance() * self._used[..., None])
 
 
 def _open_areas(mesh: Mesh) -> Float64:
@@ -154,7 +156,7 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 @kernel
 def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untyped-def]
-    """One batch of particles; adds to flux (2, E, 3) and returns the number of hits."""
+    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits."""
     corners, normals, reflectance = rays.corners, surfaces.normals, surfaces.reflectance
     hits = 0
     o, d, w = np.empty(3), np.empty(3), np.empty(3)
@@ -171,6 +173,7 @@ def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untype
         for k in range(3):
             o[k] = corners[triangle, k] + root * ((1 - v) * corners[triangle, 3 + k] + v * corners[triangle, 6 + k])
             w[k] = lamps.energy[which, k]
+        part = 0  # direct, until it is reflected
         while True:
             state = _leave(state, normals[triangle], back, d)
             hit = nearest(rays, o, d, triangle, found)
@@ -191,11 +194,12 @@ def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untype
             at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
             survival = 0.0
             for k in range(3):
-                flux[back, at, k] += w[k]
+                flux[part, back, at, k] += w[k]
                 survival = max(survival, reflectance[back, triangle, k])
             state, u = _random(state)
             if u >= survival:
                 break
+            part = 1
             for k in range(3):
                 w[k] *= reflectance[back, triangle, k] / survival
     return hits

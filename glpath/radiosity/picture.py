@@ -66,7 +66,7 @@ class EyeHits:
         shape = self.scene.triangle_shape[t]
         shining = (back == 0) | both[shape]
         picture = np.zeros((*self.triangle.shape, 3))
-        reflected = solution.lookup(t, self.barycentric[seen], back, mode)
+        reflected = solution.lookup(self.scene, t, self.barycentric[seen], back, mode)
         picture[seen] = reflected / np.pi + np.where(shining[:, None], emission[shape], 0)
         return np.asarray(picture.mean(axis=2))
 

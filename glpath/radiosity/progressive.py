@@ -30,8 +30,8 @@ _AHEAD = 64
 class Refinement:
     """The state of a progressive solution.
 
-    irradiance : (R, 3) H of the elements' sides, W m^-2
-    shot       : (Q, 3) radiosity that the patches' sides have sent
+    irradiance : (2, R, 3) H of the elements' sides, W m^-2, by what patches [0] emit, direct, [1] reflect, indirect
+    shot       : (2, Q, 3) radiosity that the patches' sides have sent: [0] emitted, [1] reflected
     unshot     : (Q, 3) what they have not yet; below 0 where too much was sent, ahead of time
     steps      : patches that shot
     """
@@ -39,9 +39,9 @@ class Refinement:
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
         self.transport = transport
         self.overshoot = overshoot
-        self.irradiance: Float64 = np.zeros((len(transport.elements), 3))
+        self.irradiance: Float64 = np.zeros((2, len(transport.elements), 3))
         self.unshot: Float64 = transport.sides.emission.copy()
-        self.shot: Float64 = np.zeros_like(self.unshot)
+        self.shot: Float64 = np.zeros((2, *self.unshot.shape))
         self.steps = 0
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
 
@@ -66,10 +66,15 @@ class Refinement:
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
         self.unshot[side] -= sent
-        self.shot[side] += sent
-        received = _receive(
-            column, sent, t.elements.reflectance, t.share, t.patch, t.areas, self.irradiance, self.unshot
-        )
+        # Emission goes out whole, the first time; all else is reflected.
+        emitted = t.sides.emission[side] - self.shot[0, side]
+        received = 0.0
+        for irradiance, shot, part in zip(self.irradiance, self.shot, (emitted, sent - emitted), strict=True):
+            if part.any():
+                shot[side] += part
+                received = _receive(
+                    column, part, t.elements.reflectance, t.share, t.patch, t.areas, irradiance, self.unshot
+                )
         self.steps += 1
         return float(received / t.areas[side])
 
@@ -102,7 +107,7 @@ class Refinement:
         t = self.transport
         elements = t.elements
         reflected = np.zeros((2, len(t.mesh.elements), 3))
-        reflected[elements.back, elements.element] = elements.reflectance * self.irradiance
+        reflected[elements.back, elements.element] = elements.reflectance * self.irradiance.sum(axis=0)
         change = np.ptp(at_corners(t.mesh, reflected), axis=2).max(axis=(0, 2))
         areas = t.mesh.areas[elements.element]
         mean = (reflected[elements.back, elements.element] * areas[:, None]).sum() / (3 * areas.sum())
@@ -112,16 +117,16 @@ class Refinement:
         if not which.any():
             return 0
         self.irradiance = t.refine(which, self.irradiance, self.shot)
-        self.unshot = t.sides.emission + t.mean_of_patches(t.elements.reflectance * self.irradiance) - self.shot
+        arrived = t.elements.reflectance * self.irradiance.sum(axis=0)
+        self.unshot = t.sides.emission + t.mean_of_patches(arrived) - self.shot.sum(axis=0)
         return int(which.sum())
 
-    def reflected(self, ambient: bool = False) -> Float64:
-        """(2, E, 3): reflected radiosity of the elements, both sides. ambient: with that of what is unshot."""
-        elements = self.transport.elements
-        irradiance = self.irradiance + self.ambient() if ambient else self.irradiance
-        found = np.zeros((2, len(self.transport.mesh.elements), 3))
-        found[elements.back, elements.element] = np.maximum(elements.reflectance * irradiance, 0.0)
-        return found
+    def result(self, ambient: bool = False) -> Float64:
+        """(2, 2, E, 3): see `Transport.on_sides`. ambient: with that of what is unshot."""
+        irradiance = self.irradiance.copy()
+        if ambient:
+            irradiance[1] += self.ambient()
+        return self.transport.on_sides(irradiance)
 
 
 @kernel

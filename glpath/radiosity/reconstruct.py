@@ -1,4 +1,4 @@
-"""From a radiosity of each element to a solution: lattices of the finest element, and values at their vertices.
+"""From a value of each element, its irradiance, to a solution: lattices of the finest element, values at vertices.
 
 A vertex gets the mean of the elements around it on its surface, and then what these still lack at their middles, so
 that gradients reach the border of a surface. Vertices in the middle of a longer edge get the mean of its ends
@@ -19,15 +19,16 @@ _CORRECTIONS = 2
 _LONGEST_CHAIN = 64
 
 
-def at_corners(mesh: Mesh, radiosity: Float64) -> Float64:
-    """(2, E, 3, 3): radiosity at the corners of the elements, [side, element, corner], from (2, E, 3)."""
+def at_corners(mesh: Mesh, values: Float64) -> Float64:
+    """(S, E, 3, 3): values at the corners of the elements, [side, element, corner], from (S, E, 3) of S sides."""
     nodes = _Nodes(mesh)
-    return np.stack([nodes.values(side)[nodes.of] for side in radiosity])
+    return np.stack([nodes.values(side)[nodes.of] for side in values])
 
 
-def resample(mesh: Mesh, radiosity: Float64) -> tuple[Int64, Float64, Float64]:
-    """Divisions (T,), elements (2, E', 3) and vertices (2, V, 3) of a solution, from radiosity (2, E, 3)."""
-    values = at_corners(mesh, radiosity)
+def resample(mesh: Mesh, values: Float64) -> tuple[Int64, Float64, Float64]:
+    """Divisions (T,), elements (..., E', 3) and vertices (..., V, 3) of a solution, from values (..., E, 3)."""
+    sides = values.reshape(-1, *values.shape[-2:])
+    corner_values = at_corners(mesh, sides)
     count = len(mesh.scene.triangles)
     divisions = np.ones(count, np.int64)
     np.maximum.at(divisions, mesh.elements.triangle, mesh.elements.n)
@@ -40,18 +41,20 @@ def resample(mesh: Mesh, radiosity: Float64) -> tuple[Int64, Float64, Float64]:
         )
     first_element = lattice.starts(lattice.element_count(divisions))
     first_vertex = lattice.starts(lattice.vertex_count(divisions))
-    elements = np.zeros((2, first_element[-1], 3))
-    elements[:, first_element[fine.triangle] + fine.index()] = radiosity[:, leaf]
+    elements = np.zeros((len(sides), first_element[-1], 3))
+    elements[:, first_element[fine.triangle] + fine.index()] = sides[:, leaf]
 
     corners = fine.corners()
     weights = _weights(corners, fine.n, mesh.elements[leaf])
     at = first_vertex[fine.triangle][:, None] + lattice.vertex_index(
         fine.n[:, None], corners[..., 0], corners[..., 1]
     )
-    vertices = np.zeros((2, first_vertex[-1], 3))
-    for side in range(2):
-        vertices[side, at] = np.einsum("evc,ecx->evx", weights, values[side, leaf])
-    return divisions, elements, vertices
+    vertices = np.zeros((len(sides), first_vertex[-1], 3))
+    for side in range(len(sides)):
+        if sides[side].any():
+            vertices[side, at] = np.einsum("evc,ecx->evx", weights, corner_values[side, leaf])
+    before = values.shape[:-2]
+    return divisions, elements.reshape(*before, -1, 3), vertices.reshape(*before, -1, 3)
 
 
 def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
@@ -95,13 +98,15 @@ class _Nodes:
         found = found[exists][order]
         self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
 
-    def values(self, radiosity: Float64) -> Float64:
-        """(N, 3) at the nodes, from radiosity (E, 3) of one side."""
+    def values(self, elements: Float64) -> Float64:
+        """(N, 3) at the nodes, from the values (E, 3) of the elements of one side."""
+        if not elements.any():
+            return np.zeros((self.size, 3))  # such as the backs of a closed room
         shares = np.bincount(self.of.ravel(), minlength=self.size)[:, None]
-        found = self._spread(radiosity) / shares
+        found = self._spread(elements) / shares
         for _ in range(_CORRECTIONS):
             self._hang(found)
-            lacking = radiosity - found[self.of].mean(axis=1)
+            lacking = elements - found[self.of].mean(axis=1)
             found = np.maximum(found + self._spread(lacking) / shares, 0.0)
         self._hang(found)
         return found

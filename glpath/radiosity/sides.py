@@ -45,14 +45,13 @@ class Sides:
     def of(cls, scene: Scene, elements: Elements) -> Sides:
         """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
         shape = scene.triangle_shape[elements.triangle]
-        reflectance = np.array([scene.materials[s.material].reflectance for s in scene.shapes]).reshape(-1, 3)
-        two_sided = np.array([scene.materials[s.material].two_sided for s in scene.shapes], bool)
+        reflectance = side_reflectance(scene)[:, elements.triangle]
         emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)
         both = np.array([s.emission_two_sided for s in scene.shapes], bool)
         normal = scene.normals[elements.triangle]
         parts = []
         for back in (0, 1):
-            reflects = reflectance[shape] * (two_sided[shape, None] if back else 1.0)
+            reflects = reflectance[back]
             emits = emission[shape] * (both[shape, None] if back else 1.0)
             some = np.flatnonzero(reflects.any(axis=1) | emits.any(axis=1))
             parts.append(
@@ -65,6 +64,14 @@ class Sides:
         found = np.full((count, 2), -1, np.int64)
         found[self.element, self.back] = np.arange(len(self))
         return found
+
+
+def side_reflectance(scene: Scene) -> Float64:
+    """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black."""
+    materials = [scene.materials[s.material] for s in scene.shapes]
+    front = np.array([m.reflectance for m in materials]).reshape(-1, 3)
+    back = front * np.array([m.two_sided for m in materials], float)[:, None]
+    return np.stack([front, back])[:, scene.triangle_shape]
 
 
 def sub_triangles(k: int) -> Float64:

@@ -1,8 +1,10 @@
-"""A radiosity solution: what every element of a scene's surfaces reflects, as plain arrays, saved and loaded.
+"""A radiosity solution: the light that arrives at every element of a scene's surfaces, as arrays, saved and loaded.
 
-Emission is not in it: who looks it up finds lamps by other means, and adds pi * Le where it is to be seen.
+Irradiance is smooth where what reflects it is not: the reflectance is applied where the solution is looked up.
+Direct light, which comes straight from a lamp, and indirect light are apart, for those who find direct light better
+themselves. Emission is not in it: who looks it up finds lamps by other means, and adds pi * Le where that is seen.
 
-Cost:     24 bytes per element and per vertex.
+Cost:     48 bytes per element and per vertex.
 """
 
 from __future__ import annotations
@@ -21,28 +23,34 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import GlpathError, SceneError, UsageError
 from glpath.files import open_npz, whole_file
 from glpath.radiosity import lattice
+from glpath.radiosity.sides import side_reflectance
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64, Int32
 
 Float32 = NDArray[np.float32]
 Lookup = Literal["interpolated", "constant"]
+Part = Literal["both", "direct", "indirect"]
 
 #: Of the file: another number is another layout.
-FORMAT = 1
+FORMAT = 2
+#: Parts of the light, as the arrays of a solution have them.
+DIRECT, INDIRECT = 0, 1
+_PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DIRECT,), "indirect": (INDIRECT,)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiositySolution:
-    """What the surfaces of a scene reflect, in elements.
+    """The irradiance of the surfaces of a scene, in elements.
 
     Triangle t of the scene has its edges in n = divisions[t] equal parts: n * n elements, which begin at the sum of
     the squares before, and (n + 1)(n + 2) / 2 vertices, see `glpath.radiosity.lattice` for their order.
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle
-    elements   : (2, E, 3) float32, reflected radiosity rho H, W m^-2, linear Rec. 709, the mean over each element;
-                 [0] of the front, [1] of the back
-    vertices   : (2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
+    elements   : (2, 2, E, 3) float32, irradiance H, W m^-2, linear Rec. 709, the mean over each element; [DIRECT]
+                 straight from a lamp, [INDIRECT] after one reflection or more; of each [0] at the front, [1] at the
+                 back. 0 where a side neither reflects nor emits
+    vertices   : (2, 2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
                  surface meet, so that nothing tears there
     method     : how it was solved
     settings   : all else that decides the result, as JSON has values
@@ -68,8 +76,9 @@ class RadiositySolution:
             raise ValueError("divisions must be (T,), each at least 1")
         for name, count in (("elements", self.first_element[-1]), ("vertices", self.first_vertex[-1])):
             found = getattr(self, name)
-            if found.shape != (2, count, 3):
-                raise ValueError(f"{name} has the shape {found.shape}; its divisions make it {(2, int(count), 3)}")
+            if found.shape != (2, 2, count, 3):
+                shape = (2, 2, int(count), 3)
+                raise ValueError(f"{name} has the shape {found.shape}; its divisions make it {shape}")
             if not (np.isfinite(found).all() and (found >= 0).all()):
                 raise ValueError(f"{name} holds values that are negative or not finite")
 
@@ -88,32 +97,42 @@ class RadiositySolution:
         """Elements of all triangles, each with two sides."""
         return int(self.first_element[-1])
 
-    def lookup(
-        self, triangle: ArrayLike, barycentric: ArrayLike, back: ArrayLike = 0, mode: Lookup = "interpolated"
+    def irradiance(
+        self,
+        triangle: ArrayLike,
+        barycentric: ArrayLike,
+        back: ArrayLike = 0,
+        mode: Lookup = "interpolated",
+        light: Part = "both",
     ) -> Float64:
-        """(N, 3) float64: reflected radiosity at points of triangles, W m^-2.
+        """(N, 3) float64: irradiance at points of triangles, W m^-2.
 
         triangle    : (N,) numbers of the scene's triangles
         barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
         back        : (N,) or one: 0 the front, 1 the back
         mode        : "interpolated" between the vertices, or "constant" over each element
+        light       : "direct", straight from a lamp; "indirect", after one reflection or more; or "both"
 
-        Raises UsageError for another mode or a triangle that does not exist.
+        Raises UsageError for another mode or light, or a triangle that does not exist.
         """
         t = np.atleast_1d(np.asarray(triangle, np.int64))
         b = np.asarray(barycentric, np.float64).reshape(-1, 2)
         side = np.asarray(back, np.int64)
-        if mode not in ("interpolated", "constant"):
-            raise UsageError(f"RadiositySolution.lookup: mode {mode!r}; allowed are interpolated, constant.")
+        for name, value, allowed in (("mode", mode, ("interpolated", "constant")), ("light", light, _PARTS)):
+            if value not in allowed:
+                raise UsageError(f"RadiositySolution: {name} {value!r}; allowed are {', '.join(allowed)}.")
         if len(t) and not (t.min() >= 0 and t.max() < len(self.divisions)):
             raise UsageError(
-                f"RadiositySolution.lookup: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."
+                f"RadiositySolution: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."
             )
+
+        def values(of: Float32, at: NDArray[np.int64]) -> Float64:
+            return np.asarray(np.sum([of[part, side, at] for part in _PARTS[light]], axis=0, dtype=np.float64))
+
         n = self.divisions[t].astype(np.int64)
         i, j, upper, fx, fy = lattice.locate(n, b[:, 0], b[:, 1])
         if mode == "constant":
-            at = self.first_element[t] + lattice.element_index(n, i, j, upper)
-            return np.asarray(self.elements[side, at], np.float64)
+            return values(self.elements, self.first_element[t] + lattice.element_index(n, i, j, upper))
         first = self.first_vertex[t]
         total = np.zeros((len(t), 3))
         for di, dj, weight in (
@@ -121,9 +140,36 @@ class RadiositySolution:
             (1 - upper, upper, np.where(upper, 1 - fx, fx)),
             (upper, 1 - upper, np.where(upper, 1 - fy, fy)),
         ):
-            at = first + lattice.vertex_index(n, i + di, j + dj)
-            total += weight[:, None] * self.vertices[side, at]
+            total += weight[:, None] * values(self.vertices, first + lattice.vertex_index(n, i + di, j + dj))
         return total
+
+    def lookup(
+        self,
+        scene: Scene,
+        triangle: ArrayLike,
+        barycentric: ArrayLike,
+        back: ArrayLike = 0,
+        mode: Lookup = "interpolated",
+    ) -> Float64:
+        """(N, 3) float64: reflected radiosity at points of triangles, rho H in W m^-2: direct and indirect light.
+
+        scene : that it is a solution of, see `check_scene`; whose reflectance it is
+
+        Other parameters and errors are those of `irradiance`.
+        """
+        arrived = self.irradiance(triangle, barycentric, back, mode)
+        reflectance = side_reflectance(path_traceable(scene))
+        t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
+        return np.asarray(reflectance[side, t] * arrived)
+
+    def reflected(self, scene: Scene) -> Float64:
+        """(2, E, 3) float64: radiosity that the elements' fronts and backs reflect, rho H in W m^-2, of all light.
+
+        scene : that it is a solution of, see `check_scene`; whose reflectance it is
+        """
+        reflectance = side_reflectance(path_traceable(scene))
+        of_elements = np.repeat(reflectance, self.divisions.astype(np.int64) ** 2, axis=1)
+        return np.asarray(of_elements * self.elements.sum(axis=0))
 
     def check_scene(self, scene: Scene) -> None:
         """Raises SceneError unless this is a solution of `scene`, whatever its camera."""
@@ -184,10 +230,11 @@ class RadiositySolution:
             with open_npz(path) as stored:
                 if "radiosity_format" not in stored:
                     raise GlpathError(f"{path}: is not a radiosity solution.", remedy)
-                if int(stored["radiosity_format"]) != FORMAT:
+                if (found := int(stored["radiosity_format"])) != FORMAT:
+                    holds = ", which holds what surfaces reflect," if found == 1 else ""
                     raise GlpathError(
-                        f"{path}: is a radiosity solution of format {int(stored['radiosity_format'])}; this "
-                        f"version of glpath reads format {FORMAT}.",
+                        f"{path}: is a radiosity solution of format {found}{holds}; this version of glpath reads "
+                        f"format {FORMAT}: irradiance, direct and indirect apart.",
                         "Solve the scene anew: glpath radiosity SCENE -o NAME.npz.",
                     )
                 plain = json.loads(str(stored["made_by"]))

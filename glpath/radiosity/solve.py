@@ -34,7 +34,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
 #: Bytes of an element, and of each point of a receiver: what was measured, rounded up.
-_BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1500, 400
+_BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1800, 400
 #: Share of the free memory that kept form factors may take, and how much of it at most.
 _CACHE_SHARE, _CACHE_MOST = 0.25, 4 << 30
 _SAMPLES = (1, 4, 9, 16, 25)
@@ -92,8 +92,8 @@ class _Run:
         self.reported = now
         self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
 
-    def solution(self, mesh: Mesh, reflected: Float64, **statistics: object) -> RadiositySolution:
-        divisions, elements, vertices = resample(mesh, reflected)
+    def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
+        divisions, elements, vertices = resample(mesh, irradiance)
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
             divisions=divisions.astype(np.int32),
@@ -212,7 +212,7 @@ def _progressive(
         took = refinement.transport.statistics
         return run.solution(
             refinement.transport.mesh,
-            refinement.reflected(ambient),
+            refinement.result(ambient),
             steps=refinement.steps,
             unshot=refinement.unshot_share,
             ambient=refinement.ambient().tolist(),
@@ -242,15 +242,12 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
     count = len(transport.mesh.elements)
     run.report("form factors", 0, None, 0.0, count)
     try:
-        irradiance = matrix.solve_matrix(transport)
+        irradiance = transport.on_sides(matrix.solve_matrix(transport))
     except KeyboardInterrupt as stop:
         raise RadiosityInterrupted(None) from stop
-    reflected = np.zeros((2, count, 3))
-    of = transport.elements
-    reflected[of.back, of.element] = np.maximum(of.reflectance * irradiance, 0.0)
     took = transport.statistics
     return run.solution(
-        transport.mesh, reflected, rays=took.rays, shafts=took.shafts, empty_shafts=took.empty_shafts
+        transport.mesh, irradiance, rays=took.rays, shafts=took.shafts, empty_shafts=took.empty_shafts
     )
 
 
@@ -264,11 +261,11 @@ def _monte_carlo(run: _Run, mesh: Mesh, particles: int, seed: int) -> RadiosityS
 
     def solution() -> RadiositySolution:
         areas = shooting.open_areas[..., None]
-        mean = float((shooting.irradiance() * areas).sum())
+        mean = float((shooting.irradiance().sum(axis=0) * areas).sum())
         noise = float((shooting.standard_error() ** 2 * areas**2).sum() ** 0.5)
         error = noise / mean if mean > 0 and math.isfinite(noise) else None
         return run.solution(
-            mesh, shooting.reflected(), particles=shooting.particles, hits=shooting.hits, error_of_mean=error
+            mesh, shooting.result(), particles=shooting.particles, hits=shooting.hits, error_of_mean=error
         )
 
     try:

@@ -101,6 +101,15 @@ class Transport:
             axis=1,
         )
 
+    def on_sides(self, irradiance: Float64) -> Float64:
+        """(2, 2, E, 3): irradiance (2, R, 3) of the elements' sides as a solution has it, [part, side, element].
+
+        0 where a side neither reflects nor emits; nowhere below 0, as shooting ahead of time may leave it.
+        """
+        found = np.zeros((2, 2, len(self.mesh.elements), 3))
+        found[:, self.elements.back, self.elements.element] = np.maximum(irradiance, 0.0)
+        return found
+
     def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
         """(R,) float32, form factors from all elements to a side of a patch.
 
@@ -144,10 +153,10 @@ class Transport:
         return found
 
     def refine(self, which: NDArray[np.bool_], irradiance: Float64, shot: Float64) -> Float64:
-        """Split elements in four; irradiance (R', 3) of all then, from what the patches have shot so far (Q, 3).
+        """Split elements in four; irradiance (2, R', 3) of all then, from what the patches have shot (2, Q, 3).
 
         which      : (E,) bool, of the mesh's elements
-        irradiance : (R, 3) before
+        irradiance : (2, R, 3) before, direct and indirect, as is `shot`
         """
         before = self.elements
         kept = ~which[before.element]
@@ -156,8 +165,8 @@ class Transport:
         staying = int(np.count_nonzero(~which))
         at_all = self._receive()
         fresh = self.elements.element >= staying
-        now = np.empty((len(self.elements), 3))
-        now[~fresh], now[fresh] = irradiance[kept], 0.0
+        now = np.zeros((2, len(self.elements), 3))
+        now[:, ~fresh] = irradiance[:, kept]
         numbers = np.flatnonzero(fresh)
         new = Sides(*(getattr(self.elements, n)[numbers] for n in Sides.__dataclass_fields__))
         self._at = self.form_factors.receivers(self.mesh.elements, new)
@@ -177,13 +186,13 @@ class Transport:
     ) -> None:
         """What new elements `numbers` get from all that shot. Fills `now` and makes the kept columns longer."""
         f = self.form_factors
-        batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=1))]).tolist()
+        batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
         cores = len(os.sched_getaffinity(0))
         for first in range(0, len(batches), cores):
             some = batches[first : first + cores]
             for batch, (columns, took) in zip(some, f.of_batches(some, self._at), strict=True):
                 self.statistics += took
-                now[numbers] += columns.T.astype(np.float64) @ shot[f.batches[batch]]
+                now[:, numbers] += columns.T.astype(np.float64) @ shot[:, f.batches[batch]]
                 for one, column in zip(f.batches[batch].tolist(), columns, strict=True):
                     if one in old:
                         whole = np.empty(len(fresh), np.float32)
