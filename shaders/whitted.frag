@@ -5,6 +5,7 @@
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
 //   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
+// where a light is punctual, or a point of an emitting shape, or a direction of the sky: LIGHT_SAMPLES of these.
 #include <SCENE>
 #include "surface_at.glsl"
 #include "object_eye.glsl"
@@ -13,6 +14,9 @@
 #include "object_hierarchy.glsl"
 #endif
 #include "accumulate.glsl"
+#ifdef LIGHT_SAMPLES
+#include "light_samples.glsl"
+#endif
 #ifdef SHADOW_BUFFERS
 #include "point_shadow.glsl"
 #endif
@@ -86,6 +90,23 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo
     return sum;
 }
 
+#ifdef LIGHT_SAMPLES
+// The same, of light points and the sky: always by rays, as the points are others in every path set.
+vec3 light_from_samples(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo, float rounding)
+{
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < LIGHT_SAMPLES; ++i)
+    {
+        Incident light = light_sample(i, s.position, normal);
+        if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
+        float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
+        if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
+            sum += bsdf_eval(bsdf, normal, wo, light.wi) * light.E;
+    }
+    return sum;
+}
+#endif
+
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -117,6 +138,9 @@ void main()
         uint before = tests;
 #endif
         L += weight * light_from_lights(primitive, s, normal, bsdf, -direction, rounding);
+#ifdef LIGHT_SAMPLES
+        L += weight * light_from_samples(primitive, s, normal, bsdf, -direction, rounding);
+#endif
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;
 #endif

@@ -19,7 +19,6 @@ Limits:   2**20 origins a scan.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,6 +31,7 @@ from glpath.errors import UsageError
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
+from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << 20
 #: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
@@ -57,12 +57,6 @@ class ScanView:
     directions: tuple[NDArray[np.float64], ...]
     jitter: tuple[float, float] = (0.5, 0.5)
     seed: int = 0
-
-
-def vectors(vectors: Sequence[NDArray[np.float64]]) -> object:
-    """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more."""
-    tuples = [tuple(float(x) for x in v) for v in vectors]
-    return tuples if len(tuples) > 1 else tuples[0]
 
 
 class Hits(NamedTuple):

@@ -28,13 +28,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.buffers.path_buffer import PathBuffer, ScanView, vectors
+from glpath.buffers.path_buffer import PathBuffer, ScanView
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
 from glpath.integrators.settings import PathSetSettings
+from glpath.gl.uniforms import vectors
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,

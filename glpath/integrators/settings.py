@@ -202,6 +202,15 @@ class WhittedSettings(IntegratorSettings):
         ),
     ] = 2
     secondary: SecondaryRays = "hierarchy"
+    light_samples: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=64,
+            description="points of emitting shapes and directions of the sky that each path set is lit by; the sky "
+            "lights surfaces where the scene has no ambient light, which stands for it",
+        ),
+    ] = 4
     count_tests: Annotated[
         bool,
         Meta(description='count intersection tests, `statistics["intersection_tests"]` of the film; slower'),

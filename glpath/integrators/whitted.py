@@ -11,6 +11,8 @@ with an emission are seen, but light nothing.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +26,9 @@ from glpath.gl.passes import Pass, Stopwatch, draw_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.integrators.settings import WhittedSettings
-from glpath.lighting import max_radiance
-from glpath.sampling import pixel_place
+from glpath.gl.uniforms import vectors
+from glpath.lighting import Lighting, max_radiance
+from glpath.sampling import PathSetSampler, pixel_place
 from glpath.scene.model import Camera, Scene
 
 Uniforms = dict[str, object]
@@ -89,7 +92,7 @@ class WhittedTracer:
         eye = eye_uniforms(self.camera, self.window, pixel_place(self.settings.seed, index))
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
-        self.shade(eye)
+        self.shade(index, eye)
 
     def fill_shadow_buffers(self) -> None:
         """What the lights see; nothing to do where it was filled before and neither light nor object has moved."""
@@ -104,9 +107,9 @@ class WhittedTracer:
         with self.stopwatch.stage("eye"):
             self.eye_buffer.fill(eye)
 
-    def shade(self, eye: Uniforms) -> None:
-        """Light and shadow at what was found, and the way on by reflection."""
-        uniforms = self._constant | eye
+    def shade(self, index: int, eye: Uniforms) -> None:
+        """Light and shadow at what was found, and the path on by reflection."""
+        uniforms = self._constant | self._light_samples(index) | eye
         if self.shadow_buffer is not None:
             uniforms |= self.shadow_buffer.uniforms
         shading = self._shade_passes[self._sum]
@@ -151,6 +154,19 @@ class WhittedTracer:
 
     # What the frame is made of.
 
+    def _light_samples(self, index: int) -> Uniforms:
+        """The light points of a path set, which shaders/light_samples.glsl reads."""
+        lighting, n = self._area_lighting, self.settings.light_samples
+        if lighting.dark:
+            return {}
+        drawn = [lighting.sample(self._sampler[index * n + i].light) for i in range(n)]
+        sky = [sample.kind == "sky" for sample in drawn]
+        return {
+            "sample_position": vectors([-x.direction if s else x.position for x, s in zip(drawn, sky, strict=True)]),
+            "sample_normal": vectors([np.append(x.direction, s) for x, s in zip(drawn, sky, strict=True)]),
+            "sample_radiance": vectors([x.radiance / (np.pi * x.density * n) for x in drawn]),
+        }
+
     def _set_up(
         self,
         objects: DeviceScene,
@@ -172,6 +188,12 @@ class WhittedTracer:
         generated, defines = {**objects.generated, "HIERARCHY": bvh_glsl()}, dict(objects.defines)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
+        # Ambient light stands for the sky's on surfaces; both would count it twice.
+        lit = replace(objects.scene, sky=None) if np.any(objects.scene.ambient > 0) else objects.scene
+        self._area_lighting: Lighting = Lighting.of(lit, punctual=False)
+        self._sampler: PathSetSampler = PathSetSampler(settings.seed, settings.max_depth)
+        if not self._area_lighting.dark:
+            defines["LIGHT_SAMPLES"] = settings.light_samples
         self.hierarchy: DeviceBvh | None = hierarchy
         if settings.secondary == "hierarchy":
             self.hierarchy = self.hierarchy or DeviceBvh(gl, objects)

@@ -1,0 +1,25 @@
+// light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path
+// set. The light points are the path-buffer's (`glpath.lighting`), so the engines agree on what a set is lit by.
+// Needs:  constants.glsl; LIGHT_SAMPLES of them
+// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
+uniform vec3 sample_position[LIGHT_SAMPLES];   // of the sky: the unit direction towards it
+uniform vec4 sample_normal[LIGHT_SAMPLES];     // out of the emitting side; w: 1 for the sky
+uniform vec3 sample_radiance[LIGHT_SAMPLES];   // over pi, the density and the number of samples
+
+struct Incident
+{
+    vec3 wi;
+    float distance;  // to the light point, infinite for the sky
+    vec3 E;          // irradiance over pi; 0 where the light shines the other way
+};
+
+Incident light_sample(int i, vec3 position, vec3 normal)
+{
+    vec4 facing = sample_normal[i];
+    vec3 to_light = sample_position[i] - (facing.w != 0.0 ? vec3(0.0) : position);
+    float r2 = max(dot(to_light, to_light), 1e-37), r = sqrt(r2);
+    vec3 wi = to_light / r;
+    float cosine = max(dot(normal, wi), 0.0);
+    if (facing.w != 0.0) return Incident(wi, 3e38, sample_radiance[i] * cosine);
+    return Incident(wi, r, sample_radiance[i] * (cosine * max(-dot(facing.xyz, wi), 0.0) / r2));
+}
