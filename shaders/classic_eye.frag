@@ -1,5 +1,5 @@
 // classic_eye.frag: primary rays by the classical algorithm: each against every primitive, so many in a draw.
-// Writes what a T-buffer holds: primitive + 1 (0 for none) and t. Of several draws' primitives the depth test keeps the
+// Writes what a T-buffer holds: primitive + 1 (0 for none) and the bits of t. Of several draws' primitives the depth test keeps the
 // nearest, by t * DEPTH_SCALE, which has all bits of t.
 #include <SCENE>
 #include "object_classic.glsl"
@@ -12,7 +12,7 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 uniform int begin;  // the first primitive of this draw
 uniform int end;    // behind its last
 
-layout(location = 0) out vec2 found;
+layout(location = 0) out uvec2 found;
 
 void main()
 {
@@ -23,6 +23,6 @@ void main()
     tests_of_pixel[pixel.y * eye_size.x + pixel.x] += tests;
 #endif
     if (primitive < 0) discard;
-    found = vec2(primitive + 1, t);
+    found = uvec2(primitive + 1, floatBitsToUint(t));
     gl_FragDepth = t * DEPTH_SCALE;
 }

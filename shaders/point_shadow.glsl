@@ -11,7 +11,7 @@
 #include "point_shadow_map.glsl"
 #include <SCENE>
 
-TEXELS(rgba32f, shadow_buffer);  // plane; number of the primitive, -1 for none
+UINT_TEXELS(rgba32ui, shadow_buffer);  // bits of the plane; number of the primitive + 1, 0 for none
 TEXELS(rgba32f, shadow_lights);  // where each stands, a texel for each tile
 uniform int shadow_tiles_across;
 
@@ -53,9 +53,9 @@ ShadowPlace shadow_home(int face, vec2 cell)
 
 #ifdef SHADOW_IDENTITY
 // [TB (8)] An object is lit where the light sees it. Wrong for objects that shadow themselves.
-bool shadow_entry_hides(vec4 seen, int object)
+bool shadow_entry_hides(uvec4 seen, int object)
 {
-    return seen.w < 0.0 || shape_of(int(seen.w)) != object;
+    return seen.w == 0u || shape_of(int(seen.w) - 1) != object;
 }
 #else
 // Does what the entry's ray along c (unit) meets stand between the light and the place w (both from the light)?
@@ -68,14 +68,14 @@ bool shadow_entry_hides(vec4 seen, int object)
 // with the cosines of both to the light. Nearer than that is an occluder in any case; farther, its plane decides. What
 // stands in front of a place is behind its own tangent plane where it is convex, so the plane takes no true shadow away.
 // Near the outline of a sphere the tangent plane soon leaves it, and says nothing about the places in a filter's reach.
-bool shadow_entry_hides(vec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
+bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
 {
-    vec3 g = seen.xyz;
+    vec3 g = uintBitsToFloat(seen.xyz);
     float entry = dot(g, c), own = dot(receiver, c), length_g = length(g), length_r = length(receiver);
     if (entry - own <= rounding * (length_g * abs(entry) + length_r * abs(own))) return false;
     float r = length(w);
     float slope = length_g / max(entry, 1e-30);
-    float slopes = r * length_r + (seen.w < float(first_triangle) ? min(slope, SHADOW_STEEPEST) : slope);
+    float slopes = r * length_r + (seen.w <= uint(first_triangle) ? min(slope, SHADOW_STEEPEST) : slope);
     float least = r * (1.0 - distance(w / r, c) * slopes);
     return entry * least > 1.0 || dot(g, w) > 1.0 + 2.0 * rounding * length_g;
 }
@@ -107,7 +107,7 @@ float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 #if SHADOW_TAPS > 1
             tap = shadow_home(tap.face, tap.at);
 #endif
-            vec4 seen = texel(shadow_buffer, shadow_texel(light, tap.face, tap.at));
+            uvec4 seen = texel(shadow_buffer, shadow_texel(light, tap.face, tap.at));
 #ifdef SHADOW_IDENTITY
             bool hidden = shadow_entry_hides(seen, object);
 #else

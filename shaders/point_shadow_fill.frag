@@ -8,7 +8,7 @@
 flat in ivec4 own_cells;
 flat in ivec2 face_corner;
 flat in int face;
-flat in float primitive;
+flat in uint primitive;
 
 #if defined(KIND_SPHERE)
 flat in vec4 from;
@@ -25,7 +25,7 @@ flat in vec4 plane;
 flat in vec4 plane;
 #endif
 
-layout(location = 0) out vec4 entry;  // as point_shadow.glsl reads it
+layout(location = 0) out uvec4 entry;  // as point_shadow.glsl reads it
 
 void main()
 {
@@ -49,5 +49,5 @@ void main()
 #endif
     if (t >= NO_HIT) discard;
     gl_FragDepth = t * DEPTH_SCALE;
-    entry = vec4(seen, primitive);
+    entry = uvec4(floatBitsToUint(seen), primitive + 1u);
 }

@@ -16,7 +16,7 @@ uniform bool as_points;
 flat out ivec4 own_cells;  // of the face, first and last
 flat out ivec2 face_corner;
 flat out int face;
-flat out float primitive;
+flat out uint primitive;
 
 // What follows from the light and the primitive alone, see object_intersect.glsl.
 #if defined(KIND_SPHERE)
@@ -41,7 +41,7 @@ void main()
     uvec4 rectangle = texelFetch(rectangles, ivec2(i % RECTANGLES_WIDTH, i / RECTANGLES_WIDTH), 0);
     face = int(rectangle.w);
     int number = int(rectangle.z);
-    primitive = float(number);
+    primitive = uint(number);
     ivec2 in_tile = ivec2(face % tile_faces.x, face / tile_faces.x) * ivec2(shadow_cells);
     face_corner = tile_corner + in_tile;
 

@@ -13,7 +13,7 @@ flat in ivec4 own_pixels;
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
 
-layout(location = 0) out vec2 found;
+layout(location = 0) out uvec2 found;
 
 void main()
 {
@@ -26,6 +26,6 @@ void main()
 #endif
     float t = shoot(aim, eye_direction(pixel));
     if (!(t < NO_HIT)) discard;
-    found = vec2(primitive + 1, t);
+    found = uvec2(primitive + 1, floatBitsToUint(t));
     gl_FragDepth = t * DEPTH_SCALE;
 }

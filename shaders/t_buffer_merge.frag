@@ -4,13 +4,13 @@
 #include <T_BUFFER>
 #include "texels.glsl"
 
-TEXELS(rg32f, drawn);
+UINT_TEXELS(rg32ui, drawn);  // number + 1, bits of t
 uniform ivec2 eye_size;
 
 layout(std430, binding = 2) buffer Nearest { uint least_t[]; };
 layout(std430, binding = 3) buffer Numbers { uint lowest[]; };
 
-layout(location = 0) out vec2 found;
+layout(location = 0) out uvec2 found;
 
 void main()
 {
@@ -20,7 +20,8 @@ void main()
     uint number = lowest[at];
     if (number != NOTHING)
     {
-        float t = uintBitsToFloat(least_t[at]), primitive = float(number & NUMBER) + 1.0;
-        if (found.x == 0.0 || t < found.y || (t == found.y && primitive < found.x)) found = vec2(primitive, t);
+        // Bits of positive floats have their order.
+        uvec2 small = uvec2((number & NUMBER) + 1u, least_t[at]);
+        if (found.x == 0u || small.y < found.y || (small.y == found.y && small.x < found.x)) found = small;
     }
 }

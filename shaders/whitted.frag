@@ -21,7 +21,7 @@
 #include "point_shadow.glsl"
 #endif
 
-TEXELS(rg32f, eye_buffer);  // primitive + 1, t
+UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
 uniform int max_depth;         // surfaces on the way of light to the eye
 uniform vec3 ambient;
 uniform vec3 sky_zenith;
@@ -110,10 +110,10 @@ vec3 light_from_samples(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 w
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec2 seen = texel(eye_buffer, pixel).rg;
+    uvec2 seen = texel(eye_buffer, pixel).rg;
     vec3 origin = eye_position, direction = eye_direction(pixel);
     int primitive = int(seen.x) - 1;
-    float t = seen.y, rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    float t = uintBitsToFloat(seen.y), rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
     vec3 L = vec3(0.0), weight = vec3(1.0);
 #ifdef COUNT_TESTS
     uint shadow_tests = 0u;

@@ -61,13 +61,16 @@ def test_engines_agree_on_direct_light(name: str, sets: int):
     rays = glpath.render(name, integrator="t-buffer", spp=sets // 2, seed=3, **options).mean
     path = 0.5 * (paths[0] + paths[1])
     assert relative_mse(rays, path) < relative_mse(paths[0], paths[1])
-    # A lamp that is seen shines a hundred times as brightly as what it lights, and its edge is antialiased by chance.
+    # A lamp that is seen shines a hundred times as brightly as what it lights, and its edge is antialiased by
+    # chance.
     reflecting = EyeHits.of(glpath.load_scene(name).with_camera(resolution=(64, 48))).reflecting
     assert rays[reflecting].mean() == pytest.approx(path[reflecting].mean(), rel=0.003)
 
 
 def test_classic_and_t_buffer_have_the_same_bits_under_area_lights():
-    films = [glpath.render("cornell-box", integrator=i, spp=2, resolution=(32, 24)) for i in ("classic", "t-buffer")]
+    films = [
+        glpath.render("cornell-box", integrator=i, spp=2, resolution=(32, 24)) for i in ("classic", "t-buffer")
+    ]
     np.testing.assert_array_equal(films[0].radiance_sums, films[1].radiance_sums)
 
 

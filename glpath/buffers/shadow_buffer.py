@@ -47,6 +47,7 @@ from glpath.buffers.light_bounds import (
 )
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
+from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, largest_point
@@ -171,11 +172,11 @@ class PointShadowBuffer(ABC):
                 f"{size[1]} texels; this device allows {most} x {most}",
                 "Take a lower shadow resolution, or shadow rays.",
             )
-        self._entries = gl.texture(size, 4, dtype="f4")
+        self._entries = gl.texture(size, 4, dtype="u4")
         self._entries.filter = _NEAREST
         self._depth = float_depth_texture(gl, size)
         target = gl.framebuffer([self._entries], self._depth)
-        target.clear(0.0, 0.0, 0.0, -1.0)
+        clear_integers(target, (0, 0, *size))
         rows = -(-lights // self._across)
         self._positions = gl.texture((self._across, rows), 4, data=bytes(16 * self._across * rows), dtype="f4")
         self._positions.filter = _NEAREST
@@ -207,7 +208,7 @@ class PointShadowBuffer(ABC):
                         program,
                         target,
                         depth=True,
-                        clear=None if self._passes else (0.0, 0.0, 0.0, -1.0),
+                        clear=None if self._passes else (0.0, 0.0, 0.0, 0.0),
                         textures={**objects.textures, "rectangles": self._table(np.zeros((0, 4), np.uint32))},
                         points=points,
                     )
@@ -324,7 +325,7 @@ class PointShadowBuffer(ABC):
             faces = own.reshape(up, rows, across, columns, components).swapaxes(1, 2)
             return faces.reshape(up * across, rows, columns, components)
 
-        primitive = tile(self._entries, 4)[..., 3].astype(np.int32)
+        primitive = tile(self._entries, 4)[..., 3].view(np.int32) - 1
         t = tile(self._depth, 1)[..., 0] * np.float32(1 / DISTANCE_TO_DEPTH)
         return Entries(primitive, np.where(primitive < 0, np.float32(np.inf), t))
 

@@ -62,8 +62,8 @@ class EyeBuffer(ABC):
 
     Attributes
     ----------
-    texture : RG32F, row 0 at the bottom: number of the nearest primitive + 1, 0 for none; its t, scene units.
-              Of primitives at the same t it is the one with the lowest number
+    texture : RG32UI, row 0 at the bottom: number of the nearest primitive + 1, 0 for none; bits of its t, scene
+              units. Of primitives at the same t it is the one with the lowest number
     """
 
     def __init__(
@@ -84,9 +84,9 @@ class EyeBuffer(ABC):
     def read(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """(h, w) int32 primitive, -1 for none, and (h, w) float32 t, inf for none; row 0 at the top."""
         width, height = self.size
-        found = np.frombuffer(self.texture.read(), np.float32).reshape(height, width, 2)[::-1]
+        found = np.frombuffer(self.texture.read(), np.uint32).reshape(height, width, 2)[::-1]
         primitive = found[..., 0].astype(np.int32) - 1
-        return primitive, np.where(primitive < 0, np.float32(np.inf), found[..., 1])
+        return primitive, np.where(primitive < 0, np.float32(np.inf), found[..., 1].view(np.float32))
 
     def take_tests(self) -> int:
         """Intersection tests since the last call: pairs of a ray and a primitive."""
@@ -99,7 +99,7 @@ class EyeBuffer(ABC):
         return count
 
     def _pair_texture(self) -> moderngl.Texture:
-        texture = self.gl.texture(self.size, 2, dtype="f4")
+        texture = self.gl.texture(self.size, 2, dtype="u4")
         texture.filter = _NEAREST
         return texture
 

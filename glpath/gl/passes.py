@@ -15,6 +15,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.gl.clear import clear_integers, holds_integers
 from glpath.gl.program import Program
 
 BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
@@ -106,7 +107,7 @@ class Pass:
     triangles : what is drawn, by index
     blend    : None, "min" or "max", for all attachments
     depth    : test and write depth (less)
-    clear    : colour that the first attachment's kind is cleared to before, or None to keep what is there
+    clear    : colour that floats are cleared to before (integers to 0), or None to keep what is there
     elements : a buffer of uint32, the gl_VertexID of every vertex, instead of 0, 1, 2 ...
     indirect : a buffer whose first words, written on the device, say what to draw, instead of `vertices`: five
                with `elements`, else four
@@ -165,7 +166,10 @@ class Pass:
             gl.depth_func = "<"
             target.depth_mask = True
         if self.clear is not None:
-            target.clear(*self.clear, viewport=area)
+            if holds_integers(target):
+                clear_integers(target, area)
+            else:
+                target.clear(*self.clear, viewport=area)
         _bind(self.program, self.textures, self.buffers)
         self.program.set(uniforms)
         with gl.debug_scope(self.name):

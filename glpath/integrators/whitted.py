@@ -162,7 +162,9 @@ class WhittedTracer:
         drawn = [lighting.sample(self._sampler[index * n + i].light) for i in range(n)]
         sky = [sample.kind == "sky" for sample in drawn]
         return {
-            "sample_position": vectors([-x.direction if s else x.position for x, s in zip(drawn, sky, strict=True)]),
+            "sample_position": vectors(
+                [-x.direction if s else x.position for x, s in zip(drawn, sky, strict=True)]
+            ),
             "sample_normal": vectors([np.append(x.direction, s) for x, s in zip(drawn, sky, strict=True)]),
             "sample_radiance": vectors([x.radiance / (np.pi * x.density * n) for x in drawn]),
         }
