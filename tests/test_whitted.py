@@ -207,7 +207,13 @@ def test_without_light_it_is_dark_and_said_so() -> None:
     with pytest.warns(glpath.SceneWarning, match="black"):
         assert glpath.render(scene, integrator="t-buffer", spp=1).mean.max() == 0
     lamp = replace(scene, shapes=(replace(scene.shapes[0], emission=np.ones(3)),))
-    with pytest.warns(glpath.SceneWarning, match="not lit by them"):
+    assert glpath.render(lamp, integrator="t-buffer", spp=1).mean.max() == pytest.approx(1)
+
+
+def test_a_plane_that_emits_is_seen_and_said_to_light_nothing() -> None:
+    scene = scene_of(planes=[ground(-1)])
+    lamp = replace(scene, shapes=(replace(scene.shapes[0], emission=np.ones(3)),))
+    with pytest.warns(glpath.SceneWarning, match="lights nothing"):
         assert glpath.render(lamp, integrator="t-buffer", spp=1).mean.max() == pytest.approx(1)
 
 

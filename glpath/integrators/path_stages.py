@@ -34,8 +34,8 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
-from glpath.integrators.settings import PathSetSettings
 from glpath.gl.uniforms import vectors
+from glpath.integrators.settings import PathSetSettings
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,

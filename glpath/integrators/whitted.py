@@ -1,12 +1,15 @@
-"""Recursive ray tracing with lights without extent: the classical algorithm, and the T-buffer's [TB].
+"""Recursive ray tracing: the classical algorithm, and the T-buffer's [TB].
 
 One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it.
 The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
 a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
-hierarchy of boxes, as its section VI hopes. The routines of intersection and shading are the same for all.
+BVH, as its section VI hopes. The routines of intersection and shading are the same for all.
 
-Poor at: light that comes by way of other surfaces (it is one number, `ambient`); soft shadows; refraction. Shapes
-with an emission are seen, but light nothing.
+What the paper lacks: shapes that emit, and the sky where there is no ambient light, light a path set by some points
+of theirs, shared by all pixels, as those of the path-buffer are [PB 3.3]; their shadows are rays.
+
+Poor at: light that comes by way of other surfaces (it is one number, `ambient`); refraction; soft shadows from few
+path sets, as they are sums of hard ones.
 """
 
 from __future__ import annotations
@@ -25,8 +28,8 @@ from glpath.gl.eye import eye_uniforms
 from glpath.gl.passes import Pass, Stopwatch, draw_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
-from glpath.integrators.settings import WhittedSettings
 from glpath.gl.uniforms import vectors
+from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import Lighting, max_radiance
 from glpath.sampling import PathSetSampler, pixel_place
 from glpath.scene.model import Camera, Scene

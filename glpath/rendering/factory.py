@@ -225,11 +225,13 @@ class _Whitted:
         return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
-        if scene.lights or np.any(scene.ambient > 0) or not any(shape.emits for shape in scene.shapes):
+        if scene.lights or np.any(scene.ambient > 0):
             return []
+        endless = [shape.name for shape in scene.shapes if shape.emits and shape.primitive == "plane"]
         return [
-            "Only shapes with an emission give light here, and a ray tracer sees them but is not lit by them: "
-            'add [[lights]] or ambient light, or take integrator = "path".'
+            f'The plane "{name}" emits: it is seen, but no light point of an endless plane can be drawn, so it '
+            "lights nothing. Make it a quad."
+            for name in endless
         ]
 
     def traceable(self, scene: Scene) -> Scene:
