@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 import glpath
+from glpath.cli.main import app
 from glpath.film import BLOCK
 from glpath.integrators.settings import GatherSettings
 from glpath.rendering import RenderJob, run
@@ -156,3 +158,45 @@ def test_a_source_says_what_it_is() -> None:
     assert SceneSource.of(Path("a.toml"), scene, None) == SceneSource(
         "file", str(Path("a.toml").resolve()), scene.digest(camera=False)
     )
+
+
+def cli(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_the_command_line_renders_a_job_file(tmp_path: Path) -> None:
+    job = RenderJob.of(BOX, spp=16, **SMALL)
+    for i, part in enumerate(job.split(2)):
+        part.save(tmp_path / f"{i}.json")
+        result = cli("render", "--job", tmp_path / f"{i}.json", "-o", tmp_path / f"{i}.npz", "-q")
+        assert result.exit_code == 0, result.stderr
+    films = [glpath.Film.load(tmp_path / f"{i}.npz") for i in range(2)]
+    np.testing.assert_array_equal(films[1].merge(films[0]).radiance_sums, run(job).radiance_sums)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([BOX], "SCENE beside --job"),
+        (["--spp", "4"], "--spp beside --job"),
+        (["--seed", "0"], "--seed beside --job"),
+        (["--shadows", "cube"], "--shadows beside --job"),
+        (["--crop", "0,0,4,4"], "--crop beside --job"),
+    ],
+)
+def test_a_job_says_all_of_the_image(tmp_path: Path, arguments: list[str], words: str) -> None:
+    RenderJob.of(BOX, spp=1).save(tmp_path / "a.json")
+    result = cli("render", *arguments, "--job", tmp_path / "a.json", "-o", tmp_path / "a.npz")
+    assert (result.exit_code, words in result.stderr) == (2, True), result.stderr
+    assert not (tmp_path / "a.npz").exists()
+
+
+def test_without_scene_and_job_the_usage_is_wrong(tmp_path: Path) -> None:
+    result = cli("render", "-o", tmp_path / "a.png")
+    assert (result.exit_code, "no SCENE and no --job" in result.stderr) == (2, True)
+
+
+def test_info_prints_the_digest_that_a_job_goes_by() -> None:
+    digest = RenderJob.of(BOX).scene.sha256
+    assert f"sha256:{digest}" in cli("info", BOX).stdout
+    assert json.loads(cli("info", BOX, "--json").stdout)["content_sha256"] == digest

@@ -1,4 +1,4 @@
-"""`glpath render`: a picture.
+"""`glpath render`: an image, of a scene or of a job file.
 
 Everything that can be wrong with the options, the scene and the outputs is found before the render begins.
 """
@@ -9,11 +9,11 @@ import json
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,7 +24,7 @@ from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
 from glpath.files import check_writable
 from glpath.image import TONEMAPS
-from glpath.integrators.settings import INTEGRATORS, Integrator
+from glpath.integrators.settings import INTEGRATORS
 from glpath.progress import MODES, duration, percent, reporting
 from glpath.rendering.options import default_spp_text
 
@@ -53,7 +53,7 @@ def register(app: typer.Typer) -> None:
 
 
 def render(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")],
+    context: typer.Context,
     out: Annotated[
         list[Path],
         typer.Option(
@@ -63,6 +63,17 @@ def render(
             rich_help_panel=_IMAGE,
         ),
     ],
+    scene: Annotated[
+        str | None, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")
+    ] = None,
+    job: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Render what a job file says (`RenderJob.save`) in place of SCENE and all options of the image.",
+            rich_help_panel=_IMAGE,
+        ),
+    ] = None,
     spp: Annotated[
         int | None,
         typer.Option(
@@ -143,10 +154,13 @@ def render(
     Ctrl-C, or SIGTERM as cluster schedulers send it, ends the render after the running path set and writes what
     there is. Files appear whole or not at all; missing folders are made.
     """
-    from glpath import rendering
     from glpath.film import check_suffix
-    from glpath.scene import load_scene, parameters_from_options
+    from glpath.rendering import RenderInterrupted
 
+    if job is not None:
+        _refuse_beside_a_job(context)
+    elif scene is None:
+        raise UsageError("render: no SCENE and no --job.", "Name a scene file or a shipped scene; `glpath scenes`.")
     if quiet and verbose:
         raise UsageError("-q and -v contradict each other.", "Give one of them.")
     for path in out:
@@ -163,18 +177,23 @@ def render(
     options = option_values(integrator, options)
     if not abs(exposure) <= 100:
         raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
-    camera: dict[str, Any] = {
-        "position": vector("--camera-position", camera_position),
-        "target": vector("--camera-target", camera_target),
-        "up": vector("--camera-up", camera_up),
-        "fov": camera_fov,
-    }
-    size = None if resolution is None else read_resolution(resolution)
-    window = None if crop is None else read_crop(crop)
-
-    loaded = load_scene(scene, parameters_from_options(parameters or []))
-    if window is not None:
-        check_inside(window, size or loaded.camera.resolution)
+    if job is None:
+        assert scene is not None, "asked for above"
+        start, spp = _described(
+            scene,
+            parameters or [],
+            {
+                "position": vector("--camera-position", camera_position),
+                "target": vector("--camera-target", camera_target),
+                "up": vector("--camera-up", camera_up),
+                "fov": camera_fov,
+            },
+            None if resolution is None else read_resolution(resolution),
+            None if crop is None else read_crop(crop),
+            {"integrator": integrator, "spp": spp, **options},
+        )
+    else:
+        start, spp = _of_file(job)
     for path in out:
         check_writable(path)
 
@@ -184,21 +203,11 @@ def render(
     with sigterm_as_interrupt():
         try:
             with reporting(progress, sys.stderr) as report:
-                film = rendering.render(
-                    loaded,
-                    integrator=cast(Integrator, integrator),
-                    spp=spp,
-                    resolution=size,
-                    crop=window,
-                    camera={key: value for key, value in camera.items() if value is not None} or None,
-                    **options,
-                    backend=backend,
-                    device=device,
-                    require_gpu=require_gpu,
-                    timings=verbose,
-                    on_progress=report,
+                film = start(
+                    {"backend": backend, "device": device, "require_gpu": require_gpu},
+                    {"timings": verbose, "on_progress": report},
                 )
-        except rendering.RenderInterrupted as stop:
+        except RenderInterrupted as stop:
             film, interrupted = stop.film, True
         written = out if film.path_sets else []
         for path in written:
@@ -210,8 +219,84 @@ def render(
         for line in _summary(film, written, verbose):
             typer.echo(line, err=True)
     if interrupted:
-        _say_interrupted(film, spp or INTEGRATORS[integrator].default_spp, written)
+        _say_interrupted(film, spp, written)
         raise typer.Exit(INTERRUPTED)
+
+
+# Renders, when it is called with the options of the device and those of the progress.
+Start = Callable[[dict[str, Any], dict[str, Any]], "Film"]
+
+# What may stand beside --job: where the image goes, what renders it, what is told.
+_BESIDE_A_JOB = (
+    "job",
+    "out",
+    "exposure",
+    "tonemap",
+    "backend",
+    "device",
+    "require_gpu",
+    "progress",
+    "quiet",
+    "verbose",
+)
+
+
+def _refuse_beside_a_job(context: typer.Context) -> None:
+    """A job says all of the image; whatever else is given contradicts it."""
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        # By its name: typer may have a copy of click with an enumeration of its own.
+        if name in _BESIDE_A_JOB or source is None or source.name != "COMMANDLINE":
+            continue
+        shown = "SCENE" if name == "scene" else parameter.opts[0]
+        raise UsageError(
+            f"{shown} beside --job: the job says what is rendered.", "Leave it out, or make another job."
+        )
+
+
+def _described(
+    scene: str,
+    parameters: Sequence[str],
+    camera: dict[str, Any],
+    resolution: tuple[int, int] | None,
+    crop: tuple[int, int, int, int] | None,
+    options: dict[str, Any],
+) -> tuple[Start, int]:
+    """The render of a scene with the options of the command line, and its path sets."""
+    from glpath import rendering
+    from glpath.scene import load_scene, parameters_from_options
+
+    loaded = load_scene(scene, parameters_from_options(parameters))
+    if crop is not None:
+        check_inside(crop, resolution or loaded.camera.resolution)
+
+    def start(device: dict[str, Any], progress: dict[str, Any]) -> Film:
+        return rendering.render(
+            loaded,
+            resolution=resolution,
+            crop=crop,
+            camera={key: value for key, value in camera.items() if value is not None} or None,
+            **options,
+            **device,
+            **progress,
+        )
+
+    return start, options["spp"] or INTEGRATORS[options["integrator"]].default_spp
+
+
+def _of_file(path: Path) -> tuple[Start, int]:
+    """The render of a job file, and its path sets."""
+    from glpath import rendering
+
+    job = rendering.RenderJob.load(path)
+
+    def start(device: dict[str, Any], progress: dict[str, Any]) -> Film:
+        from glpath.gl.context import get_context
+
+        return rendering.run(job, get_context(**device), **progress)
+
+    return start, job.spp
 
 
 @contextmanager

@@ -54,6 +54,7 @@ def info(
     console = Console(soft_wrap=True)
     for table in _tables(summary):
         console.print(table)
+    console.print(f"Content, which jobs and radiosity solutions go by: sha256:{summary['content_sha256']}")
     for warning in summary["warnings"]:
         console.print(f"[yellow]warning:[/] {escape(warning)}")
 
@@ -137,6 +138,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         "name": scene.name,
         "source": scene.source,
         "sha256": scene.digest(),
+        "content_sha256": scene.digest(camera=False),
         "triangles": len(scene.triangles),
         "spheres": len(scene.spheres),
         "planes": len(scene.planes),
