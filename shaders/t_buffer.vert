@@ -84,11 +84,13 @@ void main()
     float volume = dot(cross(a, b - a), c - a);
     float side = volume < 0.0 ? -1.0 : 1.0;
     gl_Position = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
-    // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn.
+    // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn; also where
+    // that is not known, as all there is of the volume may be rounding.
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
-    float height = abs(volume) / max(max(edges.x, edges.y), max(edges.z, 1e-37));  // pixels
-    if (!(height > 0.1)) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+    float most_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
+    bool wide = abs(volume) > 0.1 * most_edge + rounding;  // pixels, times the longest edge
+    if (!wide) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
 #elif defined(SQUARES)
     int across = int(square.y >> 20), number = int(square.y & 0xfffffu);
     ivec2 begin = low + square_side * ivec2(number % across, number / across);
