@@ -79,8 +79,8 @@ def device() -> str:
     return f"{info.renderer}, {info.driver}"
 
 
-def film_of(name: str) -> Film:
-    options = dict(FILMS[name])
+def film_of(name: str, **changes: object) -> Film:
+    options = FILMS[name] | changes
     if options.get("integrator") == "gather":
         # Particles are the same on every machine; quadrature rests on how many threads there are.
         options["radiosity"] = glpath.solve_radiosity(

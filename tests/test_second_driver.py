@@ -1,0 +1,125 @@
+"""Another driver than the one that this was written on: zink (OpenGL on Vulkan) on lavapipe (Vulkan on the CPU).
+
+Engines agree bit by bit within the driver, pictures statistically across drivers, and no GL error is left behind.
+And llvmpipe as if it were a graphics card: texels by `texelFetch`.
+
+Both are Mesa's. Needs Debian's mesa-vulkan-drivers, which `make evidence` installs; zink is in libgl1-mesa-dri.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_film_hashes import film_hash, film_of
+
+from glpath.compare import Picture, compare, relative_mse
+from glpath.film import Film
+
+pytestmark = pytest.mark.evidence
+
+ROOT = Path(__file__).parent.parent
+ZINK = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "GALLIUM_DRIVER": "zink", "LIBGL_ALWAYS_SOFTWARE": "1"}
+FETCH = {"GLPATH_TEXELS": "fetch"}
+
+#: All that draws: structures, engines, and what they stand on.
+SUITES = [
+    f"tests/test_{name}.py"
+    for name in (
+        "film_hashes",
+        "program",
+        "sums",
+        "path_buffer",
+        "hemicube_form_factor",
+        "t_buffer",
+        "shadow_cells",
+        "point_shadows",
+        "whitted",
+        "path_trace",
+        "gather",
+    )
+]
+
+PICTURES = (
+    "path-cornell-box",
+    "path-cornell-box-36-paper",
+    "path-room",
+    "gather-cornell-box-36",
+    "t-buffer-three-spheres",
+    "classic-three-spheres",
+    "t-buffer-three-spheres-cube",
+    "classic-three-spheres-sphere",
+    "t-buffer-stacked-triangles",
+)
+
+RENDER = """
+import sys
+from test_second_driver import render
+from glpath.gl.context import get_context
+for name in sys.argv[2:]:
+    render(name).save(f"{sys.argv[1]}/{name}.npz")
+error = get_context().gl.error
+assert error == "GL_NO_ERROR", error
+"""
+
+
+def render(name: str) -> Film:
+    changes = {"integrator": "classic"} if name == "classic-three-spheres" else {}
+    return film_of("t-buffer-three-spheres" if changes else name, spp=32, **changes)
+
+
+def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=ROOT / "tests",
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def zink() -> dict[str, str]:
+    """The environment in which OpenGL is zink's."""
+    ask = "from glpath.gl.context import get_context; print(get_context().info.renderer)"
+    answer = run(ask, **ZINK)
+    if "zink" not in answer.stdout:
+        said = (answer.stderr.strip().splitlines() or ["another driver"])[-1]
+        pytest.skip(f"zink does not run here ({said}): apt-get install mesa-vulkan-drivers")
+    return ZINK
+
+
+def assert_passes(environment: dict[str, str]) -> None:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not evidence", *SUITES]
+    result = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout[-8000:] + result.stderr[-2000:]
+
+
+def test_what_draws_passes_its_tests_on_zink(zink: dict[str, str]) -> None:
+    """Classical algorithm and T-buffer agree bit by bit there too. Stored bits of films are another driver's."""
+    assert_passes(zink)
+
+
+def test_what_draws_passes_its_tests_with_texels_read_as_graphics_cards_do() -> None:
+    assert_passes(FETCH)
+
+
+def test_pictures_agree_across_drivers(zink: dict[str, str], tmp_path: Path) -> None:
+    result = run(RENDER, str(tmp_path), *PICTURES, **zink)
+    assert result.returncode == 0, result.stderr
+    found = {}
+    for name in PICTURES:
+        ours, theirs = render(name), Film.load(tmp_path / f"{name}.npz")
+        assert "zink" in theirs.metadata.device
+        assert theirs.metadata.statistics["dropped_samples"] == 0
+        found[name] = relative_mse(theirs.mean, ours.mean)
+        verdict = compare(Picture.of_film(theirs), Picture.of_film(ours))
+        assert verdict.passed, f"{name}: {verdict.summary}"
+        assert found[name] < 1e-5, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
+    print(json.dumps(found, indent=2))
+    same = [film_hash(Film.load(tmp_path / f"{engine}-three-spheres.npz")) for engine in ("classic", "t-buffer")]
+    assert same[0] == same[1]
