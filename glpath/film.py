@@ -5,7 +5,7 @@ multiples of one power of two, small enough that float64 adds them without round
 0..32 merged with 32..64, bit for bit, in whatever order they came.
 
 Sums are kept apart in batches, since the paths of a set share their directions: neighbouring pixels err together,
-and the error of a picture can only be seen between sets. Which batch a set belongs to follows from its number,
+and the error of an image can only be seen between sets. Which batch a set belongs to follows from its number,
 so any ranges merge.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
@@ -40,7 +40,7 @@ BATCHES = 8
 
 WRITABLE = (".png", ".exr", ".npz")
 
-# Of the longer side of the picture that a notebook shows.
+# Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
 
 
@@ -59,7 +59,7 @@ def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class FilmMetadata:
-    """What made a film. Films merge when all that decides the picture is equal.
+    """What made a film. Films merge when all that decides the image is equal.
 
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
@@ -67,7 +67,7 @@ class FilmMetadata:
     seed, max_depth : of the random numbers; vertices of a path, as in the paper
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
     noisy           : whether another seed is another image, so that comparisons have to look at the noise
-    full_resolution : (width, height) of the whole picture, pixels
+    full_resolution : (width, height) of the whole image, pixels
     window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
@@ -158,12 +158,12 @@ class Film:
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64, the picture: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
+        """(H, W, 3) float64, the image: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
 
         Raises UsageError when there is no path set in it.
         """
         if not self.path_sets:
-            raise UsageError("film: holds no path set, so there is no picture.", "Render at least one.")
+            raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
         return _mean(self.radiance_sums, self.batch_counts)
 
     def merge(self, other: Film) -> Film:
@@ -217,9 +217,9 @@ class Film:
         return variance
 
     def relative_error(self) -> float | None:
-        """The error to expect of the picture: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
+        """The error to expect of the image: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
 
-        Its square estimates `compare.relative_mse` against a converged picture; 0.02 is noise of about 2 %. With
+        Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
         Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. It sees noise
         only, not the bias of a buffer that is too coarse. None where fewer than two batches hold anything.
         """
@@ -231,11 +231,11 @@ class Film:
         """Write the film; the suffix says how. The file appears whole or not at all.
 
         .png : 8-bit sRGB after `exposure` (stops) and `tonemap` (one of `image.TONEMAPS`)
-        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole picture
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image
         .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
 
         All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
-        or a picture of no path set.
+        or an image of no path set.
         """
         path = check_suffix(path)
         suffix = path.suffix.lower()
@@ -296,7 +296,7 @@ class Film:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the picture, at most 1024 pixels long, and a line of text."""
+        """What Jupyter shows: the image, at most 1024 pixels long, and a line of text."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
             bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW)))

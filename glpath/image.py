@@ -1,4 +1,5 @@
-"""Pictures as plain arrays: tone mapping, PNG and EXR, and reading any of them back.
+"""Images as plain arrays: tone mapping, PNG and EXR, and reading any of them back.
+
 Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
 2015, "ACES Filmic Tone Mapping Curve".
 """
@@ -68,7 +69,7 @@ TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
 
 
 def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") -> UInt8:
-    """Radiance as a picture for a screen.
+    """Radiance as an image for a screen.
 
     Parameters
     ----------
@@ -124,8 +125,8 @@ def write_exr(
     """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
 
     metadata        : string attributes of the header
-    window          : (x, y, width, height) of these pixels in the whole picture, y from the top: the data window
-    full_resolution : (width, height) of the whole picture: the display window
+    window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
+    full_resolution : (width, height) of the whole image: the display window
     layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B
 
     Raises ImageError.
@@ -158,7 +159,7 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
 
 
 def read_image(path: str | Path) -> Float64:
-    """Read a picture as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
+    """Read an image as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 
     .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
     .exr : channels R, G, B or Y; of a crop its own pixels only

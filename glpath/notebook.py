@@ -4,7 +4,7 @@
     view("three-spheres")
     explore_shafts("office")
 
-Films and scenes show themselves without this module, and `glpath.render(..., progress=True)` shows a picture while
+Films and scenes show themselves without this module, and `glpath.render(..., progress=True)` shows an image while
 it converges. Needs the extra: `pip install "glpath[jupyter]"`.
 """
 
@@ -31,6 +31,7 @@ from glpath.radiosity import Strategy
 from glpath.rendering.factory import Engine, plan_of
 from glpath.rendering.options import MAX_SPP, check_count, numbers, settings_of, with_options
 from glpath.scene import Camera, Scene, check_camera, load_scene, path_traceable
+from glpath.sensors import CameraSensor
 
 try:
     import ipywidgets
@@ -75,7 +76,7 @@ def view(
     scene      : a file, the name of a shipped scene, or a `Scene`
     integrator : as of `glpath.render`; None takes "path" for scenes that it can render, else "t-buffer", whose
                  shadow-buffers are kept while the camera moves
-    spp        : path sets until the picture counts as converged; by default as of `glpath.render`
+    spp        : path sets until the image counts as converged; by default as of `glpath.render`
     resolution : (width, height) in pixels instead of the scene's
     exposure, tonemap : as of `Film.save`
     {options}
@@ -83,7 +84,7 @@ def view(
     Raises what `glpath.render` raises, and UsageError for options that it does not know.
 
     Poor at: many pixels in software; a frame is then a single path set. Kernels work one thing at a time: while a
-    cell runs, the picture stands still.
+    cell runs, the image stands still.
     """
     image.check_tonemap(tonemap)
     loaded = load_scene(scene, parameters)
@@ -110,7 +111,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
     """The widget of `view`, which makes it.
 
     scene     : as it is seen now
-    path_sets : in the picture that is shown
+    path_sets : in the image that is shown
     spp       : path sets at which it counts as converged
     """
 
@@ -134,7 +135,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self.cursor = "grab"
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and for pages without a kernel its first picture."""
+        """The widget, and for pages without a kernel its first image."""
         frame = self.get_frame() if not self.path_sets else image.tonemap(self._sum / self.path_sets, *self._shown)
         return _with_picture(super()._repr_mimebundle_(**options), image.encode_png(frame), f"<{self._text}>")
 
@@ -153,7 +154,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self._context.use()
         pace = "moving" if self._grip or self._moved else "still"
         if self._moved:
-            self._engine.move_camera(self.scene.camera)
+            self._engine.look_from(CameraSensor.of(self.scene.camera))
             self._engine.take()
             self._sum[:] = 0.0
             self.path_sets, self._moved = 0, False
@@ -215,8 +216,8 @@ def turned(camera: Camera, right: float, down: float) -> Camera:
     steepest = max(_STEEPEST, abs(height))
     angle = np.radians(np.clip(height + _DEGREES_PER_PIXEL * down, -steepest, steepest))
     around = np.radians(-_DEGREES_PER_PIXEL * right)
-    way = np.cos(around) * along + np.sin(around) * np.cross(up, along)
-    position = camera.target + length * (np.cos(angle) * way + np.sin(angle) * up)
+    direction = np.cos(around) * along + np.sin(around) * np.cross(up, along)
+    position = camera.target + length * (np.cos(angle) * direction + np.sin(angle) * up)
     return replace(camera, position=position)
 
 
@@ -247,7 +248,7 @@ def explore_shafts(scene: str | Path | Scene, parameters: Mapping[str, object] |
 
     scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets
 
-    Cost: the first time kernels are compiled, up to a minute; then well under a second a picture.
+    Cost: the first time kernels are compiled, up to a minute; then well under a second an image.
     """
     return ShaftExplorer(ShaftScene(load_scene(scene, parameters)))
 
@@ -284,7 +285,7 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         self._draw()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and for pages without a kernel its picture."""
+        """The widget, and for pages without a kernel its image."""
         png = bytes(self.picture.value)
         text = f"<ShaftExplorer: {self.emitter.value} to {self.receiver.value}>"
         return _with_picture(super()._repr_mimebundle_(**options), png, text)

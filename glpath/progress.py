@@ -1,4 +1,4 @@
-"""How far a render is: a picture that converges in a notebook, a bar on a terminal, lines elsewhere, or JSON.
+"""How far a render is: an image that converges in a notebook, a bar on a terminal, lines elsewhere, or JSON.
 
 Each is a context manager that yields what `rendering.render` calls as `on_progress`.
 """
@@ -16,7 +16,7 @@ from rich.console import Console
 from glpath.film import Film
 from glpath.interactive import in_notebook
 
-#: Of the command line; in a notebook "auto" is a picture.
+#: Of the command line; in a notebook "auto" is an image.
 MODES = ("auto", "bar", "lines", "json", "none")
 
 # Seconds between two lines: five at first, then a twentieth of the time that went by, so that neither a short nor a
@@ -52,9 +52,9 @@ Report = Callable[[Progress], None]
 
 
 def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report]:
-    """The reporter of a mode out of `MODES`; auto is a picture in a notebook, a bar on a terminal, else lines."""
+    """The reporter of a mode out of `MODES`; auto is an image in a notebook, a bar on a terminal, else lines."""
     if mode == "auto" and in_notebook():
-        return _picture()
+        return _image()
     if mode == "auto":
         mode = "bar" if Console(file=stream).is_terminal else "lines"
     return {"bar": _bar, "lines": _lines, "json": _json, "none": _none}[mode](stream)
@@ -156,7 +156,7 @@ def _json(stream: TextIO) -> Iterator[Report]:
 
 
 @contextmanager
-def _picture() -> Iterator[Report]:
+def _image() -> Iterator[Report]:
     """The film as it converges, and a line below it, each replaced in place."""
     from IPython.display import display
 

@@ -35,8 +35,8 @@ def test_tiles_of_one_size_cover_the_window_once(window: Any, monkeypatch: pytes
         rows, columns = tile.keep
         own = np.add.outer((ty - y + np.arange(h)) * width, tx - x + np.arange(w))
         whole = np.arange(width * height).reshape(height, width)
-        np.testing.assert_array_equal(own[rows, columns], whole[tile.place])
-        covered[tile.place] += 1
+        np.testing.assert_array_equal(own[rows, columns], whole[tile.target])
+        covered[tile.target] += 1
     assert np.all(covered == 1)
 
 

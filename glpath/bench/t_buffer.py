@@ -35,6 +35,7 @@ from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
+from glpath.sensors import CameraSensor
 from glpath.versions import versions
 
 COUNTS = {"1e3": 1_000, "1e5": 100_000, "1e6": 1_000_000}
@@ -203,7 +204,7 @@ def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
     assert tracer.shadow_buffer is not None, "the scene has a point light"
 
     def frame(camera: Camera) -> float:
-        tracer.move_camera(camera)
+        tracer.look_from(CameraSensor.of(camera))
         return 1e3 * seconds_of(lambda: tracer.trace_path_set(0), context.gl.finish)
 
     first, kept = [], []

@@ -102,7 +102,7 @@ def render(
         str | None, typer.Option(metavar="X,Y,Z", help="What it looks at.", rich_help_panel=_CAMERA)
     ] = None,
     camera_up: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="What is up in the picture.", rich_help_panel=_CAMERA)
+        str | None, typer.Option(metavar="X,Y,Z", help="What is up in the image.", rich_help_panel=_CAMERA)
     ] = None,
     camera_fov: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Vertical field of view.", rich_help_panel=_CAMERA)

@@ -43,7 +43,7 @@ from glpath.sampling import (
     uniform_hemisphere,
     uniform_sphere,
 )
-from glpath.scene.model import Camera
+from glpath.sensors import CameraSensor
 
 Uniforms = dict[str, object]
 
@@ -84,7 +84,7 @@ class PathStages(ABC):
         self.gl = gl
         self.scene = scene
         self._settings = settings
-        self.camera = scene.scene.camera
+        self.sensor = CameraSensor.of(scene.scene.camera)
         self.window = window
         self.stopwatch = Stopwatch(gl, hardware, timings)
         self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
@@ -112,10 +112,10 @@ class PathStages(ABC):
         self.window = window
         self._constant = self._constant_uniforms()
 
-    def move_camera(self, camera: Camera) -> None:
-        """Go on with another camera of the same resolution."""
-        assert camera.resolution == self.camera.resolution, f"a camera of {camera.resolution} pixels"
-        self.camera = camera
+    def look_from(self, sensor: CameraSensor) -> None:
+        """Start paths at another sensor of the same resolution."""
+        assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
+        self.sensor = sensor
 
     def forget_statistics(self) -> None:
         """Begin to count anew."""
@@ -231,7 +231,7 @@ class PathStages(ABC):
         self._sum = 1 - self._sum
 
     def _constant_uniforms(self) -> Uniforms:
-        width, height = self.camera.resolution
+        width, height = self.sensor.resolution
         x, y, _, h = self.window
         return {
             **self.scene.uniforms,
@@ -241,7 +241,7 @@ class PathStages(ABC):
         }
 
     def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
-        camera = self.camera
+        camera = self.sensor.camera
         right, up, forward = camera.frame()
         width, height = camera.resolution
         x, y, w, h = self.window

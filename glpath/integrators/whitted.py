@@ -32,7 +32,8 @@ from glpath.gl.uniforms import vectors
 from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import Lighting, max_radiance
 from glpath.sampling import PathSetSampler, pixel_place
-from glpath.scene.model import Camera, Scene
+from glpath.scene.model import Scene
+from glpath.sensors import CameraSensor
 
 Uniforms = dict[str, object]
 
@@ -59,7 +60,7 @@ class WhittedTracer:
         self.settings = settings
         self.stopwatch = Stopwatch(gl, hardware, timings)
         self.count_tests = settings.count_tests
-        self.camera = objects.scene.camera
+        self.sensor = CameraSensor.of(objects.scene.camera)
         self._size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones
         self.forget_statistics()
@@ -71,10 +72,10 @@ class WhittedTracer:
         assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
         self.window = window
 
-    def move_camera(self, camera: Camera) -> None:
-        """Go on with another camera of the same resolution. Shadow-buffers stay as they are [TB III.D]."""
-        assert camera.resolution == self.camera.resolution, "another resolution needs another tracer"
-        self.camera = camera
+    def look_from(self, sensor: CameraSensor) -> None:
+        """Start rays at another sensor of the same resolution. Shadow-buffers stay as they are [TB III.D]."""
+        assert sensor.resolution == self.sensor.resolution, "another resolution needs another tracer"
+        self.sensor = sensor
 
     def change_scene(self, scene: Scene) -> None:
         """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
@@ -92,7 +93,7 @@ class WhittedTracer:
 
     def trace_path_set(self, index: int) -> None:
         """One ray for every pixel, and what follows from it [TB IV]."""
-        eye = eye_uniforms(self.camera, self.window, pixel_place(self.settings.seed, index))
+        eye = eye_uniforms(self.sensor.camera, self.window, pixel_place(self.settings.seed, index))
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
         self.shade(index, eye)
@@ -180,7 +181,7 @@ class WhittedTracer:
     ) -> None:
         settings, gl = self.settings, self.gl
         self.objects: DeviceScene = objects
-        self.camera = objects.scene.camera
+        self.sensor = CameraSensor.of(objects.scene.camera)
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0

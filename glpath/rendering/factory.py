@@ -20,7 +20,7 @@ from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.integrators.whitted import WhittedTracer
 from glpath.scene import Scene, path_traceable
-from glpath.scene.model import Camera
+from glpath.sensors import CameraSensor
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
@@ -53,8 +53,8 @@ class Engine(Protocol):
     def forget_statistics(self) -> None:
         """Begin to count anew."""
 
-    def move_camera(self, camera: Camera) -> None:
-        """Go on with another camera of the same resolution."""
+    def look_from(self, sensor: CameraSensor) -> None:
+        """Go on with another sensor of the same resolution."""
 
 
 class Plan(Protocol):
@@ -138,7 +138,7 @@ def _move_camera(engine: Engine, scene: Scene) -> None:
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
             'Only "t-buffer" and "classic" go on with another scene; with "path" and "gather", render it alone.',
         )
-    engine.move_camera(scene.camera)
+    engine.look_from(CameraSensor.of(scene.camera))
 
 
 def _crowding(film: Film) -> list[str]:

@@ -64,7 +64,7 @@ class Clock:
         self.on_progress(
             Progress(done, self.total, now - self.started, self._error, self.film, stage, self.renderer)
         )
-        # The estimate reads the whole film, a picture has to be encoded; that must not be what the time goes into.
+        # The estimate reads the whole film, an image has to be encoded; that must not be what the time goes into.
         self._last_report = now + 5 * (time.perf_counter() - now)
 
     def stepped(self, count: int) -> None:
@@ -99,6 +99,6 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
             if interrupted and tile is tiles[0]:
                 break
         count = traced
-        total[tile.place] = engine.take()[tile.keep]
+        total[tile.target] = engine.take()[tile.keep]
     film.add(start, start + count, total)
     return count

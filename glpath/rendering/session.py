@@ -84,7 +84,7 @@ class Session:
         if job.scene.sha256 != before.scene.sha256:
             self._plan.change_scene(engine, self._plan.traceable(scene))
         else:
-            engine.move_camera(job.sensor.camera)
+            engine.look_from(job.sensor)
         engine.forget_statistics()
 
     def _metadata(self, job: RenderJob, scene: Scene, context: Context) -> FilmMetadata:
