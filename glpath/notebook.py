@@ -15,7 +15,6 @@ import io
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from glpath.interactive import in_notebook
 from glpath.radiosity import Strategy
 from glpath.rendering.factory import Engine, plan_of
 from glpath.rendering.options import MAX_SPP, check_count, numbers, settings_of, with_options
-from glpath.scene import Camera, Scene, check_camera, load_scene, path_traceable
+from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, path_traceable
 from glpath.sensors import CameraSensor
 
 try:
@@ -53,7 +52,7 @@ _ZOOM_PER_NOTCH = 1.15
 
 @with_options
 def view(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
     integrator: Integrator | IntegratorSettings | None = None,
     spp: int | None = None,
@@ -243,7 +242,7 @@ def _with_picture(bundle: Any, png: bytes, text: str) -> Any:
     return bundle
 
 
-def explore_shafts(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
+def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
     """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
 
     scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets

@@ -24,9 +24,10 @@ from glpath.film import Film
 from glpath.image import tonemap, write_png
 from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_folder
 from glpath.pytest_plugin.settings import Settings
-from glpath.scene import Scene
+from glpath.scene import AnyScene, Scene
+from glpath.scene.from_python import is_made_in_python
 
-Subject = str | Path | Scene | Film | ArrayLike | Callable[[], Any]
+Subject = AnyScene | Film | ArrayLike | Callable[[], Any]
 
 # Severity of what could not be compared at all: in a report it stands first.
 _INCOMPARABLE = 1e9
@@ -90,11 +91,11 @@ class RenderRegression:
     def _picture(self, subject: Subject, options: Mapping[str, Any]) -> Picture:
         while callable(subject):
             subject = subject()
-        if isinstance(subject, str | Path | Scene):
+        if isinstance(subject, str | Path | Scene) or is_made_in_python(subject):
             from glpath.rendering import render
 
-            beside = None if isinstance(subject, Scene) else self._item.path.parent / subject
-            scene = beside if beside is not None and beside.is_file() else subject
+            beside = self._item.path.parent / subject if isinstance(subject, str | Path) else None
+            scene: Any = beside if beside is not None and beside.is_file() else subject
             subject = render(scene, **{**self._settings.device, **options})
         elif options:
             raise UsageError(

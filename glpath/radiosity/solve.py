@@ -9,7 +9,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -24,7 +23,7 @@ from glpath.radiosity.reconstruct import resample
 from glpath.radiosity.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.transport import FormFactorOptions, Transport
-from glpath.scene import Scene, load_scene, path_traceable
+from glpath.scene import AnyScene, Scene, load_scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.scene.place import Place
 
@@ -111,7 +110,7 @@ class _Run:
 
 
 def solve_radiosity(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
     method: Method = "progressive",
     patches: int | None = None,

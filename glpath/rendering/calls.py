@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from glpath.errors import SceneWarning
@@ -20,13 +19,13 @@ from glpath.progress import Progress, Report, reporting
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
 from glpath.rendering.options import with_options
 from glpath.rendering.session import Session
-from glpath.scene import Camera, Scene, check_camera
+from glpath.scene import AnyScene, Camera, Scene, check_camera
 from glpath.sensors import CameraSensor
 
 
 @with_options
 def render(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
     integrator: Integrator | IntegratorSettings = "path",
     spp: int | None = None,
@@ -47,7 +46,8 @@ def render(
 
     Parameters
     ----------
-    scene          : a file, the name of a shipped scene, or a `Scene`
+    scene          : a file, the name of a shipped scene, a dictionary, trimesh's mesh or scene, a `Scene`: what
+                     `load_scene` takes
     integrator     : "path", global illumination by shapes that emit light; "gather", the same from a radiosity
                      solution, whose light of all bounces is gathered at what the eye sees; "t-buffer", Whitted's
                      ray tracing with the T-buffer, for spheres, planes, point lights, textures and mirrors;
@@ -144,7 +144,7 @@ def run(
 
 @with_options
 def render_frames(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     frames: Iterable[Mapping[str, Any] | Camera | Scene],
     *,
     integrator: Integrator | IntegratorSettings = "t-buffer",

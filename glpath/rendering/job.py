@@ -37,7 +37,7 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.scene import Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
 from glpath.sensors import CameraSensor
 
 Window = tuple[int, int, int, int]
@@ -62,7 +62,7 @@ class SceneSource:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: str | Path | Scene, loaded: Scene, parameters: Mapping[str, object] | None) -> SceneSource:
+    def of(cls, scene: AnyScene, loaded: Scene, parameters: Mapping[str, object] | None) -> SceneSource:
         """Of what `load_scene` was given, and what it made of it."""
         digest = loaded.digest(camera=False)
         if isinstance(scene, str) and scene in shipped_scenes():
@@ -112,7 +112,7 @@ class RenderJob:
 
     @classmethod
     @with_options
-    def of(cls, scene: str | Path | Scene, **options: Any) -> RenderJob:
+    def of(cls, scene: AnyScene, **options: Any) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 
         {options}
@@ -232,7 +232,7 @@ class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def describe(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
     integrator: str | IntegratorSettings = "path",
     spp: int | None = None,

@@ -2,12 +2,14 @@
 
 from glpath.scene.check import check_camera, check_scene
 from glpath.scene.description import scene_schema
+from glpath.scene.from_python import AnyScene
 from glpath.scene.library import load_scene, parameters_from_options, shipped_scenes
 from glpath.scene.load import scene_from_dict
 from glpath.scene.model import Camera, Light, Material, Scene, Shape, Sky, Texture
 from glpath.scene.triangulate import path_traceable
 
 __all__ = [
+    "AnyScene",
     "Camera",
     "Light",
     "Material",

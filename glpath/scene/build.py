@@ -6,6 +6,7 @@ planar, boxes turned inside out, triangles without area.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -21,23 +22,19 @@ from glpath.scene.model import Camera, Float64, Mesh, Scene, Shape, Shapes, plac
 from glpath.scene.place import Place, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
-from glpath.scene.values import light, unit, unknown
+from glpath.scene.values import LARGEST, SMALLEST, light, unit, unknown
 
 # Of a quad's diameter; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3
-# What a GPU can still square in 32 bits without overflow, and far from what anybody means.
-LARGEST = 1e15
-# And without underflow.
-SMALLEST = 1e-15
-
 DEFAULT_MATERIAL = "default"
 
 
-def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
+def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh]) -> Scene:
     """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
     folder : where relative paths of mesh and picture files start
     name   : the name of the scene when the file does not say one
+    meshes : of shapes whose mesh is there already, by the index of the shape
     """
     camera = _camera(file)
     check_camera(camera, place.source)
@@ -51,7 +48,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
     number = {material.name: index for index, material in enumerate(surfaces)}
 
     shapes = []
-    files: dict[tuple[Path, bool, bool], Mesh] = {}
+    known: dict[tuple[object, bool, bool], Mesh] = {}
     for index, given in enumerate(file.shapes):
         here = place.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
@@ -72,7 +69,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str) -> Scene:
             case _:
                 matrix = _world(given, here)[:3]
                 textured = surfaces[material].texture is not None
-                geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), files)
+                geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
         shapes.append(Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind))
@@ -171,13 +168,15 @@ def _mesh(
     folder: Path,
     textured: bool,
     mirrored: bool,
-    files: dict[tuple[Path, bool, bool], Mesh],
+    ready: Mesh | None,
+    known: dict[tuple[object, bool, bool], Mesh],
 ) -> Mesh:
     """The mesh of a shape, with texture coordinates where it is `textured`, ready for its transform.
 
     mirrored : the transform exchanges fronts and backs
-    files    : meshes of files that have been read, by path, `textured` and whether they were turned: shapes of one
-               file are instances of one mesh
+    ready    : the mesh itself, where it is there already
+    known    : what was made before of files and of ready meshes, by path or mesh, `textured` and whether it was
+               turned: so shapes of one file are instances of one mesh
     """
     reverse = given.flip_normals != mirrored
     match given:
@@ -186,11 +185,15 @@ def _mesh(
             mesh = tessellate.quad_mesh(given.corners)
         case description.Box():
             mesh = tessellate.box_mesh(*_box_corners(given, place))
+        case description.Mesh() if ready is not None:
+            if (ready, textured, reverse) not in known:
+                known[ready, textured, reverse] = _finished(ready, textured, reverse)
+            return known[ready, textured, reverse]
         case description.Mesh(file=str(name)) if _only_a_file(given):
-            key = (folder / name, textured, reverse)
-            if key not in files:
-                files[key] = _finished(read_mesh(folder / name, place.field("file")), textured, reverse)
-            return files[key]
+            path = folder / name
+            if (path, textured, reverse) not in known:
+                known[path, textured, reverse] = _finished(read_mesh(path, place.field("file")), textured, reverse)
+            return known[path, textured, reverse]
         case _:
             mesh = _inline_mesh(given, place)
     return _finished(mesh, textured, reverse)

@@ -19,7 +19,10 @@ from msgspec import Meta
 from glpath.errors import SceneError, UsageError
 from glpath.files import shipped_folder
 from glpath.scene import tessellate
+from glpath.scene.convert import convert
+from glpath.scene.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
 from glpath.scene.load import read_scene_file, scene_from_dict
+from glpath.scene.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Scene
 from glpath.scene.office import office, office_premesh
 from glpath.scene.place import Place, shown
@@ -27,21 +30,34 @@ from glpath.scene.room import room
 from glpath.scene.stacked import stacked
 
 
-def load_scene(scene: str | Path | Scene, parameters: Mapping[str, object] | None = None) -> Scene:
-    """The scene of a file or of a shipped name.
+def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
+    """The scene of a file, of a shipped name, or of what Python has.
 
     Parameters
     ----------
-    scene      : the path of a TOML file, the name of a shipped scene (`shipped_scenes()`), or a `Scene`, which is
-                 given back as it is. A path has a folder or the suffix .toml; `./furnace` is always a file.
+    scene      : one of
+                 the path of a TOML file, or of an OBJ, PLY or STL file (grey, its materials are not read). A path
+                 has a folder or such a suffix; `./furnace` is always a file;
+                 the name of a shipped scene (`shipped_scenes()`);
+                 a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
+                 and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
+                 a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, its base colours, and its camera
+                 where it has one;
+                 a `Scene`, which is given back as it is.
     parameters : values for a generated scene, as text (`-D key=value`) or of the parameter's type
+
+    What is no TOML file may leave out the camera, for one that frames everything, and all light, for a white sky; a
+    SceneWarning says so, and what of trimesh's materials is dropped.
 
     Raises SceneError, which names the file, the place in it, what was found and what is allowed. Warns with
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
     """
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
-    text = os.fspath(scene)
+    if is_made_in_python(scene):
+        made = scene_from_python(scene)
+        return _without_parameters(made, made.name, parameters)
+    text = os.fspath(scene)  # type: ignore[arg-type]
     if isinstance(scene, str) and text in GENERATED:
         return _generate(text, parameters or {})
     path = Path(text)
@@ -49,7 +65,8 @@ def load_scene(scene: str | Path | Scene, parameters: Mapping[str, object] | Non
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
-    return _without_parameters(read_scene_file(path), text, parameters)
+    read = scene_from_mesh_file if path.suffix.lower() in MESH_FORMATS else read_scene_file
+    return _without_parameters(read(path), text, parameters)
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -147,7 +164,7 @@ def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
                 f"Did you mean `{near[0]}`?" if near else "",
             )
         try:
-            values[key] = msgspec.convert(value, hints[key], strict=False)
+            values[key] = convert(value, hints[key], strict=False)
         except msgspec.ValidationError as error:
             raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
     return make(**values)
@@ -168,7 +185,7 @@ def _scene_files() -> dict[str, Path]:
 
 
 def _looks_like_a_path(text: str) -> bool:
-    return text.endswith(".toml") or "/" in text or os.sep in text or Path(text).is_file()
+    return text.lower().endswith((".toml", *MESH_FORMATS)) or "/" in text or os.sep in text or Path(text).is_file()
 
 
 def _no_such_scene(name: str) -> SceneError:

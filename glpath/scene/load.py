@@ -20,10 +20,13 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
-from glpath.scene.build import LARGEST, build
+from glpath.scene.build import build
+from glpath.scene.convert import convert
 from glpath.scene.description import SceneFile
-from glpath.scene.model import Scene
+from glpath.scene.meshes import MESH_KEYS, mesh_of_table
+from glpath.scene.model import Mesh, Scene
 from glpath.scene.place import Place, shown
+from glpath.scene.values import LARGEST
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
@@ -64,7 +67,12 @@ def scene_from_dict(
     folder : where relative paths of mesh files start; the current folder without it
     name   : the name of a scene which does not name itself; `source` without it
     """
-    place = Place(source)
+    return scene_of(data, Place(source), folder or Path(), name or source)
+
+
+def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
+    """See `scene_from_dict`; `place` is that of the whole dictionary, for errors."""
+    data, meshes = _without_meshes(data, place)
     plain = _plain(data)
     keys = _unusable(plain)
     if keys is not None:
@@ -74,10 +82,30 @@ def scene_from_dict(
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
     _name_the_default_material(plain)
     try:
-        file = msgspec.convert(plain, SceneFile)
+        file = convert(plain, SceneFile)
     except msgspec.ValidationError as error:
         raise _explained(error, SceneFile, plain, place) from error
-    return build(file, place, folder or Path(), name or source)
+    return build(file, place, folder, name, meshes)
+
+
+def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str, Any], dict[int, Mesh]]:
+    """`data` without the meshes that are arrays or objects, and these by the index of their shape.
+
+    A million faces as lists would take a minute and a gigabyte.
+    """
+    if not isinstance(data.get("shapes"), list | tuple):
+        return data, {}
+    known: dict[int, Mesh] = {}  # of trimesh, by identity: instances share a mesh
+    meshes: dict[int, Mesh] = {}
+    shapes = []
+    for index, shape in enumerate(data["shapes"]):
+        here = place.field("shapes").item(index)
+        found = mesh_of_table(shape, here, known) if isinstance(shape, Mapping) else None
+        if found is not None:
+            meshes[index] = found
+            shape = {key: value for key, value in shape.items() if key not in MESH_KEYS} | {"type": "mesh"}
+        shapes.append(shape)
+    return {**data, "shapes": shapes}, meshes
 
 
 def _plain(value: Any) -> Any:
@@ -192,7 +220,7 @@ def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
     kind = functools.reduce(operator.or_, (member.cls for member in members))
     for name, value in data.items():
         try:
-            msgspec.convert(value, kind)
+            convert(value, kind)
         except msgspec.ValidationError as error:
             return _explained(error, kind, value, place.field(name))
     raise AssertionError("msgspec refused a table of which it takes every value")

@@ -7,6 +7,9 @@ not, and no normals are made up where it has none.
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +20,11 @@ from glpath.errors import SceneError
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.place import Place
 from glpath.scene.tessellate import split_faces
-from glpath.scene.values import nearby_files
+from glpath.scene.values import LARGEST, nearby_files
 
 FORMATS = (".obj", ".ply", ".stl")
+#: What describes the geometry of a mesh in a dictionary.
+MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
 
 def inline_mesh(vertices: list[tuple[float, float, float]], faces: list[list[int]], place: Place) -> Mesh:
@@ -32,6 +37,96 @@ def inline_mesh(vertices: list[tuple[float, float, float]], faces: list[list[int
             if not 0 <= vertex < len(vertices):
                 raise _no_such_vertex(place.field("faces").item(index), vertex, len(vertices))
     return Mesh(np.array(vertices, np.float64), split_faces(faces))
+
+
+def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]) -> Mesh | None:
+    """The mesh of a shape's table where it is an object or arrays; None where it is described by plain values.
+
+    place : the shape's
+    known : meshes of trimesh's, by identity, which grows
+    """
+    if table.get("type", "mesh") != "mesh":
+        return None
+    given = table.get("mesh")
+    if given is not None:
+        others = [key for key in (*MESH_KEYS[1:], "file") if key in table]
+        if others:
+            raise place.error(f"has mesh and {' and '.join(others)}, but a mesh is one of them.", "Leave one away.")
+        if isinstance(given, Mesh):
+            return given
+        trimesh = sys.modules.get("trimesh")
+        if trimesh is None or not isinstance(given, trimesh.Trimesh):
+            raise place.field("mesh").error(
+                f"is a {type(given).__name__}, but must be a trimesh.Trimesh.",
+                "Arrays go into `vertices` and `faces`; a trimesh.Scene is a scene: load_scene(it).",
+            )
+        if id(given) not in known:
+            known[id(given)] = mesh_of_trimesh(given, place.field("mesh"))
+        return known[id(given)]
+    arrays = [table.get(key) for key in MESH_KEYS[1:]]
+    if (
+        "file" in table
+        or not all(isinstance(each, np.ndarray) for each in arrays[:2])
+        or not isinstance(arrays[2], np.ndarray | None)
+    ):
+        return None
+    return mesh_of_arrays(arrays[0], arrays[1], arrays[2], place)  # type: ignore[arg-type]
+
+
+def mesh_of_trimesh(mesh: Any, place: Place) -> Mesh:
+    """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
+    # The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
+    # exporters ask in this way).
+    normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+    uv = getattr(mesh.visual, "uv", None)
+    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), _of_all([uv], [mesh], 2), place)
+    normals = _of_all([normals], [mesh], 3)
+    return made if normals is None else replace(made, normals=_unit(normals))
+
+
+def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, place: Place) -> Mesh:
+    """Of vertices (V, 3), faces (F, 3) or (F, 4) and texture coordinates (V, 2). Raises SceneError.
+
+    Faces of four are split along the line from the first vertex to the third. `place` is the shape's.
+    """
+    numbers, whole = "numbers", "whole numbers"
+    for name, array, columns, kinds, what in (
+        ("vertices", vertices, (3,), "fiu", numbers),
+        ("faces", faces, (3, 4), "iu", whole),
+        ("uv", uv, (2,), "fiu", numbers),
+    ):
+        if array is None:
+            continue
+        if array.ndim != 2 or array.shape[1] not in columns or array.dtype.kind not in kinds or not len(array):
+            allowed = " or ".join(f"(n, {width})" for width in columns)
+            raise place.field(name).error(
+                f"is an array of shape {array.shape} and type {array.dtype}, but must be {what} of shape "
+                f"{allowed}, n at least 1.",
+                "One row for each face, of vertices counted from 0." if name == "faces" else "",
+            )
+        beyond = np.argwhere(~(np.abs(array) <= LARGEST))
+        if name != "faces" and len(beyond):
+            row, column = beyond[0]
+            raise (
+                place.field(name)
+                .item(int(row))
+                .item(int(column))
+                .wrong(float(array[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+            )
+    beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
+    if len(beyond):
+        row, column = beyond[0]
+        raise _no_such_vertex(place.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
+    if uv is not None and len(uv) != len(vertices):
+        raise place.field("uv").error(
+            f"has {len(uv)} pairs, but the mesh has {len(vertices)} vertices.",
+            "List one pair [u, v] for each vertex, in the same order.",
+        )
+    if faces.shape[1] == 4:
+        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    return Mesh(
+        np.array(vertices, np.float64), faces.astype(np.int32), None if uv is None else np.array(uv, np.float64)
+    )
 
 
 def read_mesh(path: Path, place: Place) -> Mesh:

@@ -6,6 +6,7 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -268,6 +269,25 @@ class Scene:
     def with_camera(self, **changes: object) -> Scene:
         """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
         return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
+
+    def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
+        """A new scene with one shape more, the last one.
+
+        shape    : a table of the scene format's [[shapes]] as a dictionary, a `Mesh` or a `trimesh.Trimesh`
+        material : the name of one of the scene's materials, or a table for a new one; without it the mesh's own
+                   colour, or grey
+        fields   : more of the table, such as transform=[{"translate": [0, 1, 0]}] or name="lid"
+
+        Raises SceneError, and UsageError for a material that the scene has not.
+
+        >>> from glpath import load_scene
+        >>> ball = {"type": "sphere", "center": [0.3, -0.2, 0.4], "radius": 0.2}
+        >>> load_scene("cornell-box-36").add(ball, material={"reflectance": [0.2, 0.4, 0.8]})
+        <Scene cornell-box-36: 36 triangles, 1 sphere, 9 shapes, 5 materials, 1 light, 256 x 256>
+        """
+        from glpath.scene.from_python import added  # which imports this module
+
+        return added(self, shape, material, fields)
 
     def digest(self, camera: bool = True) -> str:
         """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,11 +32,11 @@ class Place:
     def field(self, name: str) -> Place:
         """The place of a key of the table that stands here."""
         key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
-        return Place(self.source, f"{self.path}.{key}" if self.path else key)
+        return replace(self, path=f"{self.path}.{key}" if self.path else key)
 
     def item(self, index: int) -> Place:
         """The place of an element of the list that stands here, counted from 0."""
-        return Place(self.source, f"{self.path}[{index}]")
+        return replace(self, path=f"{self.path}[{index}]")
 
     def error(self, text: str, remedy: str = "") -> SceneError:
         """An error about this place; `text` goes on after its name ("names vertex 9, but ...")."""
@@ -45,6 +45,16 @@ class Place:
     def wrong(self, found: object, allowed: str, remedy: str = "") -> SceneError:
         """An error about the value that stands here: what was found and what is allowed."""
         return self.error(f"is {shown(found)}, but must be {allowed}.", remedy)
+
+
+class PythonPlace(Place):
+    """A place in a dictionary, written as Python has it: `scene["shapes"][3]["material"]`."""
+
+    def __str__(self) -> str:
+        return f"{self.source}{self.path}"
+
+    def field(self, name: str) -> Place:
+        return replace(self, path=f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
 
 
 def shown(value: object) -> str:

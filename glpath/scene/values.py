@@ -13,6 +13,11 @@ from glpath.errors import SceneError
 from glpath.scene.model import Float64
 from glpath.scene.place import Place, shown
 
+# What a GPU can still square in 32 bits without overflow, and far from what anybody means.
+LARGEST = 1e15
+# And without underflow.
+SMALLEST = 1e-15
+
 
 def rgb(value: ArrayLike) -> Float64:
     """(3,) float64 of one number for grey or three."""

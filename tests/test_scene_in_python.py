@@ -1,0 +1,249 @@
+"""Scenes made in Python: dictionaries with arrays, trimesh's meshes and scenes, files of a mesh alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import glpath
+from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.scene import load_scene
+from glpath.scene.check import sees_anything
+
+CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
+LAMP = {"type": "sphere", "radius": 0.1, "center": [0, 5, 0], "emission": {"radiance": 3}}
+VERTICES = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def test_a_dictionary_with_arrays_is_what_the_file_with_numbers_is(tmp_path: Path):
+    (tmp_path / "plate.toml").write_text(
+        """
+        [camera]
+        position = [0, 0, 9]
+        target = [0, 0, 0]
+        [[shapes]]
+        type = "mesh"
+        vertices = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+        faces = [[0, 1, 2, 3]]
+        uv = [[0, 0], [1, 0], [1, 1], [0, 1]]
+        emission = { radiance = 2 }
+        """
+    )
+    shape = {"type": "mesh", "vertices": VERTICES, "uv": VERTICES[:, :2], "emission": {"radiance": 2}}
+    expected = load_scene(tmp_path / "plate.toml")
+    for faces in (FACES, FACES.astype(np.uint8), np.array([[0, 1, 2, 3]])):
+        assert load_scene({"camera": CAMERA, "shapes": [{**shape, "faces": faces}]}).digest() == expected.digest()
+    lists = {**shape, "vertices": VERTICES.tolist(), "uv": VERTICES[:, :2].tolist(), "faces": [[0, 1, 2, 3]]}
+    assert load_scene({"camera": CAMERA, "shapes": [lists]}).digest() == expected.digest()
+
+
+def test_the_scene_has_its_own_copy_of_an_array():
+    vertices = VERTICES.astype(np.float64)
+    made = load_scene({"camera": CAMERA, "shapes": [{"vertices": vertices, "faces": FACES}, LAMP]})
+    vertices[0] = 7
+    assert made.triangles[0, 0].tolist() == [0, 0, 0]
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no such vertex": (
+        {"faces": np.array([[0, 1, 2], [0, 2, 4]])},
+        r'scene\["shapes"\]\[1\]\["faces"\]\[1\] names vertex 4, but the mesh has 4 vertices \(0 to 3\)',
+    ),
+    "a negative vertex": ({"faces": np.array([[0, 1, -1]])}, r'\["faces"\]\[0\] names vertex -1'),
+    "faces of two": (
+        {"faces": FACES[:, :2]},
+        r'scene\["shapes"\]\[1\]\["faces"\] is an array of shape \(2, 2\) and type int64, but must be whole '
+        r"numbers of shape \(n, 3\) or \(n, 4\)",
+    ),
+    "faces that are no whole numbers": ({"faces": FACES * 1.0}, r"type float64, but must be whole numbers"),
+    "no faces": ({"faces": FACES[:0]}, r"shape \(0, 3\).* at least 1"),
+    "flat vertices": ({"vertices": VERTICES[:, :2]}, r'\["vertices"\] is an array of shape \(4, 2\)'),
+    "a NaN": (
+        {"vertices": np.where(VERTICES > 0, np.nan, 0)},
+        r'\["vertices"\]\[1\]\[0\] is nan, but must be a finite number',
+    ),
+    "too few uv": ({"uv": VERTICES[:3, :2]}, r'\["uv"\] has 3 pairs, but the mesh has 4 vertices'),
+    "two meshes": ({"mesh": trimesh.creation.box()}, r"has mesh and vertices and faces, but a mesh is one of them"),
+    "a scene as a mesh": (
+        {"vertices": None, "faces": None, "mesh": trimesh.Scene()},
+        r'\["mesh"\] is a Scene, but must be a trimesh.Trimesh.\n.*load_scene',
+    ),
+    "an unknown field": ({"colour": 3}, r'scene\["shapes"\]\[1\]\["colour"\] is not a field of the type "mesh"'),
+    "an unknown material": ({"material": "red"}, r'scene\["shapes"\]\[1\]\["material"\] names the material "red"'),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_named_as_python_writes_it(case: str):
+    change, expected = WRONG[case]
+    shape = {"type": "mesh", "vertices": VERTICES, "faces": FACES, **change}
+    shape = {key: value for key, value in shape.items() if value is not None}
+    with pytest.raises(SceneError, match=expected):
+        load_scene({"camera": CAMERA, "shapes": [LAMP, shape]})
+
+
+def test_a_mesh_of_trimesh_has_a_camera_and_light_made_for_it_and_says_so():
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3)
+    ball.apply_translation([10, 20, -30])
+    with pytest.warns(SceneWarning, match=r"no camera.* position .* and no light, so a white sky"):
+        made = load_scene(ball)
+    assert np.array_equal(made.triangles, ball.triangles)
+    assert sees_anything(made)
+    # Everything is in the picture, and fills at least half of its height.
+    right, up, forward = made.camera.frame()
+    at = made.triangles.reshape(-1, 3) - made.camera.position
+    high = np.abs(at @ up / (at @ forward)) / np.tan(np.radians(made.camera.fov / 2))
+    wide = np.abs(at @ right / (at @ forward)) / np.tan(np.radians(made.camera.fov / 2))
+    assert 0.5 < high.max() < 1
+    assert 0.5 < wide.max() < 1
+
+
+@pytest.mark.parametrize("resolution", [(64, 16), (16, 64)])
+def test_everything_is_in_a_wide_and_in_a_tall_picture(resolution: tuple[int, int]):
+    box = {"type": "box", "min": [-2, 0, 0], "max": [2, 3, 1]}
+    with pytest.warns(SceneWarning, match="no camera"):
+        made = load_scene({"film": {"resolution": resolution}, "shapes": [box, LAMP], "name": "wide"})
+    assert (made.name, made.camera.resolution) == ("wide", resolution)
+    at = made.triangles.reshape(-1, 3) - made.camera.position
+    right, up, forward = made.camera.frame()
+    tangent = np.tan(np.radians(made.camera.fov / 2))
+    assert (np.abs(at @ up) < tangent * (at @ forward)).all()
+    assert (np.abs(at @ right) < tangent * resolution[0] / resolution[1] * (at @ forward)).all()
+
+
+def test_light_that_is_there_is_left_alone():
+    shape = {"vertices": VERTICES, "faces": FACES}
+    for light in (
+        {"shapes": [shape, LAMP]},
+        {"shapes": [shape], "sky": {"zenith": 0.5}},
+        {"shapes": [shape], "lights": [{"type": "point", "position": [0, 0, 1], "intensity": 1}]},
+    ):
+        made = load_scene({"camera": CAMERA, **light})
+        assert (made.sky is None) == ("sky" not in light)
+
+
+def test_a_scene_of_trimesh_keeps_transforms_instances_colours_and_camera():
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 51, 255])
+    )
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.visual.face_colors = [255, 188, 0, 255]
+    world = trimesh.Scene()
+    world.add_geometry(box, node_name="left", transform=trimesh.transformations.translation_matrix([-2, 0, 0]))
+    world.add_geometry(box, node_name="right", geom_name="again", transform=np.diag([-1.0, 1, 1, 1]))
+    world.add_geometry(ball, node_name="ball")
+    world.camera = trimesh.scene.Camera(resolution=(40, 30), fov=(60, 47))
+    world.camera_transform = trimesh.transformations.translation_matrix([1, 2, 30])
+    with pytest.warns(SceneWarning, match=r"^scene: has no light, so a white sky"):
+        made = load_scene(world)
+    assert np.allclose(
+        np.sort(made.triangles.reshape(-1, 9), axis=0), np.sort(world.to_mesh().triangles.reshape(-1, 9), axis=0)
+    )
+    by_name = dict(zip([s.name for s in made.shapes], made.shapes, strict=True))
+    assert set(by_name) == {"left", "right", "ball"}
+    assert made.materials[by_name["left"].material].reflectance.tolist() == [1, 0, 0.2]
+    assert np.allclose(made.materials[by_name["ball"].material].reflectance, [1, 0.5, 0], atol=0.005)
+    volume = sum(np.sum(np.cross(t[:, 0], t[:, 1]) * t[:, 2]) / 6 for t in [made.triangles])
+    assert volume == pytest.approx(2 + ball.volume)  # fronts outward, of the mirrored one as well
+    assert made.camera.position.tolist() == [1, 2, 30]
+    assert np.allclose(made.camera.frame(), [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
+    assert (made.camera.resolution, made.camera.fov) == ((40, 30), 47)
+
+
+def test_instances_in_a_scene_of_trimesh_are_instances_here():
+    world = trimesh.Scene(trimesh.creation.icosphere(subdivisions=3))
+    (name,) = world.geometry
+    for x in range(1, 4):
+        world.graph.update(
+            frame_to=f"n{x}", geometry=name, matrix=trimesh.transformations.translation_matrix([3 * x, 0, 0])
+        )
+    with pytest.warns(SceneWarning):
+        made = load_scene(world)
+    assert len(made.shapes) == 4
+    assert len(made.shapes.meshes) == 1
+
+
+def test_what_is_dropped_of_trimesh_is_said():
+    ball = trimesh.creation.icosphere(subdivisions=0)
+    ball.visual.vertex_colors = np.arange(48).reshape(12, 4)
+    with pytest.warns(SceneWarning) as said:
+        load_scene(ball)
+    assert 'scene["shapes"][0]["mesh"]: dropped its 12 colours (vertex), for their mean' in str(said[0].message)
+    world = trimesh.Scene([trimesh.creation.box(), trimesh.load_path(np.array([[0, 0, 0], [1, 1, 1.0]]))])
+    with pytest.warns(SceneWarning) as said:
+        assert len(load_scene(world).shapes) == 1
+    assert "dropped Path3D" in str(said[0].message)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".STL"])
+def test_a_file_of_a_mesh_is_a_scene(tmp_path: Path, suffix: str):
+    path = tmp_path / f"torus{suffix}"
+    trimesh.creation.torus(2, 0.5).export(path, file_type=suffix[1:].lower())
+    with pytest.warns(SceneWarning, match=r"torus.*: has no camera.*no light"):
+        made = load_scene(str(path))
+    assert made.name == "torus"
+    assert made.bounds[1][0] == pytest.approx(2.5, rel=1e-3)
+    assert sees_anything(made)
+    with pytest.raises(SceneError, match=r"gone.*does not exist"):
+        load_scene(tmp_path / f"gone{suffix}")
+
+
+def test_a_scene_grows_shape_by_shape():
+    box = load_scene("cornell-box-36")
+    before = len(box.shapes)
+    lid = trimesh.creation.box()
+    grown = box.add({"type": "sphere", "radius": 0.1}, material={"reflectance": [0.2, 0.4, 0.8]})
+    above = [{"translate": [0, 3, 0]}]
+    grown = grown.add(lid, material=box.materials[1].name, name="lid", transform=above).add(lid)
+    ball, top, plain = grown.shapes[before:]
+    assert [ball.name, top.name, plain.name] == [f"sphere-{before}", "lid", f"mesh-{before + 2}"]
+    assert grown.materials[ball.material].reflectance.tolist() == [0.2, 0.4, 0.8]
+    assert top.material == 1
+    assert grown.materials[plain.material].reflectance.tolist() == [0.5, 0.5, 0.5]
+    assert np.array_equal(grown.triangles[:36], box.triangles)
+    assert grown.triangles[36:48].mean(axis=(0, 1)).tolist() == pytest.approx([0, 3, 0])
+    assert len(box.shapes) == before
+    with pytest.raises(UsageError, match=r'material = "blau", but the scene has '):
+        box.add(lid, material="blau")
+    with pytest.raises(SceneError, match=r'shape\["shapes"\]\[0\]\["radius"\] is "big"'):
+        box.add({"type": "sphere", "radius": "big"})
+
+
+def test_everything_that_takes_a_scene_takes_these():
+    data = {"camera": CAMERA, "film": {"resolution": [8, 6]}, "shapes": [{"mesh": trimesh.creation.box()}, LAMP]}
+    assert glpath.render(data, spp=1).mean.shape == (6, 8, 3)
+    assert glpath.solve_radiosity(data, patches=20).scene_hash
+
+
+def test_trimesh_is_not_imported_for_who_has_none_of_it():
+    code = (
+        "import sys, numpy as np, glpath\n"
+        "v = np.eye(3)\n"
+        "lamp = {'type': 'sphere', 'radius': 1, 'emission': {'radiance': 1}}\n"
+        "camera = {'position': [0, 0, 9], 'target': [0, 0, 0]}\n"
+        "glpath.load_scene({'camera': camera, 'shapes': [{'vertices': v, 'faces': np.array([[0, 1, 2]])}, lamp]})\n"
+        "assert 'trimesh' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_the_first_scenes_may_be_loaded_by_many_threads_at_once():
+    """msgspec's first conversion to a type crashes under threads, in 8 of 8 runs; ours waits."""
+    code = (
+        "import threading, glpath\n"
+        "glpath.load_scene\n"
+        "barrier = threading.Barrier(8)\n"
+        "def load():\n"
+        "    barrier.wait(); glpath.load_scene('cornell-box-36')\n"
+        "threads = [threading.Thread(target=load) for _ in range(8)]\n"
+        "[t.start() for t in threads]; [t.join() for t in threads]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
