@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from glpath.sampling import uniform_sphere
 from glpath.scene.model import Float64, Light, Scene, Sky
@@ -47,6 +47,22 @@ class LightSample:
     density: float
     cone: tuple[float, float] = (-1.0, -1.0)
     quadratic: bool = True
+
+    @property
+    def distant(self) -> bool:
+        """It comes from infinitely far."""
+        return self.kind in ("directional", "sky")
+
+    @property
+    def cube_faces(self) -> int:
+        """Faces of a cube about the direction that its light goes through: above, above and the sides, or all."""
+        if self.kind == "spot":
+            return 1 if self.cone[1] >= np.sqrt(0.5) else 5 if self.cone[1] >= 0 else 6
+        return 6 if self.kind == "point" else 5
+
+
+#: The sample of a scene without light: black.
+NO_LIGHT = LightSample("area", np.zeros(3), np.array([0.0, 0.0, 1.0]), np.zeros(3), 1.0)
 
 
 class Incident(NamedTuple):
@@ -147,9 +163,16 @@ class Lighting:
         return self.sky is not None or any(light.kind == "directional" for light in self.punctual)
 
     @property
-    def sky_probability(self) -> float:
-        """How often a sample is the sky's."""
-        return 0.0 if self.sky is None else self._probability(len(self.cdf) - 2)
+    def positional(self) -> bool:
+        """Some light is a point or a spot."""
+        return any(light.kind != "directional" for light in self.punctual)
+
+    @property
+    def sky_density_scale(self) -> float:
+        """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
+        if self.sky is None:
+            return 0.0
+        return self._probability(len(self.cdf) - 2) / (3 * _sky_mean_integral(self.sky))
 
     def sample(self, u: ArrayLike) -> LightSample:
         """A light sample from u (3,) in [0, 1): u[0] chooses the light, the others a point or direction of it.
@@ -179,13 +202,13 @@ class Lighting:
             )
         assert self.sky is not None, "the last light"
         wi = _sky_direction(self.sky, u[1:])
-        density = float(chance * _sky_density(self.sky, wi[None])[0])
+        density = float(self.sky_density(wi)[0])
         return LightSample("sky", np.zeros(3), -wi, sky_radiance(self.sky, wi), density)
 
     def sky_density(self, directions: ArrayLike) -> Float64:
         """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
-        return np.zeros(len(wi)) if self.sky is None else self.sky_probability * _sky_density(self.sky, wi)
+        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_density_scale)
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
         """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
@@ -345,11 +368,6 @@ def _on_sphere(sphere: Float64, u: Float64) -> tuple[Float64, Float64, float]:
 def _sky_mean_integral(sky: Sky) -> float:
     """The sky's radiance, mean of the channels, over all directions: W m^-2."""
     return float(2 * np.pi * (sky.horizon.mean() + 0.5 * (sky.horizon + sky.zenith).mean()))
-
-
-def _sky_density(sky: Sky, wi: Float64) -> NDArray[np.float64]:
-    """(N,) per solid angle: that of the radiance, mean of the channels."""
-    return np.asarray(sky_radiance(sky, wi).mean(axis=1) / _sky_mean_integral(sky))
 
 
 def _sky_direction(sky: Sky, u: Float64) -> Float64:

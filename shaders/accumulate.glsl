@@ -12,7 +12,7 @@ uniform float quanta;  // per unit of radiance
 layout(location = 0) out uvec4 low;
 layout(location = 1) out uvec4 high;
 
-// radiance.a: casts + 1024 * losses
+// radiance.a: casts + 2048 * losses
 void accumulate(ivec2 pixel, vec4 radiance)
 {
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);
@@ -31,6 +31,6 @@ void accumulate(ivec2 pixel, vec4 radiance)
     low.rgb = old_low.rgb + add_low;
     high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
     uint events = uint(radiance.a);
-    low.a = old_low.a + (events & 1023u);
-    high.a = old_high.a + (events >> 10u) + (bad ? 1u << 20u : 0u);
+    low.a = old_low.a + (events & 2047u);
+    high.a = old_high.a + (events >> 11u) + (bad ? 1u << 20u : 0u);
 }

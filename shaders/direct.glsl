@@ -1,6 +1,6 @@
-// direct.glsl: light that reaches a surface from the light point of this path set [PB A.3].
-// Needs:  constants.glsl, <SCENE>
-// Units:  radiance W sr^-1 m^-2; a density per area.
+// direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
+// Needs:  constants.glsl, <SCENE>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
+// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
 // plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
@@ -10,8 +10,24 @@
 
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
-uniform vec3 light_radiance;   // 0 without light
-uniform float light_density;   // of the light point
+uniform vec3 light_radiance;   // 0 without light; of a punctual light its intensity
+uniform float light_density;   // of the light sample, see `glpath.lighting.LightSample`
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+#include "punctual.glsl"
+uniform uint light_kind;       // LIGHT_AREA ...
+uniform vec2 light_cone;       // see punctual.glsl
+uniform bool light_quadratic;
+#endif
+#ifdef HAS_SKY
+#include "sky.glsl"
+uniform float sky_density_scale;
+
+// Per solid angle, of the light sample in this direction.
+float sky_density(vec3 direction)
+{
+    return dot(sky(direction), vec3(sky_density_scale));
+}
+#endif
 
 // Per solid angle, of the direction in which a path leaves its surface at a cosine; 0: the light sample stands alone.
 float direction_density(float cosine)
@@ -59,10 +75,9 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec3 f = hemicube_to_face(face, p);
 
     vec4 rectangle = hemicube_rectangle(face);
-    vec2 atlas = vec2(2.0, 1.5) * light_resolution;
+    vec2 atlas = hemicube_atlas(light_resolution);
     vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
-    // A side has but its upper half.
-    float low = face == 0 ? -1.0 : 0.0, height = 1.0 - low;
+    float low = hemicube_low(face), height = 1.0 - low;
     vec2 place = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
     vec2 centre = clamp(floor(place), vec2(0.0), extent - 1.0) + 0.5;
 
@@ -97,15 +112,42 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
-// Radiance that a Lambertian surface of reflectance 1 sends on, from the light point. `normal` is on the lit side.
-vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
+struct DirectLight
+{
+    vec3 wi;       // unit, towards the light
+    vec3 light;    // radiance that a white Lambertian surface makes of it, over the sample's density
+    bool distant;  // from infinitely far: whether something stands between is not known yet
+};
+
+// `normal` is on the lit side.
+DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
 {
     vec3 w = light_position - position;
+    DirectLight found = DirectLight(vec3(0.0), vec3(0.0), false);
+#ifdef HAS_DISTANT_LIGHTS
+    found.distant = light_kind == LIGHT_DIRECTIONAL || light_kind == LIGHT_SKY;
+    if (found.distant) w = -light_normal;
+#endif
     float r2 = dot(w, w);
     vec3 wi = w * inversesqrt(r2);
     float cos_surface = dot(normal, wi);
     float cos_light = -dot(light_normal, wi);
-    if (cos_surface <= 0.0 || cos_light <= 0.0 || r2 == 0.0) return vec3(0.0);
+    if (cos_surface <= 0.0 || r2 == 0.0) return found;
+    found.wi = wi;
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+    if (light_kind != LIGHT_AREA) {
+        bool spot = light_kind == LIGHT_SPOT, fades = light_quadratic && !found.distant;
+        vec3 E = punctual_irradiance(light_radiance, fades, r2, spot, light_cone, cos_light);
+        float share = 1.0;
+#if defined(HAS_SKY) && !defined(LAST_VERTEX)
+        if (light_kind == LIGHT_SKY) share = power_heuristic(light_density, direction_density(cos_surface));
+#endif
+        if (found.distant || (max(E.r, max(E.g, E.b)) > 0.0 && !in_shadow(position, receiver, receiver_plane)))
+            found.light = E * (share * cos_surface / (PI * light_density));
+        return found;
+    }
+#endif
+    if (cos_light <= 0.0) return found;
     float g = cos_surface * cos_light / r2;
 #ifdef LAST_VERTEX
     // No direction goes on from here, so no other sample shares this light.
@@ -113,6 +155,6 @@ vec3 direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
 #else
     float share = power_heuristic(light_density * r2 / cos_light, direction_density(cos_surface));
 #endif
-    bool dark = in_shadow(position, receiver, receiver_plane);
-    return dark ? vec3(0.0) : light_radiance * (share * g / (PI * light_density));
+    if (!in_shadow(position, receiver, receiver_plane)) found.light = light_radiance * (share * g / (PI * light_density));
+    return found;
 }

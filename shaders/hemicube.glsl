@@ -1,5 +1,6 @@
-// hemicube.glsl: the frame of a light point and the faces of its hemicube in the atlas.
+// hemicube.glsl: the frame of a light point and the faces of its hemicube, or cube, in the atlas.
 // Frame: light_tangent, light_bitangent, light_normal right-handed and unit; the light leaves along the normal.
+// FULL_CUBE: the sides have their lower halves too, and there is a face below, for a light that shines to all sides.
 uniform vec3 light_position;
 uniform vec3 light_normal;
 uniform vec3 light_tangent;
@@ -10,6 +11,9 @@ int hemicube_face_of(vec3 p)
 {
     vec2 a = abs(p.xy);
     if (p.z >= max(a.x, a.y)) return 0;
+#ifdef FULL_CUBE
+    if (-p.z >= max(a.x, a.y)) return 5;
+#endif
     return a.x >= a.y ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
 }
 
@@ -17,22 +21,52 @@ int hemicube_face_of(vec3 p)
 vec3 hemicube_to_face(int face, vec3 p)
 {
     if (face == 0) return p;
+#ifdef FULL_CUBE
+    if (face == 5) return vec3(p.xy, -p.z);
+#endif
     return face <= 2 ? vec3(p.y, p.z, face == 1 ? p.x : -p.x) : vec3(p.x, p.z, face == 3 ? p.y : -p.y);
 }
 
 vec3 hemicube_from_face(int face, vec3 f)
 {
     if (face == 0) return f;
+#ifdef FULL_CUBE
+    if (face == 5) return vec3(f.xy, -f.z);
+#endif
     return face <= 2 ? vec3(face == 1 ? f.z : -f.z, f.x, f.y) : vec3(f.x, face == 3 ? f.z : -f.z, f.y);
 }
 
-// Lower corner and size in the atlas, which is 1 x 1 here and 2 R x 1.5 R in texels.
+// Where a face begins along its y, which runs from there to 1. A side of a hemicube has but its upper half.
+float hemicube_low(int face)
+{
+#ifdef FULL_CUBE
+    return -1.0;
+#else
+    return face == 0 ? -1.0 : 0.0;
+#endif
+}
+
+// Size of the atlas in texels for a resolution R.
+vec2 hemicube_atlas(float resolution)
+{
+#ifdef FULL_CUBE
+    return vec2(3.0, 2.0) * resolution;
+#else
+    return vec2(2.0, 1.5) * resolution;
+#endif
+}
+
+// Lower corner and size in the atlas, which is 1 x 1 here.
 vec4 hemicube_rectangle(int face)
 {
+#ifdef FULL_CUBE
+    return vec4(float(face % 3) / 3.0, float(face / 3) * 0.5, 1.0 / 3.0, 0.5);
+#else
     const float third = 1.0 / 3.0;
     if (face == 0) return vec4(0.0, 0.0, 0.5, 2.0 * third);
     if (face == 1) return vec4(0.5, 0.0, 0.5, third);
     if (face == 2) return vec4(0.5, third, 0.5, third);
     if (face == 3) return vec4(0.0, 2.0 * third, 0.5, third);
     return vec4(0.5, 2.0 * third, 0.5, third);
+#endif
 }

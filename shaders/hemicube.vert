@@ -2,9 +2,13 @@
 // One instanced draw: instance = face, each in its own rectangle of one atlas, kept apart by clip distances.
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
+// FULL_CUBE: six faces R x R; face 5 looks against light_normal.
 #include "hemicube.glsl"
 
 uniform vec2 light_range;  // near and far distance along a face's axis
+#ifdef FULL_CUBE
+uniform bool light_one_sided;  // it shines to the side of light_normal only
+#endif
 
 layout(location = 0) in vec3 position;
 
@@ -20,10 +24,15 @@ void main()
     gl_ClipDistance[2] = p.z - p.y;
     // A side ends just above the light's plane, as the top's near plane does: what lies in it, the light itself, passes
     // through the eye, and rounding would strew it over the texels.
+#ifdef FULL_CUBE
+    gl_ClipDistance[3] = p.z + p.y;
+    gl_ClipDistance[4] = light_one_sided ? l.z - light_range.x : 1.0;
+#else
     gl_ClipDistance[3] = top ? p.z + p.y : p.y - light_range.x;
+#endif
 
     vec4 rectangle = hemicube_rectangle(gl_InstanceID);
-    float low = top ? -1.0 : 0.0;
+    float low = hemicube_low(gl_InstanceID);
     // From the face's plane to its rectangle of the atlas, homogeneous.
     vec2 q = vec2((p.x + p.z) * 0.5 * rectangle.z + rectangle.x * p.z,
                   (p.y - low * p.z) / (1.0 - low) * rectangle.w + rectangle.y * p.z);

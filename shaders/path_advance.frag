@@ -1,5 +1,5 @@
 // path_advance.frag: UpdateImage [PB table 6]: from what the scan found to the next vertex of every path.
-// Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, casts + 1024 * losses of the path.
+// Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, casts + 2048 * losses of the path.
 #include "constants.glsl"
 #include <SCENE>
 #include "surface.glsl"

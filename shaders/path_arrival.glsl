@@ -1,4 +1,4 @@
-// path_arrival.glsl: the vertex that the scan found for a path, and the emission found there.
+// path_arrival.glsl: the vertex that the scan found for a path, and the emission found there, or the sky.
 // Needs:  surface.glsl, direct.glsl, path_vertex.glsl, path_flight.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "texels.glsl"
@@ -20,7 +20,7 @@ struct Arrival
     float t;          // distance from the vertex before
     vec3 wo;          // back along the path
     vec3 throughput;  // the reflection here not included
-    vec4 radiance;    // gathered so far; a: casts + 1024 * losses of the path
+    vec4 radiance;    // gathered so far; a: casts + 2048 * losses of the path
 };
 
 Arrival arrive(ivec2 pixel)
@@ -29,7 +29,16 @@ Arrival arrive(ivec2 pixel)
     a.radiance = texel(path_radiance, pixel);
     float weight;
     a.triangle = path_result(pixel, weight);
-    if (a.triangle != PATH_DEAD) a.radiance.a += a.triangle == PATH_LOST ? 1025.0 : 1.0;
+    if (a.triangle != PATH_DEAD) a.radiance.a += a.triangle == PATH_LOST ? 2049.0 : 1.0;
+#ifdef HAS_SKY
+    if (a.triangle == PATH_MISSED) {
+        // Shared with the light sample of the vertex before, as emission is.
+        float course = texel(path_position, pixel).w, escaped = direction_density(course_cosine(course));
+        vec3 seen = path_d[course_view(course)] * sign(course);
+        vec3 beta = texel(path_beta, pixel).rgb * weight;
+        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+    }
+#endif
     if (a.triangle < 0) return a;
     vec4 from = texel(path_position, pixel);
     a.throughput = texel(path_beta, pixel).rgb * weight;

@@ -19,7 +19,11 @@ void main()
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     if (triangle < 0) {
+#ifdef HAS_SKY
+        leave(pixel, ended(sky(normalize(eye_direction(gl_FragCoord.xy)))), 0.0);
+#else
         leave(pixel, ended(vec3(0.0)), 0.0);
+#endif
         return;
     }
     vec4 plane = facet_texel(triangle, FACET_PLANE);

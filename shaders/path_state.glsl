@@ -1,6 +1,6 @@
-// path_state.glsl: where a vertex pass leaves its paths: their states, or, after the last vertex, the sums.
+// path_state.glsl: where a vertex pass leaves its paths: their states, or, with TO_SUMS, the sums.
 // Needs: path_vertex.glsl
-#ifdef LAST_VERTEX
+#ifdef TO_SUMS
 #include "accumulate.glsl"
 
 void leave(ivec2 pixel, PathState state, float events)
@@ -11,11 +11,19 @@ void leave(ivec2 pixel, PathState state, float events)
 layout(location = 0) out vec4 position;
 layout(location = 1) out vec4 beta;
 layout(location = 2) out vec4 radiance;
+#ifdef HAS_DISTANT_LIGHTS
+layout(location = 3) out vec4 start;
+layout(location = 4) out vec4 light;
+#endif
 
 void leave(ivec2 pixel, PathState state, float events)
 {
     position = state.position;
     beta = vec4(state.beta, 0.0);
     radiance = vec4(state.radiance, events);
+#ifdef HAS_DISTANT_LIGHTS
+    start = pending_start;
+    light = vec4(pending_light, 0.0);
+#endif
 }
 #endif

@@ -6,6 +6,13 @@ uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A
 uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
 uniform float cosine_roulette;  // see below
 
+#ifdef HAS_DISTANT_LIGHTS
+// Light from infinitely far that this vertex sends on unless a scan along its direction hits something; w of the start
+// as in path_course.glsl, 0 where there is no such light.
+vec4 pending_start = vec4(0.0);
+vec3 pending_light = vec3(0.0);
+#endif
+
 struct PathState
 {
     vec4 position;  // w: its course, see path_course.glsl
@@ -23,8 +30,20 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
 {
     vec3 normal = front ? s.normal : -s.normal;
     Bsdf b = bsdf_at(s, front);
-    vec3 wi = normalize(light_position - s.position);
-    radiance += beta * bsdf_eval(b, normal, wo, wi) * direct_light(s.position, normal, triangle, plane);
+    DirectLight direct = direct_light(s.position, normal, triangle, plane);
+#if defined(LAST_VERTEX) && defined(HAS_SKY)
+    // Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
+    if (light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0) direct.light = vec3(0.0);
+#endif
+    vec3 lit = beta * bsdf_eval(b, normal, wo, direct.wi) * direct.light;
+#ifdef HAS_DISTANT_LIGHTS
+    if (direct.distant) {
+        if (max(lit.r, max(lit.g, lit.b)) > 0.0) pending_start = vec4(s.position, 1.0);
+        pending_light = lit;
+        lit = vec3(0.0);
+    }
+#endif
+    radiance += lit;
 #ifdef LAST_VERTEX
     return ended(radiance + beta * b.diffuse * ambient);
 #else

@@ -17,6 +17,8 @@
 #ifdef LIGHT_SAMPLES
 #include "light_samples.glsl"
 #endif
+#include "punctual.glsl"
+#include "sky.glsl"
 #ifdef SHADOW_BUFFERS
 #include "point_shadow.glsl"
 #endif
@@ -24,9 +26,6 @@
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
 uniform int max_depth;         // surfaces on the way of light to the eye
 uniform vec3 ambient;
-uniform vec3 sky_zenith;
-uniform vec3 sky_horizon;
-uniform vec3 sky_up;
 
 #ifdef COUNT_TESTS
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
@@ -34,11 +33,6 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow 
 
 // A place on a surface is only known to this share of the way that led there.
 const float RAY_ROUNDING = 2e-6;
-
-vec3 sky(vec3 direction)
-{
-    return mix(sky_horizon, sky_zenith, clamp(dot(direction, sky_up), 0.0, 1.0));
-}
 
 bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int own)
 {
@@ -61,13 +55,10 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo
         vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - s.position;
         float square = dot(to_light, to_light), distance = sqrt(square);
         vec3 wi = to_light / max(distance, 1e-37);
-        vec3 E = light_texel(light, LIGHT_INTENSITY).rgb / (punctual.y != 0u ? max(square, 1e-37) : 1.0);
-        if (kind == LIGHT_SPOT)
-        {
-            vec2 cone = light_texel(light, LIGHT_CONE).xy;
-            float cosine = -dot(wi, axis);
-            E *= cone.x > cone.y ? smoothstep(cone.y, cone.x, cosine) : float(cosine >= cone.y);
-        }
+        bool spot = kind == LIGHT_SPOT;
+        vec2 cone = spot ? light_texel(light, LIGHT_CONE).xy : vec2(0.0);
+        vec3 intensity = light_texel(light, LIGHT_INTENSITY).rgb;
+        vec3 E = punctual_irradiance(intensity, punctual.y != 0u, square, spot, cone, -dot(wi, axis));
         float cosine = dot(normal, wi);
         bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
         float visible = reaches ? 1.0 : 0.0;

@@ -78,11 +78,6 @@ UNKNOWN = {
         {},
         "has planes (ground)",
     ),
-    "lights": (
-        [QUAD],
-        {"lights": [{"type": "point", "name": f"l{i}", "position": [0, 0, 1], "intensity": 1} for i in range(4)]},
-        "has lights without extent (l0, l1, l2, ...)",
-    ),
     "a mirror": (
         [{**QUAD, "material": "m"}],
         {"materials": {"m": {"type": "phong", "specular": 0, "mirror": 0.5}}},
@@ -93,8 +88,6 @@ UNKNOWN = {
         {"materials": {"m": {"texture": "t"}}, "textures": {"t": {"type": "checker"}}},
         "has textures, highlights and mirrors (m)",
     ),
-    "ambient light": ([QUAD], {"ambient": 0.1}, "has ambient light"),
-    "a sky": ([QUAD], {"sky": {"zenith": 1}}, "has a sky"),
 }
 
 
@@ -108,8 +101,16 @@ def test_what_the_path_tracer_does_not_know_is_refused_with_a_remedy(case: str):
 
 
 def test_everything_unknown_is_said_in_one_message():
-    with pytest.raises(SceneError, match=r"has ambient light, a sky, which"):
-        path_traceable(scene(QUAD, ambient=1.0, sky={"zenith": 1.0}))
+    shiny = [{**QUAD, "material": name} for name in "abcd"]
+    ground = {"type": "plane", "normal": [0, 1, 0], "name": "ground"}
+    with pytest.raises(SceneError, match=r"has planes \(ground\), .* mirrors \(a, b, c, ...\), which"):
+        path_traceable(scene(ground, *shiny, materials={name: {"type": "phong"} for name in "abcd"}))
+
+
+def test_every_kind_of_light_stays():
+    lights = [{"type": "point", "position": [0, 0, 1], "intensity": 1}]
+    loaded = scene(QUAD, lights=lights, ambient=0.1, sky={"zenith": 1})
+    assert path_traceable(loaded) is loaded
 
 
 def test_materials_that_no_shape_has_do_not_matter():

@@ -1,10 +1,10 @@
 """Shadow-buffers: what a light sees, looked up instead of shooting shadow rays [PB 3.3, TB III].
 
-`HemicubeShadowBuffer` is for a point on a surface: a hemicube above it (Cohen & Greenberg 1985), five faces in one
-atlas, filled by one instanced draw. It holds triangle numbers. `shaders/direct.glsl` looks them up and meets the
-triangle's plane, so no depth bias is needed, and at a silhouette meets the next texel's triangle exactly. What is
-left is the error where three surfaces meet within a texel, which averages out as the light point and the hemicube's
-roll change from set to set.
+`HemicubeShadowBuffer` is for the light point of a path set: a hemicube above it (Cohen & Greenberg 1985), five
+faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It holds
+triangle numbers. `shaders/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is needed,
+and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces meet
+within a texel, which averages out as the light point and the hemicube's roll change from set to set.
 
 Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
 Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
@@ -68,19 +68,28 @@ class HemicubeShadowBuffer:
     Parameters
     ----------
     resolution : R, texels along a side of the top face; the atlas is 2 R x 1.5 R. Even.
+    full       : six faces R x R, in an atlas of 3 R x 2 R, for points that shine to all sides as well
 
     Attributes
     ----------
     texture : R32UI, triangle number + 1, 0 for none
+    defines : for a program that includes hemicube.glsl
     """
 
-    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int) -> None:
+    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int, full: bool = False) -> None:
         self.scene = scene
         self.resolution = resolution
-        size = (2 * resolution, 3 * resolution // 2)
+        self.defines: dict[str, object] = {"FULL_CUBE": 1} if full else {}
+        size = (3 * resolution, 2 * resolution) if full else (2 * resolution, 3 * resolution // 2)
         self.texture = gl.texture(size, 1, dtype="u4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        program = load_program(gl, vertex="hemicube.vert", fragment="hemicube.frag", generated=scene.generated)
+        program = load_program(
+            gl,
+            vertex="hemicube.vert",
+            fragment="hemicube.frag",
+            generated=scene.generated,
+            defines=self.defines,
+        )
         self._pass = Pass(
             "shadow-buffer",
             gl,
@@ -89,12 +98,18 @@ class HemicubeShadowBuffer:
             triangles=scene.triangles,
             instances=5,
             depth=True,
-            clip_distances=4,
+            clip_distances=5 if full else 4,
             clear=(0.0, 0.0, 0.0, 0.0),
         )
 
-    def frame(self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float) -> dict[str, object]:
-        """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal."""
+    def frame(
+        self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
+    ) -> dict[str, object]:
+        """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal.
+
+        one_sided : it shines to the side of the normal alone, and may lie on a surface
+        """
+        assert one_sided or self.defines, "a light to all sides takes a full cube"
         tangent, bitangent = frame_about(normal, roll)
         reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
         return {
@@ -104,10 +119,15 @@ class HemicubeShadowBuffer:
             "light_bitangent": tuple(bitangent),
             "light_resolution": float(self.resolution),
             "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
+            "light_one_sided": one_sided,
         }
 
-    def scan(self, uniforms: dict[str, object]) -> None:
-        """Scan convert the scene as the light point sees it."""
+    def scan(self, uniforms: dict[str, object], faces: int | None = None) -> None:
+        """Scan convert the scene as the light point sees it.
+
+        faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
+        """
+        self._pass.instances = faces or (6 if self.defines else 5)
         self._pass.run(uniforms)
 
 

@@ -21,6 +21,7 @@ from glpath.gl.program import Program
 BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
     "min": (moderngl.MIN, (moderngl.ONE, moderngl.ONE)),
     "max": (moderngl.MAX, (moderngl.ONE, moderngl.ONE)),
+    "add": (moderngl.FUNC_ADD, (moderngl.ONE, moderngl.ONE)),
 }
 
 
@@ -105,7 +106,7 @@ class Pass:
     vertices : count per instance; without `triangles` there are no vertex buffers, and vertices are pulled by
                gl_VertexID
     triangles : what is drawn, by index
-    blend    : None, "min" or "max", for all attachments
+    blend    : None, "min", "max" or "add", for all attachments
     depth    : test and write depth (less)
     clear    : colour that floats are cleared to before (integers to 0), or None to keep what is there
     elements : a buffer of uint32, the gl_VertexID of every vertex, instead of 0, 1, 2 ...

@@ -94,6 +94,7 @@ class GatherTracer(PathStages):
             textures=radiosity.textures,
             generated=radiosity.generated,
             defines=radiosity.defines,
+            lit=False,
         )
         self._lookup = radiosity.uniforms
 
@@ -102,11 +103,13 @@ class GatherTracer(PathStages):
         sample = self._sampler[index]
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
+        self.light_from_infinity(index, 0, light)
         for depth in range(1, self.settings.max_depth):
             scan = self.scan_positions(index, depth, sample)  # z0 of every live path
             self.scan_scene(scan)  # the nearest surface beyond z0
             if depth < self.settings.max_depth - 1:
                 self.advance(index, depth, sample, light | scan, last=False)
+                self.light_from_infinity(index, depth, light)
             else:
                 self.look_up(scan)  # what the solution says of the surface found
 

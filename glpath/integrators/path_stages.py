@@ -31,11 +31,13 @@ from numpy.typing import NDArray
 from glpath.buffers.path_buffer import PathBuffer, ScanView
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.lights import sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
 from glpath.integrators.settings import PathSetSettings
+from glpath.lighting import NO_LIGHT
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,
@@ -53,10 +55,12 @@ class VertexPasses(NamedTuple):
 
     inner : [from states]; empty where no path goes on
     last  : [from states][from sums]; empty where no path ends
+    unlit : the last ones leave states too, as their light from infinity is still to come
     """
 
     inner: list[Pass]
     last: list[list[Pass]]
+    unlit: bool = False
 
 
 class PathStages(ABC):
@@ -91,13 +95,19 @@ class PathStages(ABC):
         # Which of the two sets of path states, and of sums, holds the present ones.
         self._current = 0
         self._sum = 0
+        self._distant = False  # the set's light is from infinitely far
+        self._distant_scan: Uniforms = {}
         self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
         size = window[2:]
         views = 2 if settings.directions == "pair" else 1
-        share = settings.cell_share * views**-0.5
-        cells = (max(1, round(share * size[0])), max(1, round(share * size[1])))
+        cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
-        self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution)
+        lighting = scene.lighting
+        self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lighting.positional)
+        # One direction for all paths, so that each scan has one view of it.
+        self._distant_buffer = (
+            PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lighting.infinite else None
+        )
         self._sums = PixelSums(gl, size, max(scene.max_radiance, brightest))
         self._make_states(size)
         self.look_at(window)
@@ -125,17 +135,20 @@ class PathStages(ABC):
     # The stages, in the order of a frame.
 
     def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
-        """A light point and its shadow-buffer [PB 3.3]."""
-        lighting = self.scene.lighting
-        if lighting.dark:
-            frame = self.shadow_buffer.frame(self.scene.centre, np.array([0.0, 0.0, 1.0]), 0.0)
-            return frame | {"light_radiance": (0.0, 0.0, 0.0), "light_density": 1.0}
-        drawn = lighting.sample(u)
+        """A light sample, and its shadow-buffer where it has a position [PB 3.3]."""
+        light = self.scene.lighting.sample(u) if not self.scene.lighting.dark else NO_LIGHT
+        self._distant = light.distant
         roll = 2.0 * np.pi * counter_hash(self._settings.seed, index, 0, 1) / 2**32
-        frame = self.shadow_buffer.frame(drawn.position, drawn.direction, roll)
+        uniforms = sample_uniforms(light)
+        if light is NO_LIGHT or light.distant:
+            return uniforms | self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
+        # What a point light sees is turned anew for each set, so that the texels' edges average out.
+        axis = uniform_sphere(u[1:]) if light.kind == "point" else light.direction
+        one_sided = light.kind == "area"
+        frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided)
         with self.stopwatch.stage("shadow-buffer"):
-            self.shadow_buffer.scan(frame)
-        return frame | {"light_radiance": tuple(drawn.radiance), "light_density": drawn.density}
+            self.shadow_buffer.scan(frame, light.cube_faces)
+        return uniforms | frame
 
     def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
@@ -165,6 +178,31 @@ class PathStages(ABC):
         """Radiance, throughput and new positions from what the scan found [PB table 6]; at last, the sums."""
         with self.stopwatch.stage("advance"):
             self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
+
+    def light_from_infinity(self, index: int, depth: int, light: Uniforms, last: bool = False) -> None:
+        """A directional light or the sky, at the vertices just made: one scan along its direction is the shadow.
+
+        Paths that ended there are lit as well. Nothing to do where the set's light is near by, except that the last
+        vertex's light is not in the sums before this stage.
+        """
+        if self._distant_buffer is None or not (self._distant or last):
+            return
+        if self._distant:
+            counter = [counter_hash(self._settings.seed, index, depth, use) for use in range(6, 9)]
+            view = ScanView(
+                directions=(-np.asarray(light["light_normal"], np.float64),),
+                jitter=(counter[0] / 2**32, counter[1] / 2**32),
+                seed=counter[2],
+            )
+            with self.stopwatch.stage("light from infinity"):
+                self._distant_scan = self._distant_buffer.scan_positions(self._pending[0], view)
+                self._distant_buffer.scan_scene(self._distant_scan)
+        with self.stopwatch.stage("light from infinity"):
+            if last:
+                self._light_passes.last[self._current][self._sum].run(self._constant | self._distant_scan)
+                self._sum = 1 - self._sum
+            else:
+                self._light_passes.inner[self._current].run(self._distant_scan)
 
     def take(self) -> NDArray[np.float64]:
         """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
@@ -228,13 +266,17 @@ class PathStages(ABC):
 
     def _end_paths(self, passes: VertexPasses, uniforms: Uniforms) -> None:
         passes.last[self._current][self._sum].run(self._constant | uniforms)
-        self._sum = 1 - self._sum
+        if passes.unlit:
+            self._current = 1 - self._current
+        else:
+            self._sum = 1 - self._sum
 
     def _constant_uniforms(self) -> Uniforms:
         width, height = self.sensor.resolution
         x, y, _, h = self.window
         return {
             **self.scene.uniforms,
+            **sky_uniforms(self.scene.scene.sky, self.scene.lighting),
             "quanta": self._sums.quanta,
             "cosine_roulette": self._settings.cosine_roulette,
             "image_window": (x, height - y - h, width, height),
@@ -274,7 +316,9 @@ class PathStages(ABC):
         eye_buffer = self._texture(size, 1, "u4")
         # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
         self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
-        self._state_targets = [gl.framebuffer(state) for state in self._state]
+        # Start and light of what waits for a scan along the direction of the set's light.
+        self._pending = [self._texture(size, 4, "f4") for _ in range(2 if self._distant_buffer else 0)]
+        self._state_targets = [gl.framebuffer([*state, *self._pending]) for state in self._state]
         self._textures = {
             **self.scene.textures,
             "light_buffer": self.shadow_buffer.texture,
@@ -295,6 +339,10 @@ class PathStages(ABC):
         self._start_passes = self._vertex_passes(
             "first vertex", "path_start.frag", inner=depth > 1, last=depth == 1
         )
+        if self._distant_buffer is not None:
+            self._light_passes = self._distant_light_passes(self._distant_buffer)
+            # Until the first scan brings its own.
+            self._distant_scan = {"permutation_seed": 0, "path_columns": size[0]}
 
     def _program(
         self,
@@ -305,12 +353,25 @@ class PathStages(ABC):
         defines: Mapping[str, object] | None = None,
     ) -> Program:
         sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
+        lighting = self.scene.lighting
+        lights = {
+            "HAS_POSITIONAL_LIGHTS": lighting.positional,
+            "HAS_DISTANT_LIGHTS": lighting.infinite,
+            "HAS_SKY": lighting.sky is not None,
+        }
         return load_program(
             self.gl,
             vertex=vertex,
             fragment=fragment,
             generated={**self.scene.generated, **(generated or {})},
-            defines={**self.scene.defines, **self.path_buffer.defines, **sphere, **(defines or {})},
+            defines={
+                **self.scene.defines,
+                **self.path_buffer.defines,
+                **self.shadow_buffer.defines,
+                **sphere,
+                **{name: 1 for name, has in lights.items() if has},
+                **(defines or {}),
+            },
         )
 
     def _vertex_passes(
@@ -323,8 +384,13 @@ class PathStages(ABC):
         textures: Mapping[str, moderngl.Texture] | None = None,
         generated: Mapping[str, str] | None = None,
         defines: Mapping[str, object] | None = None,
+        lit: bool = True,
     ) -> VertexPasses:
-        """The passes of a stage, as far as they are needed, with what it needs beyond the other stages."""
+        """The passes of a stage, as far as they are needed, with what it needs beyond the other stages.
+
+        lit : its vertices get light from the light sample
+        """
+        unlit = lit and self._distant_buffer is not None
         names = ("path_position", "path_beta", "path_radiance")
         states = [
             {**self._textures, **(textures or {}), **dict(zip(names, state, strict=True))} for state in self._state
@@ -337,13 +403,60 @@ class PathStages(ABC):
                 Pass(name, self.gl, program, self._state_targets[1 - i], textures=states[i]) for i in range(2)
             ]
         if last:
-            program = self._program(fragment, generated=generated, defines={**(defines or {}), "LAST_VERTEX": 1})
+            end = {"LAST_VERTEX": 1} | ({} if unlit else {"TO_SUMS": 1})
+            program = self._program(fragment, generated=generated, defines={**(defines or {}), **end})
             sums = self._sums
             ending = [
                 [
-                    Pass(name, self.gl, program, sums.targets[1 - j], textures=states[i] | sums.textures[j])
+                    Pass(
+                        name,
+                        self.gl,
+                        program,
+                        self._state_targets[1 - i] if unlit else sums.targets[1 - j],
+                        textures=states[i] | sums.textures[j],
+                    )
                     for j in range(2)
                 ]
                 for i in range(2)
             ]
-        return VertexPasses(going_on, ending)
+        return VertexPasses(going_on, ending, unlit)
+
+    def _distant_light_passes(self, buffer: PathBuffer) -> VertexPasses:
+        """From what the scan along the light's direction found to the paths' radiance, or to the sums."""
+        name = "light from infinity"
+        inner, last = (
+            load_program(
+                self.gl,
+                vertex="fullscreen.vert",
+                fragment="path_light.frag",
+                defines={**buffer.defines, **end},
+            )
+            for end in ({}, {"LAST_VERTEX": 1})
+        )
+        start, light = self._pending
+        textures = {**buffer.textures, "distant_start": start, "distant_light": light}
+        sums = self._sums
+        return VertexPasses(
+            [
+                Pass(name, self.gl, inner, self.gl.framebuffer([state[2]]), blend="add", textures=textures)
+                for state in self._state
+            ],
+            [
+                [
+                    Pass(
+                        name,
+                        self.gl,
+                        last,
+                        sums.targets[1 - j],
+                        textures={**textures, **sums.textures[j], "path_radiance": state[2]},
+                    )
+                    for j in range(2)
+                ]
+                for state in self._state
+            ],
+        )
+
+
+def _cells(share: float, size: tuple[int, int]) -> tuple[int, int]:
+    """(columns, rows) of a view of the path-buffer for a window of that size."""
+    return max(1, round(share * size[0])), max(1, round(share * size[1]))

@@ -30,8 +30,9 @@ class PathTracer(PathStages):
         timings: bool = False,
     ) -> None:
         self.settings = settings
+        self._ambient = tuple(scene.scene.ambient) if settings.ambient is None else settings.ambient
         super().__init__(
-            gl, scene, settings, window, brightest=max(settings.ambient), hardware=hardware, timings=timings
+            gl, scene, settings, window, brightest=max(self._ambient), hardware=hardware, timings=timings
         )
         depth = settings.max_depth
         self._advance_passes = self._vertex_passes("advance", "path_advance.frag", inner=depth > 2, last=depth > 1)
@@ -41,11 +42,13 @@ class PathTracer(PathStages):
         sample = self._sampler[index]
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
+        self.light_from_infinity(index, 0, light, last=self.settings.max_depth == 1)
         for depth in range(1, self.settings.max_depth):
             scan = self.scan_positions(index, depth, sample)  # z0 of every live path
             self.scan_scene(scan)  # the nearest surface beyond z0
             last = depth == self.settings.max_depth - 1 or self._all_ended(depth)
             self.advance(index, depth, sample, light | scan, last)  # radiance, throughput, new positions
+            self.light_from_infinity(index, depth, light, last)  # shadows of parallel light, by one scan more
             if last:
                 break
 
@@ -57,4 +60,4 @@ class PathTracer(PathStages):
         return self._plays_roulette(depth) and not self.path_buffer.any_paths()
 
     def _constant_uniforms(self) -> Uniforms:
-        return super()._constant_uniforms() | {"ambient": self.settings.ambient}
+        return super()._constant_uniforms() | {"ambient": self._ambient}

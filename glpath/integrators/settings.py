@@ -31,7 +31,7 @@ Primary = Literal["classic", "t-buffer"]
 Secondary = Literal["classic", "hierarchy"]
 Rgb = tuple[float, float, float]
 
-#: A path counts its casts in ten bits.
+#: A path counts its casts in eleven bits, up to two a vertex.
 DEEPEST = 1000
 
 
@@ -100,7 +100,7 @@ class PathSetSettings(IntegratorSettings):
 
 @dataclass(frozen=True)
 class PathTraceSettings(PathSetSettings):
-    """Path tracing with the path-buffer [PB 3]: global illumination by shapes that emit light.
+    """Path tracing with the path-buffer [PB 3]: global illumination by every kind of light.
 
     Ambient light is that of PB A.2, the roulette Arvo & Kirk's (1990).
     """
@@ -108,9 +108,13 @@ class PathTraceSettings(PathSetSettings):
     integrator = "path"
 
     ambient: Annotated[
-        Rgb,
-        Meta(ge=0, description="radiance assumed beyond the last vertex, W sr^-1 m^-2; one number or r, g, b"),
-    ] = (0.0, 0.0, 0.0)
+        Rgb | None,
+        Meta(
+            ge=0,
+            description="radiance assumed beyond the last vertex, W sr^-1 m^-2; one number or r, g, b; by itself, "
+            "the scene's ambient light",
+        ),
+    ] = None
     roulette: Annotated[
         int | None,
         Meta(

@@ -25,6 +25,7 @@ from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.eye import eye_uniforms
+from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass, Stopwatch, draw_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
@@ -271,11 +272,4 @@ class WhittedTracer:
 
 def _air(scene: Scene) -> Uniforms:
     """What is there without any object: ambient light and the sky."""
-    dark = np.zeros(3)
-    sky = scene.sky
-    return {
-        "ambient": tuple(scene.ambient),
-        "sky_zenith": tuple(sky.zenith if sky else dark),
-        "sky_horizon": tuple(sky.horizon if sky else dark),
-        "sky_up": tuple(sky.up if sky else dark),
-    }
+    return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky)}

@@ -321,6 +321,12 @@ def check_options(options: dict[str, object]) -> None:
 def check_solvable(scene: Scene) -> None:
     """Raises SceneError for a scene in triangles that has no solution."""
     place = Place(scene.source or scene.name)
+    others = [light.name for light in scene.lights] + (["sky"] if scene.sky is not None else [])
+    if others:
+        raise place.error(
+            f"is lit by {', '.join(others[:3])}, which radiosity does not know.",
+            "It distributes the light of shapes with an emission; render the scene with --integrator path.",
+        )
     if not any(shape.emits for shape in scene.shapes):
         raise place.error(
             "has no shape with an emission, so that there is no light to distribute.",

@@ -48,7 +48,7 @@ def render(
     ----------
     scene          : a file, the name of a shipped scene, a dictionary, trimesh's mesh or scene, a `Scene`: what
                      `load_scene` takes
-    integrator     : "path", global illumination by shapes that emit light; "gather", the same from a radiosity
+    integrator     : "path", global illumination by every kind of light; "gather", the same from a radiosity
                      solution, whose light of all bounces is gathered at what the eye sees; "t-buffer", Whitted's
                      ray tracing with the T-buffer, for spheres, planes, point lights, textures and mirrors;
                      "classic", the same image by the classical algorithm, every ray against every object. Or an

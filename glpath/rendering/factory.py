@@ -169,7 +169,12 @@ class _Gathering:
         return self.settings.recorded() | {"radiosity": digest}
 
     def warnings(self, scene: Scene) -> list[str]:
-        return []
+        if not np.any(scene.ambient > 0):
+            return []
+        return [
+            "The scene's ambient light stands for bounces that are not traced; a gather has them all from its "
+            'solution, and leaves it out. integrator = "path" adds it beyond the last vertex.'
+        ]
 
     def traceable(self, scene: Scene) -> Scene:
         return path_traceable(scene)

@@ -96,7 +96,8 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
 
 
 def _about_darkness(scene: Scene) -> list[str]:
-    if np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes):
+    sky = scene.sky is not None and np.any([scene.sky.zenith, scene.sky.horizon])
+    if sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes):
         return []
     return [
         "No shape emits light, and there is no other light: the picture will be black. "

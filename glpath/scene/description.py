@@ -1,7 +1,7 @@
 """The scene format: what a TOML file may say, as typed data [msgspec].
 
 A file holds a camera, a film, named textures and materials, a list of shapes and a list of lights. Shapes with an
-`emission` light the path tracer; `lights` have no extent, and are the ray tracer's. Lengths are scene units, angles
+`emission` are lights with an extent; `lights` are punctual. Lengths are scene units, angles
 degrees, colours linear Rec. 709. The descriptions below are also the remedy lines of error messages and the texts
 of the JSON schema (`glpath schema`), so they are written for users.
 
@@ -321,7 +321,7 @@ Falloff = Annotated[
 
 
 class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all lights without extent have in common. They are for the integrators classic and t-buffer."""
+    """What all punctual lights have in common: points and parallel light, without extent."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
 
@@ -400,7 +400,7 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     shapes: Annotated[
         list[AnyShape], Meta(description="The shapes; those with an emission are lights with an extent.")
     ] = []
-    lights: Annotated[list[AnyLight], Meta(description="Lights without extent: point, spot, directional.")] = []
+    lights: Annotated[list[AnyLight], Meta(description="Punctual lights: point, spot, directional.")] = []
     ambient: Annotated[
         float | Vector,
         Meta(

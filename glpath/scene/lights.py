@@ -1,4 +1,4 @@
-"""The light of a scene file: lights without extent, emission, ambient light and the sky."""
+"""The light of a scene file: punctual lights, emission, ambient light and the sky."""
 
 from __future__ import annotations
 

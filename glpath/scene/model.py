@@ -115,7 +115,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Light:
-    """A light without extent. Shapes with an emission are lights too, but not here.
+    """A punctual light, without extent. Shapes with an emission are lights too, but not here.
 
     kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
     intensity : (3,) float64, linear Rec. 709: radiant intensity W sr^-1 (a spot's on its axis), or, with
@@ -153,8 +153,9 @@ class Scene:
     """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
 
     shapes       : meshes, exact spheres and planes, and where they stand
-    lights       : without extent; the path tracer knows none of them
-    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]
+    lights       : punctual ones, without extent
+    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to the path tracer,
+                   what lies beyond a path's last vertex
     sky          : None: black
     """
 

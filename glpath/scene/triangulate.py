@@ -1,4 +1,4 @@
-"""A scene for the path tracer, which knows triangles with Lambertian reflection, and light from their emission."""
+"""A scene for the path tracer, which knows triangles with Lambertian reflection, and every kind of light."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def path_traceable(scene: Scene) -> Scene:
     """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
 
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do, all of it at once: planes, lights without extent, textures, highlights and mirrors, ambient light
-    and a sky. Warns with SceneWarning of triangles without area.
+    does not do, all of it at once: planes, textures, highlights and mirrors. Warns with SceneWarning of triangles
+    without area.
     """
     _check_known(scene)
     if not len(scene.spheres):
@@ -67,18 +67,15 @@ def _check_known(scene: Scene) -> None:
         f"{what} ({', '.join(names[:_LISTED])}{', ...' if len(names) > _LISTED else ''})"
         for what, names in (
             ("planes", planes),
-            ("lights without extent", [light.name for light in scene.lights]),
             ("textures, highlights and mirrors", shiny),
         )
         if names
     ]
-    found += ["ambient light"] if np.any(scene.ambient > 0) else []
-    found += ["a sky"] if scene.sky is not None else []
     if found:
         raise SceneError(
             f"{scene.source or scene.name}: has {', '.join(found)}, which the path tracer does not know.",
             "Render it with --integrator classic or t-buffer. The path tracer takes quads, boxes, spheres and "
-            "meshes with diffuse materials of one colour, lit by shapes with an emission.",
+            "meshes with diffuse materials of one colour.",
         )
 
 

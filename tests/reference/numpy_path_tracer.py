@@ -2,7 +2,8 @@
 
 Every pixel has paths of its own with random numbers of their own. Rays meet triangles by brute force in
 float64. Directions are cosine-weighted about the normal, and each vertex is lit through one point on the
-lights (PB A.3): emission counts where the eye sees it and where a light point is connected, nowhere else.
+lights (PB A.3): emission counts where the eye sees it and where a light point is connected, nowhere else. All
+punctual lights are added up at each vertex, and the sky is asked along one more direction there.
 
 Cost:     rays x triangles; 10^5 paths of depth 3 against 36 triangles take about a second.
 Poor at:  anything but tiny pictures of few triangles.
@@ -98,6 +99,8 @@ def _trace_paths(scene: Scene, paths: int, max_depth: int, ambient: float, rng: 
     for depth in range(1, max_depth + 1):
         triangle, t = nearest_hits(scene.triangles, position, wi, near)
         alive = triangle >= 0
+        if depth == 1:
+            L[path[~alive]] += _sky(scene, wi[~alive])
         path, triangle, beta = path[alive], triangle[alive], beta[alive]
         position = position[alive] + t[alive, None] * wi[alive]
         front = np.sum(wi[alive] * normals[triangle], axis=1) < 0
@@ -106,6 +109,11 @@ def _trace_paths(scene: Scene, paths: int, max_depth: int, ambient: float, rng: 
         n = np.where(front[:, None], 1, -1) * normals[triangle]  # on the side that the path came from
         beta = beta * np.where((front | reflects_back[triangle])[:, None], reflectance[triangle], 0)
         L[path] += beta / np.pi * _irradiance_sample(scene, emission, emits_back, position, n, near, rng)
+        L[path] += beta / np.pi * _punctual_irradiance(scene, position, n, near)
+        if scene.sky is not None:
+            up = _cosine_directions(n, rng)
+            escapes = nearest_hits(scene.triangles, position, up, near)[0] < 0
+            L[path] += beta * np.where(escapes[:, None], _sky(scene, up), 0)
         wi = _cosine_directions(n, rng)
     L[path] += beta * ambient
     return L.reshape(paths, -1, 3)
@@ -127,6 +135,35 @@ def _cosine_directions(n: Float64, rng: np.random.Generator) -> Float64:
     sphere = rng.standard_normal(n.shape)
     d = n + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def _sky(scene: Scene, d: Float64) -> Float64:
+    """Radiance (N, 3) from unit directions (N, 3)."""
+    if scene.sky is None:
+        return np.zeros_like(d)
+    height = np.clip(d @ scene.sky.up, 0, 1)[:, None]
+    return (1 - height) * scene.sky.horizon + height * scene.sky.zenith
+
+
+def _punctual_irradiance(scene: Scene, position: Float64, n: Float64, near: float) -> Float64:
+    """(N, 3) from all point, spot and directional lights, with a shadow ray to each."""
+    total = np.zeros_like(position)
+    for light in scene.lights:
+        parallel = light.kind == "directional"
+        to_light = np.tile(-light.direction, (len(n), 1)) if parallel else light.position - position
+        r = np.linalg.norm(to_light, axis=1)
+        E = light.intensity * np.ones((len(n), 1))
+        if not parallel and light.falloff == "quadratic":
+            E = E / r[:, None] ** 2
+        if light.kind == "spot":
+            full, end = np.cos(np.radians(light.cone))
+            x = np.clip((-to_light @ light.direction / r - end) / (full - end), 0, 1)
+            E = E * (3 * x**2 - 2 * x**3)[:, None]
+        met = nearest_hits(scene.triangles, position, to_light, near / r)[1]
+        blocked = np.isfinite(met) if parallel else met < 1 - 1e-7
+        cos = np.sum(n * to_light, axis=1) / r
+        total += np.where(blocked | (cos <= 0), 0, cos)[:, None] * E
+    return total
 
 
 def _irradiance_sample(
