@@ -51,11 +51,12 @@ def context_error(code: str, **environment: str) -> str:
 DRAW_AND_COMPUTE = """
 import struct, sys
 from glpath.gl.context import get_context
+from glpath.gl.limits import device_limits
 context = get_context(sys.argv[1])
 assert context.info.backend == sys.argv[1]
 gl = context.gl
 assert gl.gc_mode == "auto"
-assert min(context.limits().values()) > 0
+assert all(limit.enough for limit in device_limits(context).values())
 
 target = gl.texture((8, 8), 4, dtype="f4")
 frame = gl.framebuffer([target], gl.depth_renderbuffer((8, 8)))

@@ -6,6 +6,7 @@ import ctypes
 import importlib.metadata
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -16,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from glpath.errors import ContextError
+from glpath.errors import ContextError, ShaderError
 from glpath.gl.context import (
     EGL_LIBRARY,
     GL_LIBRARIES,
@@ -25,34 +26,11 @@ from glpath.gl.context import (
     get_context,
     list_devices,
 )
+from glpath.gl.limits import device_limits
 from glpath.gl.osmesa import load_osmesa
+from glpath.gl.program import shader_folder
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-
-# What OpenGL 4.3 guarantees, as far as rendering here runs into it: with less the driver's version is a claim.
-LIMITS = {
-    "GL_MAX_TEXTURE_SIZE": 16384,
-    "GL_MAX_ARRAY_TEXTURE_LAYERS": 2048,
-    "GL_MAX_DRAW_BUFFERS": 8,
-    "GL_MAX_TEXTURE_IMAGE_UNITS": 16,
-    "GL_MAX_IMAGE_UNITS": 8,
-    "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": 8,
-    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": 1024,
-}
-
-PACKAGES = (
-    "numpy",
-    "moderngl",
-    "glcontext",
-    "pyrr",
-    "imageio",
-    "OpenEXR",
-    "scipy",
-    "msgspec",
-    "trimesh",
-    "rich",
-    "typer",
-)
 
 
 def register(app: typer.Typer) -> None:
@@ -149,6 +127,7 @@ def examine() -> list[Finding]:
     checks: list[Callable[[], Iterator[Finding]]] = [
         _python,
         _packages,
+        _shaders,
         lambda: _libraries(renders),
         lambda: _context(probes, wrong),
         lambda: _limits() if renders else iter(()),
@@ -165,19 +144,48 @@ def _python() -> Iterator[Finding]:
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:>=\s*(?P<least>[\d.]+))?")
+
+
 def _packages() -> Iterator[Finding]:
-    versions, absent = [], []
-    for name in PACKAGES:
+    """What the package's own metadata requires; extras are not needed for rendering."""
+    try:
+        required = importlib.metadata.requires("glpath") or []
+    except importlib.metadata.PackageNotFoundError:
+        yield Finding("packages", "note", "glpath itself is not installed", "pip install .")
+        return
+    found, lacking = [], []
+    for requirement in required:
+        if "extra ==" in requirement:
+            continue
+        parts = _REQUIREMENT.match(requirement)
+        assert parts is not None, f"a requirement without a name: {requirement}"
+        name, least = parts["name"], parts["least"] or "0"
         try:
-            versions.append(f"{name} {importlib.metadata.version(name)}")
+            version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            absent.append(name)
-    if absent:
-        yield Finding(
-            "packages", "missing", "not installed: " + ", ".join(absent), "pip install " + " ".join(absent)
-        )
+            lacking.append((f"{name} is not installed", parts[0]))
+            continue
+        if _release(version) < _release(least):
+            lacking.append((f"{name} {version} (needed: {least})", parts[0]))
+        found.append(f"{name} {version} (>= {least})")
+    if lacking:
+        remedy = "pip install " + " ".join(f'"{what}"' for _, what in lacking)
+        yield Finding("packages", "missing", "; ".join(text for text, _ in lacking), remedy)
     else:
-        yield Finding("packages", "ok", ", ".join(versions))
+        yield Finding("packages", "ok", ", ".join(found))
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The numbers that a version begins with."""
+    return tuple(int(number) for number in re.findall(r"\d+", re.match(r"[\d.]*", version)[0]))  # type: ignore[index]
+
+
+def _shaders() -> Iterator[Finding]:
+    try:
+        yield Finding("shaders", "ok", str(shader_folder()))
+    except ShaderError as error:
+        yield Finding("shaders", "missing", error.message, error.remedy)
 
 
 def _libraries(renders: bool) -> Iterator[Finding]:
@@ -240,18 +248,21 @@ def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
 def _limits() -> Iterator[Finding]:
     # Only after a probe has shown that the device does not kill its process.
     try:
-        limits = get_context().limits()
+        limits = device_limits(get_context())
     except ContextError as error:
         yield Finding("limits", "missing", error.message, error.remedy)
         return
-    low = [f"{name} {limits[name]} (guaranteed: {least})" for name, least in LIMITS.items() if limits[name] < least]
+    low = [
+        f"{name} {limit.value} (needed: {limit.needed}, for {limit.use})"
+        for name, limit in limits.items()
+        if not limit.enough
+    ]
     if low:
-        yield Finding("limits", "note", "; ".join(low), "smaller pictures, a newer driver or another device")
+        yield Finding("limits", "missing", "; ".join(low), "a newer driver or another device (`glpath devices`)")
     else:
-        named = ", ".join(
-            f"{name.removeprefix('GL_MAX_').lower().replace('_', ' ')} {limits[name]}" for name in LIMITS
-        )
-        yield Finding("limits", "ok", named)
+        plain = ((name.removeprefix("GL_").removeprefix("MAX_"), limit) for name, limit in limits.items())
+        text = ", ".join(f"{name.lower().replace('_', ' ')} {limit.value}/{limit.needed}" for name, limit in plain)
+        yield Finding("limits", "ok", f"found/needed: {text}")
 
 
 def _threads() -> Iterator[Finding]:

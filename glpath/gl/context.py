@@ -55,7 +55,6 @@ _PROBE_SECONDS = 60
 
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE = 0x3233
-_GL_MAX_IMAGE_UNITS = 0x8F38
 
 
 @dataclass(frozen=True)
@@ -143,22 +142,6 @@ class Context:
     def function(self, name: str, *arguments: type) -> Callable[..., None]:
         """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
         return ctypes.CFUNCTYPE(None, *arguments)(self._loader.load_opengl_function(name))
-
-    def limits(self) -> dict[str, int]:
-        """Those of the device's limits that rendering here runs into, by their GL names."""
-        self.use()
-        units = ctypes.c_int(0)
-        get = self.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
-        get(_GL_MAX_IMAGE_UNITS, ctypes.byref(units))
-        names = (
-            "GL_MAX_TEXTURE_SIZE",
-            "GL_MAX_ARRAY_TEXTURE_LAYERS",
-            "GL_MAX_DRAW_BUFFERS",
-            "GL_MAX_TEXTURE_IMAGE_UNITS",
-            "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS",
-            "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS",
-        )
-        return {name: int(self.gl.info[name]) for name in names} | {"GL_MAX_IMAGE_UNITS": units.value}
 
     def _release(self) -> None:
         # Destroying the context frees all it holds. From here on its Python objects must not touch GL any more:

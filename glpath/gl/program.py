@@ -158,7 +158,7 @@ class Program:
             self._values[name] = value
 
 
-def _texels_are_images(gl: moderngl.Context) -> bool:
+def texels_are_images(gl: moderngl.Context) -> bool:
     """Which of the two ways of texels.glsl: by the renderer, or as GLPATH_TEXELS says, so that tests run both."""
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
@@ -193,7 +193,7 @@ def load_program(
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
-    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if _texels_are_images(gl) else {}
+    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if texels_are_images(gl) else {}
     sources = {
         k: Source(v, generated or {}, dict(defines or {}) | (fetch_defines if k != "vertex_shader" else {}))
         for k, v in stages.items()

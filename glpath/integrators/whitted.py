@@ -249,6 +249,8 @@ class WhittedTracer:
         shadow_rays = len(objects.lights)
         if settings.shadows != "rays":
             shadow_rays -= objects.positional_lights
+        if not self._area_lighting.dark:
+            shadow_rays += settings.light_samples
         return settings.max_depth * (1 + shadow_rays) * loop
 
     def _count(self) -> None:

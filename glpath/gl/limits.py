@@ -1,0 +1,77 @@
+"""A device's limits, and what rendering needs of each: what `glpath doctor` compares.
+
+All needs are within what OpenGL 4.3 guarantees, so a device that has less has no OpenGL 4.3. A test holds the
+numbers against the programs that are really made.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import NamedTuple
+
+from glpath.gl.context import Context
+from glpath.gl.program import texels_are_images
+
+
+class Limit(NamedTuple):
+    """A limit of a device.
+
+    number : of GL's name for glGetIntegerv
+    needed : by rendering; a smaller value makes it impossible
+    use    : for what
+    """
+
+    number: int
+    needed: int
+    use: str
+
+
+LIMITS = {
+    "GL_MAX_TEXTURE_SIZE": Limit(0x0D33, 4096, "rows of a scene's tables; larger pictures are rendered in tiles"),
+    "GL_MAX_DRAW_BUFFERS": Limit(0x8824, 3, "the state of a path"),
+    "GL_MAX_COLOR_ATTACHMENTS": Limit(0x8CDF, 3, "the same"),
+    "GL_MAX_CLIP_DISTANCES": Limit(0x0D32, 4, "the sides of a hemicube"),
+    "GL_MAX_TEXTURE_IMAGE_UNITS": Limit(0x8872, 12, "textures of a fragment shader"),
+    "GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS": Limit(0x8B4C, 4, "of a vertex shader"),
+    "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": Limit(0x91BC, 3, "of a compute shader"),
+    "GL_MAX_FRAGMENT_UNIFORM_COMPONENTS": Limit(0x8B49, 1024, "64 light samples and the camera"),
+    "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": Limit(0x90DD, 7, "small primitives of a T-buffer"),
+    "GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS": Limit(0x90DA, 2, "the same"),
+    "GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS": Limit(0x90DB, 5, "the same"),
+    "GL_MAX_SHADER_STORAGE_BLOCK_SIZE": Limit(0x90DE, 1 << 24, "4 bytes a pixel of a tile, or 8 a primitive"),
+    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": Limit(0x90EB, 256, "a list of large primitives"),
+}
+#: Only where texels.glsl reads textures as images.
+IMAGE_LIMITS = {
+    "GL_MAX_IMAGE_UNITS": Limit(0x8F38, 12, "textures read as images"),
+    "GL_MAX_FRAGMENT_IMAGE_UNIFORMS": Limit(0x90CE, 12, "the same"),
+}
+
+
+class Found(NamedTuple):
+    """A device's value of a limit, and what rendering needs."""
+
+    value: int
+    needed: int
+    use: str
+
+    @property
+    def enough(self) -> bool:
+        return self.value >= self.needed
+
+
+def device_limits(context: Context) -> dict[str, Found]:
+    """Those limits of the device that rendering runs into, by their GL names."""
+    context.use()
+    get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
+    found = {}
+    for name, limit in (LIMITS | (IMAGE_LIMITS if texels_are_images(context.gl) else {})).items():
+        value = ctypes.c_int(0)
+        get(limit.number, ctypes.byref(value))
+        found[name] = Found(value.value, limit.needed, limit.use)
+    info = context.gl.info
+    groups, point = int(info["GL_MAX_COMPUTE_WORK_GROUP_COUNT"][0]), int(info["GL_POINT_SIZE_RANGE"][1])
+    found["GL_MAX_COMPUTE_WORK_GROUP_COUNT"] = Found(groups, 1 << 15, "small primitives of a T-buffer")
+    found["GL_POINT_SIZE_RANGE"] = Found(point, 1, "spheres; larger points are quicker, up to 32")
+    context.gl.clear_errors()
+    return found

@@ -1,0 +1,130 @@
+"""What `glpath doctor` says that rendering needs is what rendering uses, and no more than OpenGL 4.3 guarantees."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from typing import NamedTuple
+
+import pytest
+import typer
+from test_film_hashes import film_of
+from typer.testing import CliRunner
+
+import glpath.cli.devices as devices_cli
+from glpath.gl import limits
+from glpath.gl.context import get_context
+from glpath.gl.limits import IMAGE_LIMITS, LIMITS, Found, Limit
+from glpath.gl.passes import Dispatch, Pass
+from glpath.gl.program import texels_are_images
+
+#: OpenGL 4.3, tables 23.53 to 23.72: the least that every device has.
+GUARANTEED = {
+    "GL_MAX_TEXTURE_SIZE": 16384,
+    "GL_MAX_DRAW_BUFFERS": 8,
+    "GL_MAX_COLOR_ATTACHMENTS": 8,
+    "GL_MAX_CLIP_DISTANCES": 8,
+    "GL_MAX_TEXTURE_IMAGE_UNITS": 16,
+    "GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS": 16,
+    "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": 16,
+    "GL_MAX_FRAGMENT_UNIFORM_COMPONENTS": 1024,
+    "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": 8,
+    "GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS": 8,
+    "GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS": 8,
+    "GL_MAX_SHADER_STORAGE_BLOCK_SIZE": 1 << 24,
+    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": 1024,
+}
+
+
+@pytest.fixture
+def app() -> typer.Typer:
+    app = typer.Typer()
+    devices_cli.register(app)
+    return app
+
+
+def test_no_more_is_needed_than_opengl_guarantees() -> None:
+    assert LIMITS.keys() == GUARANTEED.keys()
+    for name, limit in LIMITS.items():
+        assert limit.needed <= GUARANTEED[name], name
+
+
+class Used(NamedTuple):
+    """By one draw or dispatch."""
+
+    name: str
+    attachments: int
+    clip_distances: int
+    samplers: int
+    images: int
+    buffers: dict[int, object]
+
+
+def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    draws: list[Used] = []
+    dispatches: list[Used] = []
+    draw, dispatch = Pass.run, Dispatch.run
+
+    def seen_draw(self: Pass, *arguments: object) -> None:
+        program, attachments = self.program, len(self.target.color_attachments)
+        sizes = attachments, self.clip_distances, len(program.samplers), len(program.images)
+        draws.append(Used(self.name, *sizes, dict(self.buffers)))
+        draw(self, *arguments)  # type: ignore[arg-type]
+
+    def seen_dispatch(self: Dispatch, *arguments: object) -> None:
+        program = self.program
+        dispatches.append(Used(self.name, 0, 0, len(program.samplers), len(program.images), dict(self.buffers)))
+        dispatch(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Pass, "run", seen_draw)
+    monkeypatch.setattr(Dispatch, "run", seen_dispatch)
+    for name in (
+        "path-cornell-box-36-crop",
+        "gather-cornell-box-36",
+        "t-buffer-three-spheres-cube",
+        "t-buffer-stacked-triangles",
+    ):
+        film_of(name, spp=1)
+    film_of("t-buffer-stacked-triangles", spp=1, count_tests=True)
+    needed = {name: limit.needed for name, limit in (LIMITS | IMAGE_LIMITS).items()}
+    assert max(d.attachments for d in draws) == needed["GL_MAX_DRAW_BUFFERS"]
+    assert max(d.clip_distances for d in draws) == needed["GL_MAX_CLIP_DISTANCES"]
+    assert max(d.samplers + d.images for d in draws) <= needed["GL_MAX_TEXTURE_IMAGE_UNITS"]
+    assert max(d.images for d in draws) <= needed["GL_MAX_IMAGE_UNITS"]
+    if texels_are_images(get_context().gl):  # then fragment shaders have hardly a sampler
+        assert max(d.samplers for d in draws) <= needed["GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS"]
+    assert max(d.samplers + d.images for d in dispatches) <= needed["GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS"]
+    assert max(len(d.buffers) for d in draws) <= needed["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"]
+    assert max(len(d.buffers) for d in dispatches) == needed["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"]
+    bindings = 1 + max(binding for used in draws + dispatches for binding in used.buffers)
+    assert bindings == needed["GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS"]
+
+
+def findings(app: typer.Typer) -> dict[str, dict[str, str]]:
+    report = json.loads(CliRunner().invoke(app, ["doctor", "--json"]).stdout)
+    return {finding["check"]: finding for finding in report["findings"]}
+
+
+def test_doctor_names_a_limit_that_is_too_low(app: typer.Typer, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = Limit(0x8824, 99, "testing")
+    monkeypatch.setitem(limits.LIMITS, "GL_MAX_DRAW_BUFFERS", few)
+    found = findings(app)["limits"]
+    assert found["status"] == "missing"
+    assert found["found"].startswith("GL_MAX_DRAW_BUFFERS ")
+    assert "(needed: 99, for testing)" in found["found"]
+    assert not Found(1, 2, "").enough
+
+
+def test_doctor_asks_the_packages_own_metadata(app: typer.Typer, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = findings(app)["packages"]
+    assert found["status"] == "ok"
+    assert "numba" in found["found"]  # no list of its own that could be behind
+    monkeypatch.setattr(
+        importlib.metadata,
+        "requires",
+        lambda _: ["numpy>=999.1", "no-such-thing>=2", 'rich>=99; extra == "x"', "typer"],
+    )
+    found = findings(app)["packages"]
+    assert found["status"] == "missing"
+    assert "(needed: 999.1); no-such-thing is not installed" in found["found"]
+    assert found["remedy"] == 'pip install "numpy>=999.1" "no-such-thing>=2"'
