@@ -224,8 +224,7 @@ def shifted(camera: Camera, right: float, down: float) -> Camera:
     """The camera and its target moved so that the target's plane follows the pointer, pixels."""
     to_right, up, _ = camera.frame()
     distance = float(np.linalg.norm(camera.target - camera.position))
-    pixel = 2 * distance * np.tan(np.radians(camera.fov) / 2) / camera.resolution[1]
-    move = pixel * (down * up - right * to_right)
+    move = distance / camera.focal * (down * up - right * to_right)
     return replace(camera, position=camera.position + move, target=camera.target + move)
 
 

@@ -110,14 +110,8 @@ def _library() -> Any:
 def camera_rays(camera: Camera) -> tuple[Float32, Float32]:
     """Origins and unit directions (H * W, 3) float32, C-contiguous, through the pixels' centres, row 0 first."""
     width, height = camera.resolution
-    right, up, forward = camera.frame()
-    half = np.tan(np.radians(camera.fov) / 2)
-    x = ((np.arange(width) + 0.5) / width * 2 - 1) * half * width / height
-    y = (1 - (np.arange(height) + 0.5) / height * 2) * half
-    directions = x[None, :, None] * right + y[:, None, None] * up + forward
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     origins = np.broadcast_to(camera.position, (width * height, 3))
-    return np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions.reshape(-1, 3), np.float32)
+    return np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(camera.rays().reshape(-1, 3), np.float32)
 
 
 class EmbreeScene:

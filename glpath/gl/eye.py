@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from glpath.scene.model import Camera
 
 CENTRE = (0.5, 0.5)
@@ -25,7 +23,7 @@ def eye_uniforms(
         "eye_right": tuple(right),
         "eye_up": tuple(up),
         "eye_forward": tuple(forward),
-        "eye_focal": height / (2.0 * np.tan(np.radians(camera.fov) / 2.0)),
+        "eye_focal": camera.focal,
         "eye_centre": (width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]),
         "eye_corner": (x, height - y - h),
         "eye_size": (w, h),

@@ -159,27 +159,18 @@ def sees_anything(scene: Scene) -> bool:
     )
 
 
-def _edges_of_view(camera: Camera) -> Float64:
-    """(4, 3) directions of the pyramid's edges, around it."""
-    right, up, forward = camera.frame()
-    tan_up = np.tan(np.radians(camera.fov) / 2)
-    tan_right = tan_up * camera.resolution[0] / camera.resolution[1]
-    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return np.array([forward + a * tan_right * right + b * tan_up * up for a, b in corners])
-
-
 def _sees_planes(camera: Camera, planes: Float64) -> bool:
     """planes: (P, 3, 4). Of all rays of the pyramid, one of its edges goes the most towards a plane."""
     normal = planes[:, :, 2]
     height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
-    return bool(np.any(normal @ _edges_of_view(camera).T * height[:, None] < 0))
+    return bool(np.any(normal @ camera.corner_rays().T * height[:, None] < 0))
 
 
 def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     """spheres: (S, 3, 4). In the space where one is the unit sphere: is the pyramid nearer than 1 to the origin?"""
     if not len(spheres):
         return False
-    rays = _edges_of_view(camera)
+    rays = camera.corner_rays()
     inward = np.cross(np.roll(rays, -1, axis=0), rays)
     inward *= np.sign(inward @ rays.mean(axis=0))[:, None]
     if np.all((spheres[:, :, 3] - camera.position) @ inward.T > 0, axis=1).any():
@@ -212,8 +203,7 @@ def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     through its inside.
     """
     right, up, forward = camera.frame()
-    tan_up = np.tan(np.radians(camera.fov) / 2)
-    tan_right = tan_up * camera.resolution[0] / camera.resolution[1]
+    tan_right, tan_up = camera.extent
     points = triangles - camera.position
     x, y, z = points @ right, points @ up, points @ forward
     # (T, 3 corners, 4 sides), above 0 inside; together they imply z >= 0
@@ -231,7 +221,7 @@ def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     leaves = np.where(change < 0, crossing, np.inf).min(axis=2)
     if np.any(np.maximum(enters, 0) <= np.minimum(leaves, 1)):
         return True
-    return any(bool(_pierced(ray, points[near]).any()) for ray in _edges_of_view(camera))
+    return any(bool(_pierced(ray, points[near]).any()) for ray in camera.corner_rays())
 
 
 def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:

@@ -114,8 +114,7 @@ def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:
     # How far the eye must be for each corner of the box around everything to be within the picture.
     corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
     right, up, forward = camera.frame()
-    high = np.tan(np.radians(_FOV) / 2)
-    wide = high * resolution[0] / resolution[1]
+    wide, high = camera.extent
     needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
     distance = _MARGIN * float(needed.max()) or 1.0
     return replace(camera, position=centre - distance * forward)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
+from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 
@@ -36,40 +37,6 @@ __all__ = [
 ]
 
 LightKind = Literal["point", "spot", "directional"]
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera.
-
-    position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
-    fov                  : vertical field of view of the whole image, degrees, 0 < fov < 180
-    resolution           : (width, height) in pixels
-    """
-
-    position: Float64
-    target: Float64
-    up: Float64
-    fov: float
-    resolution: tuple[int, int]
-
-    def frame(self) -> tuple[Float64, Float64, Float64]:
-        """Unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
-        forward = self.target - self.position
-        forward = forward / np.linalg.norm(forward)
-        right = np.cross(forward, self.up)
-        right = right / np.linalg.norm(right)
-        return right, np.cross(right, forward), forward
-
-    def rays(self) -> Float64:
-        """(H, W, 3) float64 unit directions from `position` through the centres of all pixels, row 0 at the top."""
-        width, height = self.resolution
-        right, up, forward = self.frame()
-        tangent = np.tan(np.radians(self.fov) / 2)
-        x = (2 * np.arange(width) + 1 - width) / height * tangent
-        y = (height - 1 - 2 * np.arange(height)) / height * tangent
-        ways = forward + x[None, :, None] * right + y[:, None, None] * up
-        return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True)

@@ -89,10 +89,9 @@ class _View:
 
     def __init__(self, camera: Camera) -> None:
         width, height = camera.resolution
-        tangent = np.tan(np.radians(camera.fov) / 2)
         self.eye = camera.position
         self.right, self.up, self.forward = camera.frame()
-        self.focal = height / (2 * tangent)
+        self.focal = camera.focal
         self.size = width, height
         self.x = (np.arange(width) + 0.5 - width / 2) / self.focal
         self.y = (height / 2 - 0.5 - np.arange(height)) / self.focal
