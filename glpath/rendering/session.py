@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 from glpath.errors import SceneWarning, UsageError
 from glpath.film import Film, FilmMetadata
@@ -58,7 +60,8 @@ class Session:
         clock = Clock(film, job.spp, context.info.renderer, on_progress, started=started)
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
-            film.metadata = self._metadata(job, scene, context)
+            # The digest of a radiosity solution is known only now.
+            film.metadata = replace(film.metadata, settings=self._recorded())
             clock.report("compiling shaders")
             self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
             self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
@@ -87,16 +90,19 @@ class Session:
             engine.look_from(job.sensor)
         engine.forget_statistics()
 
+    def _recorded(self) -> dict[str, Any]:
+        """What decides the image, without what the metadata has fields of its own for."""
+        return {k: v for k, v in self._plan.recorded().items() if k not in ("seed", "max_depth")}
+
     def _metadata(self, job: RenderJob, scene: Scene, context: Context) -> FilmMetadata:
-        recorded = self._plan.recorded()
         info = context.info
         return FilmMetadata(
             scene=scene.name,
             scene_hash=scene.digest(),
             integrator=job.integrator.integrator,
-            seed=int(recorded.pop("seed")),
-            max_depth=int(recorded.pop("max_depth")),
-            settings=recorded,
+            seed=job.integrator.seed,
+            max_depth=job.integrator.max_depth,
+            settings=self._recorded(),
             full_resolution=job.sensor.resolution,
             window=job.window,
             noisy=job.integrator.noisy,
