@@ -3,7 +3,7 @@
 // nearest, by t * DEPTH_SCALE, which has all bits of t.
 #include <SCENE>
 #include "object_classic.glsl"
-#include "object_eye.glsl"
+#include "camera.glsl"
 
 #ifdef COUNT_TESTS
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };

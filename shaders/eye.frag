@@ -1,6 +1,6 @@
 // eye.frag: which triangle the eye sees; its number + 1, 0 for none.
 // Depth is linear: a perspective depth with so near a near plane has no digits left.
-#include "eye.glsl"
+uniform vec2 eye_range;
 
 layout(location = 0) out uint seen;
 

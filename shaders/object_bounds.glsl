@@ -1,5 +1,5 @@
 // object_bounds.glsl: the pixels whose rays can hit a primitive: a rectangle, a little too large but never too small.
-// Needs:  <SCENE>, object_eye.glsl
+// Needs:  <SCENE>, camera.glsl
 //
 // A rectangle from exact tangent planes, plus a margin for rounding: where the centre of a pixel lies outside, its
 // ray misses. Of what reaches behind the eye the projection has no bounds; it may be anywhere, unless it is beyond a

@@ -4,7 +4,7 @@
 #include "constants.glsl"
 #include <SCENE>
 #include "surface.glsl"
-#include "eye.glsl"
+#include "camera.glsl"
 #include "random.glsl"
 #include "direct.glsl"
 #include "path_course.glsl"
@@ -20,14 +20,14 @@ void main()
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     if (triangle < 0) {
 #ifdef HAS_SKY
-        leave(pixel, ended(sky(normalize(eye_direction(gl_FragCoord.xy)))), 0.0);
+        leave(pixel, ended(sky(eye_direction(pixel))), 0.0);
 #else
         leave(pixel, ended(vec3(0.0)), 0.0);
 #endif
         return;
     }
     vec4 plane = facet_texel(triangle, FACET_PLANE);
-    vec3 d = eye_direction(gl_FragCoord.xy);
+    vec3 d = eye_direction(pixel);
     vec3 x = eye_position + d * ((plane.w - dot(plane.xyz, eye_position)) / dot(plane.xyz, d));
     Surface s = surface_of_triangle(triangle, x, plane);
     bool front = front_hit(plane.xyz, d);
@@ -35,5 +35,5 @@ void main()
     vec3 Le = emitted(s, front, light_point);
     ivec2 whole = pixel + image_window.xy;
     uint path = uint(whole.y * image_window.z + whole.x);
-    leave(pixel, path_vertex(path, s, triangle, plane, front, -normalize(d), vec3(1.0), Le), 0.0);
+    leave(pixel, path_vertex(path, s, triangle, plane, front, -d, vec3(1.0), Le), 0.0);
 }

@@ -35,7 +35,8 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
     // Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
     if (light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0) direct.light = vec3(0.0);
 #endif
-    vec3 lit = beta * bsdf_eval(b, normal, wo, direct.wi) * direct.light;
+    vec3 n = shading_normal(s, front, wo);
+    vec3 lit = beta * bsdf_eval(b, n, wo, direct.wi) * direct.light * shading_cosine(n, normal, direct.wi);
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
         if (max(lit.r, max(lit.g, lit.b)) > 0.0) pending_start = vec4(s.position, 1.0);
@@ -66,7 +67,8 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
     if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
     weight /= chance;
 #endif
-    vec3 throughput = beta * bsdf_eval(b, normal, wo, c < 0.0 ? -next_directions[view] : next_directions[view]) * weight;
+    vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
+    vec3 throughput = beta * bsdf_eval(b, n, wo, wi) * (weight * shading_cosine(n, normal, wi));
     float most = max(throughput.r, max(throughput.g, throughput.b));
     if (roulette) {
         float stay = min(1.0, most);

@@ -12,6 +12,7 @@ struct Surface
 {
     vec3 position;
     vec3 normal;   // geometric, unit, out of the front
+    vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them
     vec2 uv;
     int shape;
     int material;
@@ -36,7 +37,46 @@ bool front_hit(vec3 normal, vec3 direction)
 Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 {
     uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
-    return Surface(position, normal, vec2(0.0), shape, int(of_shape.x), of_shape.y != 0u);
+    return Surface(position, normal, normal, vec2(0.0), shape, int(of_shape.x), of_shape.y != 0u);
+}
+
+// What the vertices of a triangle bring, by the weights of its corners.
+void interpolate(inout Surface s, uvec4 face, vec3 weight)
+{
+#ifdef HAS_TEXTURES
+    s.uv = weight.x * uv_texel(int(face.x), UV_FIRST).xy + weight.y * uv_texel(int(face.y), UV_FIRST).xy
+         + weight.z * uv_texel(int(face.z), UV_FIRST).xy;
+#endif
+#ifdef HAS_NORMALS
+    vec3 n = weight.x * shading_texel(int(face.x), SHADING_NORMAL).xyz
+           + weight.y * shading_texel(int(face.y), SHADING_NORMAL).xyz
+           + weight.z * shading_texel(int(face.z), SHADING_NORMAL).xyz;
+    // A mesh without vertex normals has zeros; one whose normals are those of another surface is shaded flat.
+    if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
+#endif
+}
+
+// The normal to shade with, on the side that is seen. Where it looks away from the eye, which the surface does not, it is
+// turned until it does not any more, or the outline of a smooth object would be black.
+vec3 shading_normal(Surface s, bool front, vec3 wo)
+{
+    vec3 n = front ? s.smooth_normal : -s.smooth_normal;
+#ifdef HAS_NORMALS
+    float away = dot(n, wo);
+    if (away < 1e-3) n = normalize(n + (1e-3 - away) * wo);
+#endif
+    return n;
+}
+
+// By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
+// faces wi.
+float shading_cosine(vec3 n, vec3 normal, vec3 wi)
+{
+#ifdef HAS_NORMALS
+    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6);
+#else
+    return 1.0;
+#endif
 }
 
 // A point of a triangle whose plane (see FACET_PLANE) is at hand.
@@ -44,12 +84,11 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
 {
     uvec4 face = face_texel(triangle, FACE_CORNERS);
     Surface s = surface_of_shape(int(face.w), position, plane.xyz);
-#ifdef HAS_TEXTURES
+#if defined(HAS_TEXTURES) || defined(HAS_NORMALS)
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
-    vec2 uv = uv_texel(int(face.x), UV_FIRST).xy;
-    s.uv = uv + bc.x * (uv_texel(int(face.y), UV_FIRST).xy - uv) + bc.y * (uv_texel(int(face.z), UV_FIRST).xy - uv);
+    interpolate(s, face, vec3(1.0 - bc.x - bc.y, bc));
 #endif
     return s;
 }

@@ -22,7 +22,7 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         vec3 out_of = normalize(s.position - sphere.xyz);
         // Back onto the sphere, as t of a far one has lost the last digits of the place.
         s.position = sphere.xyz + abs(sphere.w) * out_of;
-        s.normal = sphere.w < 0.0 ? -out_of : out_of;
+        s.normal = s.smooth_normal = sphere.w < 0.0 ? -out_of : out_of;
         mat3 rows = mat3(
             unit_texel(primitive, UNIT_ROW0).xyz, unit_texel(primitive, UNIT_ROW1).xyz,
             unit_texel(primitive, UNIT_ROW2).xyz);
@@ -36,7 +36,7 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         vec4 row2 = unit_texel(primitive, UNIT_ROW2);
         mat3 rows = mat3(row0.xyz, row1.xyz, row2.xyz);
         vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
-        s.normal = normalize(rows * unit) * sign(determinant(rows));
+        s.normal = s.smooth_normal = normalize(rows * unit) * sign(determinant(rows));
         s.uv = sphere_uv(unit);
     }
 #endif
@@ -47,19 +47,15 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         float extent;
         vec3 weight = triangle_weights(from, direction, extent);
         weight /= weight.x + weight.y + weight.z;
-#ifdef HAS_TEXTURES
-        uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
-        s.uv = weight.x * uv_texel(int(face.x), UV_FIRST).xy + weight.y * uv_texel(int(face.y), UV_FIRST).xy
-             + weight.z * uv_texel(int(face.z), UV_FIRST).xy;
-#endif
-        s.normal = normalize(from.plane.xyz);
+        s.normal = s.smooth_normal = normalize(from.plane.xyz);
+        interpolate(s, face_texel(primitive - first_triangle, FACE_CORNERS), weight);
     }
 #endif
 #ifdef HAS_PLANES
     if (primitive >= first_plane)
     {
         int plane = primitive - first_plane;
-        s.normal = plane_texel(plane, PLANE_NORMAL).xyz;
+        s.normal = s.smooth_normal = plane_texel(plane, PLANE_NORMAL).xyz;
         vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
         s.uv = vec2(dot(from_point, plane_texel(plane, PLANE_U).xyz), dot(from_point, plane_texel(plane, PLANE_V).xyz));
     }

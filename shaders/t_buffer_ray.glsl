@@ -1,9 +1,9 @@
 // t_buffer_ray.glsl: one kind of primitive (KIND_...), as the T-buffer shoots rays at it: what all its rays share is
 // worked out once, as they all start at the eye.
-// Needs:  <SCENE>, object_intersect.glsl, object_eye.glsl, object_bounds.glsl
+// Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl
 #include <SCENE>
 #include "object_intersect.glsl"
-#include "object_eye.glsl"
+#include "camera.glsl"
 #include "object_bounds.glsl"
 
 #if defined(KIND_SPHERE)

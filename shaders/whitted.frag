@@ -8,7 +8,7 @@
 // where a light is punctual, or a point of an emitting shape, or a direction of the sky: LIGHT_SAMPLES of these.
 #include <SCENE>
 #include "surface_at.glsl"
-#include "object_eye.glsl"
+#include "camera.glsl"
 #include "object_classic.glsl"
 #ifdef BY_HIERARCHY
 #include "object_hierarchy.glsl"
@@ -44,7 +44,7 @@ bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int
 }
 
 // Radiance towards -direction of the light that comes straight from the lights. `normal` is on the side that is seen.
-vec3 light_from_lights(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo, float rounding)
+vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
 {
     vec3 sum = vec3(0.0);
     for (int light = 0; light < light_count; ++light)
@@ -76,14 +76,14 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo
             if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
         }
 #endif
-        sum += bsdf_eval(bsdf, normal, wo, wi) * cosine * E * (visible / PI);
+        sum += bsdf_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi)) * E * (visible / PI);
     }
     return sum;
 }
 
 #ifdef LIGHT_SAMPLES
 // The same, of light points and the sky: always by rays, as the points are others in every path set.
-vec3 light_from_samples(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 wo, float rounding)
+vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
 {
     vec3 sum = vec3(0.0);
     for (int i = 0; i < LIGHT_SAMPLES; ++i)
@@ -92,7 +92,7 @@ vec3 light_from_samples(int primitive, Surface s, vec3 normal, Bsdf bsdf, vec3 w
         if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
         float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
         if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
-            sum += bsdf_eval(bsdf, normal, wo, light.wi) * light.E;
+            sum += bsdf_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi) * light.E;
     }
     return sum;
 }
@@ -119,6 +119,7 @@ void main()
         Surface s = surface_at(primitive, origin, direction, t);
         bool front = front_hit(s.normal, direction);
         vec3 normal = front ? s.normal : -s.normal;
+        vec3 n = shading_normal(s, front, -direction);
         Bsdf bsdf = bsdf_at(s, front);
         vec3 size = abs(s.position);
         rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
@@ -128,9 +129,9 @@ void main()
 #ifdef COUNT_TESTS
         uint before = tests;
 #endif
-        L += weight * light_from_lights(primitive, s, normal, bsdf, -direction, rounding);
+        L += weight * light_from_lights(primitive, s, normal, n, bsdf, -direction, rounding);
 #ifdef LIGHT_SAMPLES
-        L += weight * light_from_samples(primitive, s, normal, bsdf, -direction, rounding);
+        L += weight * light_from_samples(primitive, s, normal, n, bsdf, -direction, rounding);
 #endif
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;
@@ -140,7 +141,11 @@ void main()
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
         origin = s.position;
-        direction = normalize(reflect(direction, normal));
+        vec3 reflected = reflect(direction, n);
+#ifdef HAS_NORMALS
+        if (dot(reflected, normal) <= 0.0) reflected = reflect(direction, normal);
+#endif
+        direction = normalize(reflected);
 #ifdef BY_HIERARCHY
         primitive = nearest_by_hierarchy(origin, direction, rounding, primitive, t);
 #else

@@ -13,9 +13,9 @@ from PIL import Image
 
 import glpath
 from glpath.buffers.t_buffer import ClassicEye
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.eye import eye_uniforms
 from glpath.scene import preview
 
 

@@ -17,9 +17,9 @@ import glpath.gl.program as program
 from glpath.buffers import t_buffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl import passes
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.eye import eye_uniforms
 from glpath.scene.model import Scene
 
 Seen = tuple[NDArray[np.int32], NDArray[np.float32]]

@@ -28,9 +28,9 @@ from glpath.buffers.t_buffer import TBuffer
 from glpath.errors import GlpathError
 from glpath.experiments.timing import in_turns, seconds_of
 from glpath.experiments.verdict import Condition, Report, cores, judge, machine
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.eye import eye_uniforms
 from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
 from glpath.scene import load_scene

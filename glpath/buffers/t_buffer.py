@@ -79,7 +79,7 @@ class EyeBuffer(ABC):
 
     @abstractmethod
     def fill(self, eye: Uniforms) -> None:
-        """Find what every ray meets first; `eye` comes from `gl.eye.eye_uniforms`."""
+        """Find what every ray meets first; `eye` comes from `gl.camera.eye_uniforms`."""
 
     def read(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """(h, w) int32 primitive, -1 for none, and (h, w) float32 t, inf for none; row 0 at the top."""

@@ -8,9 +8,9 @@ Triangles are three indices into a pool of vertices. Floats lie in one texture, 
 (`texel_store`); both layouts are declared here and nowhere else, and handed to GLSL as text (`#include <SCENE>`),
 on which `shaders/surface.glsl` and its neighbours build.
 
-Cost:     32 bytes a triangle and 16 a vertex (32 where there are textures); of these 12 and 12 once more as index
-          and vertex buffers. 64 to 112 bytes a sphere. Textures have 16 bytes a texel, in rows of 4096 of their
-          own.
+Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
+          are any; for the path-buffer's engines 12 of each once more, as index and vertex buffers. 64 to 112 bytes
+          a sphere. Textures have 16 bytes a texel, in rows of 4096 of their own.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from glpath.scene.model import Float64, Int32, Light, Scene
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
+    "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
     "uv": {"FIRST": "of a vertex, where the scene has textures: u, v"},
     "facet": {"PLANE": "of a triangle: unit normal out of the front, and its dot product with any of its points"},
     "sphere": {"BALL": "centre; radius, negative where the front is inside"},
@@ -160,7 +161,6 @@ class DeviceScene:
     textures  : for a `Pass`, by the names in GLSL
     uniforms  : where the sections begin, and how many there are of what
     generated, defines : for `load_program`; kinds that the scene lacks are left out of the programs
-    triangles : vertices and indices as a rasteriser takes them
     centre, radius : a sphere around all triangles and spheres, scene units
     box       : (8, 3) corners of the box around them, about the centre
 
@@ -197,8 +197,12 @@ class DeviceScene:
 
         vertices, faces = scene.shapes.vertices, scene.shapes.faces
         uv = scene.shapes.vertex_uv if scene.textures else np.zeros((0, 2))
+        normals = scene.shapes.vertex_normals
+        if np.any(normals):
+            self.defines["HAS_NORMALS"] = 1
+        else:
+            normals = np.zeros((0, 3))
         positions = vertices.astype(np.float32)
-        self.triangles = TriangleBuffers(gl, positions, faces.astype(np.uint32))
         texels, first_rows = _texture_rows(gl, scene)
         floats, bases = make_store(
             gl,
@@ -206,6 +210,7 @@ class DeviceScene:
             FLOAT_LAYOUT,
             {
                 "vertex": _texel(positions),
+                "shading": _texel(normals),
                 "uv": _texel(uv),
                 "facet": _facets(scene),
                 "sphere": _spheres(scene, numbers),
@@ -275,6 +280,12 @@ class DeviceScene:
         return sum(light.kind != "directional" for light in self.lights)
 
     @cached_property
+    def triangles(self) -> TriangleBuffers:
+        """What a rasteriser takes; made when first asked for, as the ray tracers never do."""
+        shapes = self.scene.shapes
+        return TriangleBuffers(self.gl, shapes.vertices.astype(np.float32), shapes.faces.astype(np.uint32))
+
+    @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
         """(count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
         return primitive_boxes(self.scene, self.numbering)
@@ -294,12 +305,14 @@ class DeviceScene:
     def nbytes(self) -> int:
         """Bytes on the device, textures of materials not counted."""
         stores = (self.textures["scene_floats"], self.textures["scene_uints"])
-        return sum(16 * t.width * t.height for t in stores) + self.triangles.nbytes
+        rasterised = self.triangles.nbytes if "triangles" in self.__dict__ else 0
+        return sum(16 * t.width * t.height for t in stores) + rasterised
 
     def release(self) -> None:
         for texture in self.textures.values():
             texture.release()
-        self.triangles.release()
+        if "triangles" in self.__dict__:
+            self.triangles.release()
 
 
 def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]:
@@ -354,7 +367,7 @@ def _texture_rows(gl: moderngl.Context, scene: Scene) -> tuple[moderngl.Texture,
             f"device holds at most {limit * WIDTH:,}",
             "Make the images smaller.",
         )
-    store = np.zeros((max(rows, 1), WIDTH, 4), np.float32)
+    store = np.zeros((rows, WIDTH, 4) if rows else (1, 1, 4), np.float32)
     for texture, first in zip(scene.textures, first_rows, strict=True):
         texels = texture.image.reshape(-1, 3)
         store[first:].reshape(-1, 4)[: len(texels), :3] = texels

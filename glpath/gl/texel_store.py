@@ -87,7 +87,9 @@ def make_store(
             f'"{largest}"; this device holds at most {limit:,}',
             "Simplify the meshes, or render on a device with a larger texture limit.",
         )
-    store = np.zeros((max(1, -(-total // WIDTH)), WIDTH, 4), kind.dtype)
+    # Of a single row, only what is used: most scenes are small.
+    width = min(WIDTH, max(1, total))
+    store = np.zeros((max(1, -(-total // width)), width, 4), kind.dtype)
     flat, start = store.reshape(-1, 4), 0
     for section in layout:
         table = tables[section]

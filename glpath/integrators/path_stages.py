@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.path_buffer import PathBuffer, ScanView
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass, Stopwatch
@@ -283,28 +284,9 @@ class PathStages(ABC):
         }
 
     def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
-        camera = self.sensor.camera
-        right, up, forward = camera.frame()
-        width, height = camera.resolution
-        x, y, w, h = self.window
-        tangent = np.tan(np.radians(camera.fov) / 2)
-        # The point `pixel` of each pixel comes to lie on the centre of its fragment.
-        jx, jy = pixel[0] - 0.5, 0.5 - pixel[1]
-        reach = float(np.linalg.norm(self.scene.centre - camera.position)) + self.scene.radius
-        return {
-            "eye_position": tuple(camera.position),
-            "eye_right": tuple(right),
-            "eye_up": tuple(up),
-            "eye_forward": tuple(forward),
-            "eye_window": (
-                height / (w * tangent),
-                height / (h * tangent),
-                (width - 2 * (x + jx)) / w - 1,
-                (height - 2 * (height - y - h + jy)) / h - 1,
-            ),
-            "eye_size": (float(w), float(h)),
-            "eye_range": (1e-5 * self.scene.radius, 1.01 * reach),
-        }
+        reach = float(np.linalg.norm(self.scene.centre - self.sensor.camera.position)) + self.scene.radius
+        eye = eye_uniforms(self.sensor.camera, self.window, (float(pixel[0]), float(pixel[1])))
+        return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * reach)}
 
     def _texture(self, size: tuple[int, int], components: int, dtype: str) -> moderngl.Texture:
         texture = self.gl.texture(size, components, dtype=dtype)

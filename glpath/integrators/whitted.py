@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.eye import eye_uniforms
 from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass, Stopwatch, draw_areas
 from glpath.gl.program import load_program

@@ -67,9 +67,12 @@ class Sides:
 
 
 def side_reflectance(scene: Scene) -> Float64:
-    """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black."""
+    """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black.
+
+    Of a texture the mean: light that a wall sends on does not know where on it a picture hangs.
+    """
     materials = [scene.materials[s.material] for s in scene.shapes]
-    front = np.array([m.reflectance for m in materials]).reshape(-1, 3)
+    front = np.array([scene.mean_reflectance(m) for m in materials]).reshape(-1, 3)
     back = front * np.array([m.two_sided for m in materials], float)[:, None]
     return np.stack([front, back])[:, scene.triangle_shape]
 

@@ -204,6 +204,12 @@ class Scene:
         """
         return self.shapes.bounds
 
+    def mean_reflectance(self, material: Material) -> Float64:
+        """(3,) float64 reflectance of one of the scene's materials, the mean over its texture where it has one."""
+        if material.texture is None:
+            return material.reflectance
+        return np.asarray(material.reflectance * self.textures[material.texture].image.mean(axis=(0, 1)))
+
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.
 

@@ -113,8 +113,12 @@ def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64
 
 
 @lru_cache(maxsize=4)
-def unit_sphere(subdivisions: int) -> Mesh:
-    """The icosphere of radius 1 about the origin, with the sphere's normals. One mesh for all who ask for it."""
+def unit_sphere(subdivisions: int, with_uv: bool = False) -> Mesh:
+    """The icosphere of radius 1 about the origin, with the sphere's normals. One mesh for all who ask for it.
+
+    with_uv : with the texture coordinates of `Scene.spheres`; then its triangles share no vertices, as u jumps by 1
+              along a meridian
+    """
     golden = (1 + np.sqrt(5)) / 2
     rectangle = np.array([(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
@@ -124,7 +128,21 @@ def unit_sphere(subdivisions: int) -> Mesh:
         vertices, faces = subdivide(vertices, faces)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     vertices.flags.writeable = faces.flags.writeable = False
-    return Mesh(vertices, faces, normals=vertices)
+    mesh = Mesh(vertices, faces, normals=vertices)
+    if not with_uv:
+        return mesh
+    return replace(mesh.unshared(), uv=_sphere_uv(vertices[faces]).reshape(-1, 2))
+
+
+def _sphere_uv(corners: Float64) -> Float64:
+    """(T, 3, 2) texture coordinates of triangles (T, 3, 3) of the unit sphere, u without a jump within any."""
+    u = np.arctan2(corners[..., 1], corners[..., 0]) / (2 * np.pi) % 1.0
+    # A pole lies on every meridian: on that of the rest of its triangle.
+    pole = np.hypot(corners[..., 0], corners[..., 1]) < 1e-9
+    u -= np.round(u - np.where(pole[:, 0], u[:, 1], u[:, 0])[:, None])
+    others = np.where(pole, np.nan, u)
+    u = np.where(pole, np.nanmean(others, axis=1, keepdims=True), u)
+    return np.stack([u, 0.5 + np.arcsin(np.clip(corners[..., 2], -1, 1)) / np.pi], axis=-1)
 
 
 def _icosahedron_faces(vertices: Float64) -> Int32:

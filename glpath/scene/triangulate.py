@@ -1,4 +1,4 @@
-"""A scene for the path tracer, which knows triangles with Lambertian reflection, and every kind of light."""
+"""A scene for the path-buffer, which knows triangles, and every kind of light."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ def path_traceable(scene: Scene) -> Scene:
     """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
 
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do, all of it at once: planes, textures, highlights and mirrors. Warns with SceneWarning of triangles
-    without area.
+    does not do, all of it at once: planes and mirrors. Warns with SceneWarning of triangles without area.
     """
     _check_known(scene)
     if not len(scene.spheres):
@@ -31,24 +30,30 @@ def path_traceable(scene: Scene) -> Scene:
     _check_number(scene)
     place = Place(scene.source or scene.name)
     shapes = [
-        _tessellated(shape, place.field("shapes").item(index)) if shape.primitive == "sphere" else shape
+        _tessellated(shape, scene.materials[shape.material].texture is not None, place.field("shapes").item(index))
+        if shape.primitive == "sphere"
+        else shape
         for index, shape in enumerate(scene.shapes)
     ]
     return replace(scene, shapes=Shapes(shapes))
 
 
-def _tessellated(shape: Shape, place: Place) -> Shape:
+def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:
     """The shape with instances of the one icosphere instead of spheres."""
-    mesh, matrices = unit_sphere(shape.subdivisions), shape.world_from_object
+    mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
         # Turned back, so that a room of a sphere has the triangles of the ball, wound the other way.
         mesh, matrices = mesh.turned(), turned(matrices)
+        if mesh.uv is not None:
+            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # the longitude runs the other way, too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
     if not without_area(alone.triangles).any():
         return instances
     # An ellipsoid so flat that some of its triangles are lost: they are not the same in every instance.
-    whole = Mesh(alone.vertices, alone.faces, normals=alone.vertex_normals)
+    whole = Mesh(
+        alone.vertices, alone.faces, uv=alone.vertex_uv if textured else None, normals=alone.vertex_normals
+    )
     return replace(
         instances, geometry=with_area(whole, IDENTITY, shape.name, place), world_from_object=IDENTITY[None]
     )
@@ -61,21 +66,18 @@ def turned(world_from_unit: Float64) -> Float64:
 
 def _check_known(scene: Scene) -> None:
     used = sorted({shape.material for shape in scene.shapes})
-    shiny = [scene.materials[i].name for i in used if not scene.materials[i].lambertian]
+    mirrors = [scene.materials[i].name for i in used if np.any(scene.materials[i].mirror > 0)]
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
     found = [
         f"{what} ({', '.join(names[:_LISTED])}{', ...' if len(names) > _LISTED else ''})"
-        for what, names in (
-            ("planes", planes),
-            ("textures, highlights and mirrors", shiny),
-        )
+        for what, names in (("planes", planes), ("mirrors", mirrors))
         if names
     ]
     if found:
         raise SceneError(
-            f"{scene.source or scene.name}: has {', '.join(found)}, which the path tracer does not know.",
-            "Render it with --integrator classic or t-buffer. The path tracer takes quads, boxes, spheres and "
-            "meshes with diffuse materials of one colour.",
+            f"{scene.source or scene.name}: has {' and '.join(found)}, which the path-buffer cannot render: an "
+            "endless plane has no box for its views, and its paths share their directions.",
+            "Render it with --integrator classic or t-buffer, or make planes large quads and leave mirrors out.",
         )
 
 

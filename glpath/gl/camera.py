@@ -1,4 +1,4 @@
-"""The camera as the uniforms of `shaders/object_eye.glsl`."""
+"""The camera as the uniforms of `shaders/camera.glsl`."""
 
 from __future__ import annotations
 
