@@ -243,9 +243,7 @@ def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
     colours = []
     for shape in scene.shapes:
         material = scene.materials[shape.material]
-        colour = material.reflectance
-        if material.texture is not None:
-            colour = colour * scene.textures[material.texture].image.mean(axis=(0, 1))
+        colour = scene.mean_reflectance(material)
         colours.append(shape.emission / shape.emission.max() if shape.emits else colour + 0.5 * material.mirror)
     return np.array(colours).reshape(-1, 3), np.array([shape.emits for shape in scene.shapes], bool)
 
