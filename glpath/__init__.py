@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from glpath.film import Film, read_image
     from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
-    from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
+    from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
     from glpath.rendering import RenderInterrupted, render, render_frames
     from glpath.scene import Scene, load_scene
 
@@ -40,8 +40,8 @@ _HOME = {
     "GlpathError": "errors",
     "ImageError": "errors",
     "Progress": "progress",
-    "RadiosityInterrupted": "radiosity.solve",
-    "RadiosityProgress": "radiosity.solve",
+    "RadiosityInterrupted": "radiosity.solvers.solve",
+    "RadiosityProgress": "radiosity.solvers.solve",
     "RadiositySolution": "radiosity.solution",
     "RenderInterrupted": "rendering",
     "Scene": "scene",
@@ -54,7 +54,7 @@ _HOME = {
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",
-    "solve_radiosity": "radiosity.solve",
+    "solve_radiosity": "radiosity.solvers.solve",
 }
 
 __all__ = [

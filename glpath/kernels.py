@@ -1,7 +1,8 @@
 """Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache.
 
 Numba takes a function for unchanged while its own file is, whatever became of those that it calls. Here all of
-its folder has to be, and an index that cannot be read (it names classes that are gone) counts as none.
+its room has to be, a folder of the package with the folders in it; and an index that cannot be read (it names
+classes that are gone) counts as none.
 """
 
 from __future__ import annotations
@@ -43,12 +44,17 @@ class _Index(IndexDataCacheFile):
 
 
 def folder_stamp(file: Path) -> tuple[tuple[str, int, int], ...]:
-    """Name, time and size of the Python files that kernels in `file` can depend on: those in its folder.
+    """Path, time and size of the Python files that kernels in `file` can depend on: those of its room.
 
-    In the package's own folder, where nothing but a kernel's file concerns it, that one alone.
+    A room is the outermost package around it, below `glpath` itself. In the package's own folder, where nothing but
+    a kernel's file concerns it, that one alone.
     """
-    files = [file] if file.parent == Path(__file__).parent else sorted(file.parent.glob("*.py"))
-    status = [(path.name, path.stat()) for path in files]
+    house = Path(__file__).parent
+    room = file.parent
+    while room.parent != house and (room.parent / "__init__.py").exists():
+        room = room.parent
+    files = [file] if file.parent == house else sorted(room.rglob("*.py"))
+    status = [(path.relative_to(room).as_posix(), path.stat()) for path in files]
     return tuple((name, s.st_mtime_ns, s.st_size) for name, s in status)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from glpath.bench import shaft
-from glpath.radiosity import office_table
+from glpath.experiments import office_table
 
 
 @pytest.fixture(scope="module")

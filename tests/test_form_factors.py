@@ -14,10 +14,10 @@ from reference.closed_forms import (
 from rooms import cuboid, part, rectangle, room
 
 from glpath.radiosity import Blockers, Visibility
-from glpath.radiosity.blockers import visible_by_all
-from glpath.radiosity.form_factor import KINDS, FormFactors, triangle_factor
-from glpath.radiosity.mesh import Elements, Mesh, divisions_of_size, surfaces
-from glpath.radiosity.sides import Sides, in_the_open, sub_triangles
+from glpath.radiosity.form_factors.form_factor import KINDS, FormFactors, triangle_factor
+from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, surfaces
+from glpath.radiosity.mesh.sides import Sides, in_the_open, sub_triangles
+from glpath.radiosity.shafts.blockers import visible_by_all
 
 
 def matrix(scene, size, **options):

@@ -20,8 +20,8 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.settings import GatherSettings
-from glpath.radiosity import lattice
-from glpath.radiosity.sides import side_reflectance
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.rendering import tiles
 from glpath.sampling import PathSetSampler, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
@@ -312,7 +312,7 @@ def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: p
     def interrupted(*_: object, **__: object) -> None:
         raise glpath.RadiosityInterrupted(None)
 
-    monkeypatch.setattr("glpath.radiosity.solve.solve_radiosity", interrupted)
+    monkeypatch.setattr("glpath.radiosity.solvers.solve.solve_radiosity", interrupted)
     with pytest.raises(glpath.RenderInterrupted) as caught:
         gather(plates(), None, spp=4)
     assert caught.value.film.path_sets == 0
@@ -327,7 +327,7 @@ def test_a_large_scene_is_solved_by_particles(monkeypatch: pytest.MonkeyPatch, s
         asked.append(options["method"])
         raise glpath.UsageError("enough")
 
-    monkeypatch.setattr("glpath.radiosity.solve.solve_radiosity", solve)
+    monkeypatch.setattr("glpath.radiosity.solvers.solve.solve_radiosity", solve)
     with pytest.raises(glpath.UsageError, match="enough"):
         glpath.render(scene, integrator="gather", spp=1, resolution=(8, 8))
     assert asked == [method]

@@ -9,14 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from reference.closed_forms import facing_rectangles_form_factor, polygon_irradiance
 
+from glpath.buffers.hemicube_form_factor import HemicubeFormFactors, atlas_form_factors, scene_of_elements
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.hemicube_form_factor import HemicubeFormFactors, atlas_form_factors, scene_of_elements
 from glpath.radiosity import Blockers, Visibility
-from glpath.radiosity.form_factor import FormFactors
-from glpath.radiosity.mesh import Mesh, divisions_of_size, surfaces
-from glpath.radiosity.sides import Sides
+from glpath.radiosity.form_factors.form_factor import FormFactors
+from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, surfaces
+from glpath.radiosity.mesh.sides import Sides
 from glpath.scene import Scene, load_scene, scene_from_dict
 
 Float64 = NDArray[np.float64]
@@ -114,7 +114,7 @@ def test_rows_of_a_closed_room_sum_to_one_and_are_reciprocal() -> None:
 
 
 def test_elements_stand_in_the_order_of_the_solution() -> None:
-    from glpath.radiosity import lattice
+    from glpath.radiosity.mesh import lattice
 
     scene = load_scene("cornell-box-36")
     divisions = np.random.default_rng(1).integers(1, 4, len(scene.triangles)).astype(np.int32)

@@ -51,6 +51,28 @@ def test_a_kernel_sees_what_it_calls_change(tmp_path: Path) -> None:
     assert run(tmp_path, "Other", 100) == "101.0"  # and the index names a class that is gone
 
 
+def test_a_kernel_sees_other_folders_of_its_room_change(tmp_path: Path) -> None:
+    """A room is a package with packages in it; what lies beside the room is none of its business."""
+    room = tmp_path / "room"
+    for folder in (room, room / "lower", room / "upper"):
+        folder.mkdir()
+        (folder / "__init__.py").write_text("")
+    inner = room / "lower" / "inside.py"
+    outer = room / "upper" / "outside.py"
+    outer.write_text(OUTER.replace("import inside", "from room.lower import inside"))
+    for number in (1, 10):
+        inner.write_text(INNER.format(name="Pair", number=number) + "\nNAME = 'Pair'\n")
+        done = subprocess.run(
+            [sys.executable, "-m", "room.upper.outside"], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.stdout.strip() == f"{1 + number}.0", done.stderr
+    names = [name for name, *_ in folder_stamp(outer)]
+    (tmp_path / "beside.py").write_text("")
+    assert names == [name for name, *_ in folder_stamp(inner)]
+    assert "lower/inside.py" in names
+    assert "beside.py" not in names
+
+
 def test_an_unchanged_folder_is_loaded_from_the_cache(tmp_path: Path) -> None:
     run(tmp_path, "Pair", 1)
     (data,) = (tmp_path / "__pycache__").glob("outside.outer*.nbc")

@@ -11,12 +11,12 @@ from rooms import cuboid, part, rectangle, room, with_triangles
 
 from glpath import RadiosityInterrupted, SceneError, UsageError, load_scene, solve_radiosity
 from glpath.radiosity import memory
-from glpath.radiosity.mesh import Elements, Mesh, divisions_of_size, size_for_count, surfaces
-from glpath.radiosity.progressive import Refinement
-from glpath.radiosity.reconstruct import resample
-from glpath.radiosity.sides import sub_triangles
+from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
+from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.mesh.reconstruct import resample
+from glpath.radiosity.mesh.sides import sub_triangles
 from glpath.radiosity.solution import DIRECT, INDIRECT
-from glpath.radiosity.transport import FormFactorOptions, Transport
+from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import path_traceable
 
 
@@ -165,7 +165,7 @@ def _middles(solution, parts):
 
 
 def test_monte_carlo_says_how_far_it_is_off():
-    from glpath.radiosity.monte_carlo import BATCH, Shooting
+    from glpath.radiosity.solvers.monte_carlo import BATCH, Shooting
 
     scene = load_scene("furnace", {"reflectance": 0.5, "subdivisions": 0})
     surface = surfaces(scene)
@@ -305,7 +305,7 @@ def test_vertices_take_up_a_gradient_to_the_border():
     middles = mesh.elements.points(scene, np.full((1, 3), 1 / 3))[:, 0]
     slope = 1 + middles[:, [0, 0, 1]]
     _, _, vertices = resample(mesh, np.stack([slope, slope]))
-    from glpath.radiosity import lattice
+    from glpath.radiosity.mesh import lattice
 
     corners = scene.triangles
     b = lattice.vertex_barycentrics(8)

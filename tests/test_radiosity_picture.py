@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.radiosity import lattice
+from glpath.radiosity.mesh import lattice
 from glpath.radiosity.picture import picture
 from glpath.radiosity.solution import RadiositySolution
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glpath import GlpathError, RadiositySolution, SceneError, UsageError, load_scene
-from glpath.radiosity import lattice
+from glpath.radiosity.mesh import lattice
 from glpath.scene import path_traceable
 
 PARTS = np.array([0.25, 0.75])[:, None, None, None]

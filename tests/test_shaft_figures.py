@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from glpath.cli.main import app
+from glpath.experiments.office_table import OFFICES
 from glpath.figures import polyhedron, shaft, style
 from glpath.radiosity import Place, Shaft
-from glpath.radiosity.office_table import OFFICES
 
 DRAWN = [name for name in shaft.FIGURES if name != "shaft-table-1"]
 

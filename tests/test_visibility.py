@@ -13,8 +13,8 @@ from hypothesis.extra import numpy as hnp
 
 from glpath.errors import UsageError
 from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Visibility, facing, visible
-from glpath.radiosity.blockers import visible_by_all
-from glpath.radiosity.options import ORDERS, STRATEGIES
+from glpath.radiosity.shafts.blockers import visible_by_all
+from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
 from glpath.scene import load_scene
 
 # A small grid makes polygons that touch, coincide, lie in a plane with points, or have no area; others are slivers.

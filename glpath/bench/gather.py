@@ -41,7 +41,7 @@ from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.radiosity.solution import RadiositySolution
-from glpath.radiosity.solve import solve_radiosity
+from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene import load_scene
 from glpath.scene.model import Float64, Scene
 from glpath.versions import versions

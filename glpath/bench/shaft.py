@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
+from glpath.experiments.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from glpath.experiments.verdict import Condition, Report, cores, judge, machine
 from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Statistics, Visibility, facing
-from glpath.radiosity.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from glpath.versions import versions
 
 CLAIM = "visibility by shafts 2.5 times as fast as by our ray caster, and ahead of Embree, on the offices"

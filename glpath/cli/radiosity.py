@@ -19,8 +19,8 @@ from glpath.progress import MODES, duration, percent
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
-    from glpath.radiosity.form_factor import Kind
-    from glpath.radiosity.solve import Method
+    from glpath.radiosity.form_factors.form_factor import Kind
+    from glpath.radiosity.solvers.solve import Method
     from glpath.scene import Scene
 
 Report = Callable[["RadiosityProgress"], None]

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.experiments.office_table import OFFICES, savings_rows, table_1_rows
 from glpath.experiments.verdict import Condition
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
 from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, drawings, table
 from glpath.hierarchy import Hierarchy
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list
-from glpath.radiosity.office_table import OFFICES, savings_rows, table_1_rows
-from glpath.radiosity.shaft import FACES
+from glpath.radiosity.shafts.shaft import FACES
 
 Float64 = NDArray[np.float64]
 Panel = tuple[str, Callable[[Any], None], bool]

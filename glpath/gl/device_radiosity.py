@@ -1,7 +1,7 @@
 """A radiosity solution on the device, looked up at a point of a triangle [PB A.4].
 
-Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.lattice`. A point's place in it is
-an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of its
+Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's place in
+it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of its
 element or three of the vertices around.
 
 Cost:     48 bytes a triangle, 32 bytes an element or vertex.

@@ -37,8 +37,8 @@ def device_radiosity(
     gl: moderngl.Context, scene: Scene, solution: RadiositySolution, lookup: Lookup
 ) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
-    from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
-    from glpath.radiosity.sides import side_reflectance
+    from glpath.radiosity.mesh import lattice  # with all of radiosity, which is slow to import
+    from glpath.radiosity.mesh.sides import side_reflectance
 
     interpolated = lookup == "interpolated"
     count = lattice.vertex_count if interpolated else lattice.element_count

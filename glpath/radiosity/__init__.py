@@ -1,13 +1,13 @@
 """Light between diffuse surfaces, on the CPU: shafts and visibility [SC], form factors, radiosity. No GL."""
 
-from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.clusters import cluster
-from glpath.radiosity.ends import Emitter, Receivers, facing
-from glpath.radiosity.options import PAPER, Options, Statistics
-from glpath.radiosity.shaft import Place, Shaft, Strategy, candidate_list
+from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.clusters import cluster
+from glpath.radiosity.shafts.ends import Emitter, Receivers, facing
+from glpath.radiosity.shafts.options import PAPER, Options, Statistics
+from glpath.radiosity.shafts.shaft import Place, Shaft, Strategy, candidate_list
+from glpath.radiosity.shafts.visibility import Visibility, visible
 from glpath.radiosity.solution import RadiositySolution
-from glpath.radiosity.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
-from glpath.radiosity.visibility import Visibility, visible
+from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
 
 __all__ = [
     "PAPER",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.files import whole_file
-from glpath.radiosity import lattice
+from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion
 
 from glpath.kernels import kernel
-from glpath.radiosity import lattice
-from glpath.radiosity.rays import nearest, rays_of
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import Lookup, RadiositySolution
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64

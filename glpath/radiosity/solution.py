@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, SceneError, UsageError
 from glpath.files import open_npz, whole_file
-from glpath.radiosity import lattice
-from glpath.radiosity.sides import side_reflectance
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64, Int32
 
@@ -43,7 +43,7 @@ class RadiositySolution:
     """The irradiance of the surfaces of a scene, in elements.
 
     Triangle t of the scene has its edges in n = divisions[t] equal parts: n * n elements, which begin at the sum of
-    the squares before, and (n + 1)(n + 2) / 2 vertices, see `glpath.radiosity.lattice` for their order.
+    the squares before, and (n + 1)(n + 2) / 2 vertices, see `glpath.radiosity.mesh.lattice` for their order.
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle

@@ -182,7 +182,7 @@ class _Gathering:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         # All of radiosity is slow to import.
         from glpath.radiosity.solution import RadiositySolution
-        from glpath.radiosity.solve import Method, RadiosityProgress, solve_radiosity
+        from glpath.radiosity.solvers.solve import Method, RadiosityProgress, solve_radiosity
 
         def report(progress: RadiosityProgress) -> None:
             unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from glpath.errors import UsageError
-from glpath.radiosity.shaft import Strategy
+from glpath.radiosity.shafts.shaft import Strategy
 
 StrategyName = Literal["no shaft", "keep closed", "always open", "overlap open", "ratio open"]
 

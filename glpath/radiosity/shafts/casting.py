@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
-from glpath.radiosity.ends import before_emitter, before_receiver
-from glpath.radiosity.options import (
+from glpath.radiosity.shafts.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
+from glpath.radiosity.shafts.ends import before_emitter, before_receiver
+from glpath.radiosity.shafts.options import (
     BLOCKED,
     BOX_TESTS,
     CACHED,
@@ -20,9 +20,9 @@ from glpath.radiosity.options import (
     OBJECT_TESTS,
     RAYS,
 )
-from glpath.radiosity.points import SEVERAL
-from glpath.radiosity.search import BLOCKER, CandidateRange, Work, highest, objects_of, ray_count, shaft_list
-from glpath.radiosity.shaft import empty_shaft, empty_stack
+from glpath.radiosity.shafts.points import SEVERAL
+from glpath.radiosity.shafts.search import BLOCKER, CandidateRange, Work, highest, objects_of, ray_count, shaft_list
+from glpath.radiosity.shafts.shaft import empty_shaft, empty_stack
 
 
 @inner_kernel

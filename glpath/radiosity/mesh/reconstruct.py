@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.radiosity import lattice
-from glpath.radiosity.mesh import Elements, Int64, Mesh, weld
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, weld
 from glpath.scene.model import Float64
 
 #: How often the vertices are moved towards what the elements' means ask for.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from glpath.hierarchy import Float64, Hierarchy, Int32
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.blockers import ENDS, never_hit
-from glpath.radiosity.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
-from glpath.radiosity.shaft import Strategy, Tree, encloses, form_shaft, gather, overlaps
+from glpath.radiosity.shafts.blockers import ENDS, never_hit
+from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
+from glpath.radiosity.shafts.shaft import Strategy, Tree, encloses, form_shaft, gather, overlaps
 
 _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
     int(s) for s in (Strategy.KEEP_CLOSED, Strategy.ALWAYS_OPEN, Strategy.RATIO_OPEN)

@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.hierarchy import Hierarchy, Int32, build_hierarchy
-from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.casting import cast_groups
-from glpath.radiosity.clusters import cluster
-from glpath.radiosity.ends import Emitter, Lit, Receivers, lit_of, source_of
-from glpath.radiosity.options import ORDERS, STRATEGIES, Options, Statistics
-from glpath.radiosity.points import Groups, group_points
-from glpath.radiosity.search import SearchTree, Settings, find_emitter_list
+from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.casting import cast_groups
+from glpath.radiosity.shafts.clusters import cluster
+from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of
+from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, Options, Statistics
+from glpath.radiosity.shafts.points import Groups, group_points
+from glpath.radiosity.shafts.search import SearchTree, Settings, find_emitter_list
 
 
 class Prepared(NamedTuple):

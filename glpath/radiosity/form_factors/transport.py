@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.form_factor import FormFactors, Kind, ReceiverPoints
-from glpath.radiosity.mesh import Int64, Mesh
-from glpath.radiosity.options import Statistics
-from glpath.radiosity.sides import Sides
-from glpath.radiosity.visibility import Visibility
+from glpath.radiosity.form_factors.form_factor import FormFactors, Kind, ReceiverPoints
+from glpath.radiosity.mesh.mesh import Int64, Mesh
+from glpath.radiosity.mesh.sides import Sides
+from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.options import Statistics
+from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene.model import Float64
 
 Float32 = NDArray[np.float32]
@@ -31,7 +31,7 @@ _BURIED = 1e-6
 
 @dataclass(frozen=True)
 class FormFactorOptions:
-    """How form factors are found, see `glpath.radiosity.form_factor`.
+    """How form factors are found, see `glpath.radiosity.form_factors.form_factor`.
 
     kind   : "polygon" or "disc"
     most   : samples of an emitter, at most

@@ -14,15 +14,15 @@ from typing import Literal, get_args
 import numpy as np
 
 from glpath.errors import UsageError
-from glpath.radiosity import matrix, monte_carlo
-from glpath.radiosity.form_factor import KINDS, Kind
+from glpath.radiosity.form_factors.form_factor import KINDS, Kind
+from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
 from glpath.radiosity.memory import available_bytes, require_memory
-from glpath.radiosity.mesh import Elements, Int64, Mesh, divisions_of_size, size_for_count, surfaces
-from glpath.radiosity.progressive import Refinement
-from glpath.radiosity.reconstruct import resample
-from glpath.radiosity.sides import Sides
+from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.mesh.reconstruct import resample
+from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
-from glpath.radiosity.transport import FormFactorOptions, Transport
+from glpath.radiosity.solvers import matrix, monte_carlo
+from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import AnyScene, Scene, load_scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.scene.place import Place

@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity import lattice
-from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.mesh import Elements, Int64, Mesh, blocker_of_triangle
-from glpath.radiosity.rays import nearest, rays_of
-from glpath.radiosity.sides import Sides, open_points, side_reflectance
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, blocker_of_triangle
+from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
+from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.

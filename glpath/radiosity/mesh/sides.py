@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import kernel
-from glpath.radiosity.mesh import Elements, Int64
-from glpath.radiosity.rays import nearest, rays_of
+from glpath.radiosity.mesh.mesh import Elements, Int64
+from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 

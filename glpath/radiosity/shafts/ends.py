@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glpath.hierarchy import Float64, Int32
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.blockers import Blockers
+from glpath.radiosity.shafts.blockers import Blockers
 
 
 @dataclass(frozen=True)

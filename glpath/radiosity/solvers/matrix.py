@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.radiosity.transport import Transport
+from glpath.radiosity.form_factors.transport import Transport
 from glpath.scene.model import Float64
 
 

@@ -15,10 +15,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from glpath.radiosity.blockers import Blockers
-from glpath.radiosity.ends import Emitter, Receivers
-from glpath.radiosity.options import PAPER, Options, Statistics
-from glpath.radiosity.visibility import Visibility
+from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.ends import Emitter, Receivers
+from glpath.radiosity.shafts.options import PAPER, Options, Statistics
+from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene import Scene, load_scene
 
 Row = dict[str, Any]

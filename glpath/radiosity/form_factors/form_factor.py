@@ -28,11 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.ends import Emitter, Receivers
-from glpath.radiosity.mesh import Elements, Int64, blocker_of_triangle
-from glpath.radiosity.options import Statistics
-from glpath.radiosity.sides import Sides, open_points, sub_triangles
-from glpath.radiosity.visibility import Prepared, Visibility
+from glpath.radiosity.mesh.mesh import Elements, Int64, blocker_of_triangle
+from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
+from glpath.radiosity.shafts.ends import Emitter, Receivers
+from glpath.radiosity.shafts.options import Statistics
+from glpath.radiosity.shafts.visibility import Prepared, Visibility
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity import lattice
+from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 

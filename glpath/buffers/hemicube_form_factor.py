@@ -85,11 +85,11 @@ class HemicubeFormFactors:
 
 
 def scene_of_elements(scene: Scene, divisions: NDArray[np.int32]) -> Scene:
-    """The scene with the elements of each triangle in its place, in the order of `glpath.radiosity.lattice`.
+    """The scene with the elements of each triangle in its place, in the order of `glpath.radiosity.mesh.lattice`.
 
     divisions : (T,) in how many parts the edges of each triangle are
     """
-    from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
+    from glpath.radiosity.mesh import lattice  # with all of radiosity, which is slow to import
 
     elements = []
     for corners, n in zip(scene.triangles, divisions, strict=True):
@@ -134,7 +134,7 @@ def _differences(corner: Float64) -> Float64:
 
 def _centroids(parts: int) -> Float64:
     """(parts^2, 3) weights of the corners: centroids of the equal parts of a triangle."""
-    from glpath.radiosity import lattice  # with all of radiosity, which is slow to import
+    from glpath.radiosity.mesh import lattice  # with all of radiosity, which is slow to import
 
     b = lattice.vertex_barycentrics(parts)[lattice.element_vertices(parts)].mean(axis=1)
     return np.concatenate([1.0 - b.sum(axis=1, keepdims=True), b], axis=1)

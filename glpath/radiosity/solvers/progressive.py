@@ -19,8 +19,8 @@ from collections.abc import Callable
 import numpy as np
 
 from glpath.kernels import kernel
-from glpath.radiosity.reconstruct import at_corners
-from glpath.radiosity.transport import Transport
+from glpath.radiosity.form_factors.transport import Transport
+from glpath.radiosity.mesh.reconstruct import at_corners
 from glpath.scene.model import Float64
 
 #: Patches that are looked ahead, for other cores to prepare.
