@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.form_factors.form_factor import FormFactors, Kind, ReceiverPoints
+from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Int64, Mesh
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.blockers import Blockers
@@ -79,6 +80,7 @@ class Transport:
             points=options.points,
             together=min(max(1, together), _MOST_TOGETHER),
         )
+        self._lights = DirectLight(scene)
         self._columns: dict[int, Float32] = {}
         self._at = self._receive()
 
@@ -93,6 +95,14 @@ class Transport:
         self.areas = np.bincount(self.patch, areas, minlength=len(self.sides)).astype(np.float64)
         self.share = areas / self.areas[self.patch]
         return at
+
+    def from_lights(self) -> Float64:
+        """(R, 3): irradiance of the elements by lights that are no patches, see `DirectLight`."""
+        return self._lit(self.elements, self._at)
+
+    def _lit(self, sides: Sides, at: ReceiverPoints) -> Float64:
+        triangle = self.mesh.elements.triangle[sides.element]
+        return self._lights.of_sides(sides, triangle, at.lit.points, at.lit.number, at.each)
 
     def mean_of_patches(self, values: Float64) -> Float64:
         """(Q, 3): the mean over each patch of values (R, 3) of its elements."""
@@ -170,6 +180,7 @@ class Transport:
         numbers = np.flatnonzero(fresh)
         new = Sides(*(getattr(self.elements, n)[numbers] for n in Sides.__dataclass_fields__))
         self._at = self.form_factors.receivers(self.mesh.elements, new)
+        now[0, numbers] = self._lit(new, self._at)
         old, self._columns = self._columns, {}
         self._gather(numbers, kept, fresh, shot, now, old)
         self._at = at_all

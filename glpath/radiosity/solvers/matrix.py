@@ -21,12 +21,14 @@ def solve_matrix(transport: Transport) -> Float64:
     count = len(t.sides)
     between = np.zeros((count, count))
     np.add.at(between, t.patch, factors * t.share[:, None])
+    lit = t.from_lights()
+    first = t.sides.emission + t.mean_of_patches(t.elements.reflectance * lit)
     radiosity = np.empty((count, 3))
     for c in range(3):
         system = np.eye(count) - t.sides.reflectance[:, c, None] * between
-        radiosity[:, c] = np.linalg.solve(system, t.sides.emission[:, c])
+        radiosity[:, c] = np.linalg.solve(system, first[:, c])
     exact = factors.astype(np.float64)
-    return np.stack([exact @ t.sides.emission, exact @ (radiosity - t.sides.emission)])
+    return np.stack([lit + exact @ t.sides.emission, exact @ (radiosity - t.sides.emission)])
 
 
 def matrix_bytes(elements: int, patches: int) -> int:

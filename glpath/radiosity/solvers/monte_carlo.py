@@ -22,11 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, blocker_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
 from glpath.radiosity.shafts.blockers import Blockers
 from glpath.radiosity.shafts.rays import nearest, rays_of
+from glpath.radiosity.solution import DIRECT
 from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
@@ -43,10 +45,17 @@ class _Surfaces(NamedTuple):
 
 
 class _Lamps(NamedTuple):
-    """Sides of triangles that emit, the sums of their chances, and the energy of a particle from each."""
+    """Where particles start, the sums of the chances of that, and the energy of a particle from each.
 
+    corners  : (L, 9), corner 0 and the edges to corners 1 and 2
+    triangle : (L,) of the scene, that they are part of; `back` the side of it
+    part     : (L,) 0: what they send is emitted; 1: it is reflected light
+    """
+
+    corners: Float64
     triangle: Int64
     back: Int64
+    part: Int64
     cdf: Float64
     energy: Float64
 
@@ -62,6 +71,7 @@ class Shooting:
                 reflected; at the elements' fronts and backs
     hits      : of particles on surfaces
     open_areas : (2, E) of what is not buried in solids, of both sides
+    lit        : (2, E, 3) irradiance by lights that are no patches, which no particle brings
     """
 
     mesh: Mesh
@@ -81,18 +91,41 @@ class Shooting:
         self._used = used[:, self.mesh.elements.triangle]
         divisions = ones.copy()
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
-        # Emitters by their power; the mean of the channels, so that no coloured light is starved.
-        lamps = np.flatnonzero(sides.emission.any(axis=1))
-        power = sides.emission[lamps] * scene.areas[sides.element[lamps], None]
-        chance = power.mean(axis=1) / power.mean(axis=1).sum()
-        self._lamps = _Lamps(sides.element[lamps], sides.back[lamps], np.cumsum(chance), power / chance[:, None])
         self._rays = rays_of(scene)
+        self.open_areas, self.lit = _open_and_lit(self.mesh)
+        self._lamps = self._find_lamps(sides)
         self._surfaces = _Surfaces(
             scene.normals, side_reflectance(scene), divisions, lattice.starts(lattice.element_count(divisions))
         )
-        self.open_areas = _open_areas(self.mesh)
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
+
+    def _find_lamps(self, sides: Sides) -> _Lamps:
+        """Triangles that emit, and elements that reflect the light of what is no patch."""
+        mesh, scene = self.mesh, self.mesh.scene
+        emitting = np.flatnonzero(sides.emission.any(axis=1))
+        of = sides.element[emitting]
+        # What is reflected of other lights starts on the elements.
+        reflected = side_reflectance(scene)[:, mesh.elements.triangle] * self.lit
+        back, element = np.nonzero(reflected.any(axis=2))
+        points = mesh.elements[element].points(scene, np.eye(3))
+        edges = (points[:, 1:] - points[:, :1]).reshape(-1, 6)
+        power = np.concatenate(
+            [
+                sides.emission[emitting] * scene.areas[of, None],
+                reflected[back, element] * self.open_areas[back, element, None],
+            ]
+        )
+        # By their power; the mean of the channels, so that no coloured light is starved.
+        chance = power.mean(axis=1) / power.mean(axis=1).sum()
+        return _Lamps(
+            corners=np.concatenate([self._rays.corners[of], np.concatenate([points[:, 0], edges], axis=1)]),
+            triangle=np.concatenate([of, mesh.elements.triangle[element]]),
+            back=np.concatenate([sides.back[emitting], back]),
+            part=np.repeat([0, 1], [len(emitting), len(element)]),
+            cdf=np.cumsum(chance),
+            energy=power / chance[:, None],
+        )
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
@@ -115,7 +148,9 @@ class Shooting:
 
     def irradiance(self) -> Float64:
         """(2, 2, E, 3) W m^-2, the estimate so far: direct and indirect, as `flux`."""
-        return self.flux / max(self.particles, 1) / self.open_areas[..., None]
+        found = self.flux / max(self.particles, 1) / self.open_areas[..., None]
+        found[DIRECT] += self.lit
+        return np.asarray(found)
 
     def standard_error(self) -> Float64:
         """(2, E, 3) of both parts of `irradiance` together, from how the batches differ; infinite while there are
@@ -132,15 +167,24 @@ class Shooting:
         return np.asarray(self.irradiance() * self._used[..., None])
 
 
-def _open_areas(mesh: Mesh) -> Float64:
-    """(2, E) areas of what particles can reach; all of an element where they can reach nothing."""
+def _open_and_lit(mesh: Mesh) -> tuple[Float64, Float64]:
+    """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
     blockers = Blockers.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
     solid = blockers.solid[blocker_of_triangle(blockers.parallelogram)]
-    _, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
+    points, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
     share = np.ones((2, len(mesh.elements)))
     share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
-    return share * mesh.areas
+    lit = np.zeros((2, len(mesh.elements), 3))
+    each = points.shape[1]
+    lit[sides.back, sides.element] = DirectLight(mesh.scene).of_sides(
+        sides,
+        mesh.elements.triangle[sides.element],
+        points.reshape(-1, 3),
+        np.repeat(np.arange(len(sides)), each),
+        each,
+    )
+    return share * mesh.areas, lit
 
 
 @inner_kernel
@@ -157,8 +201,10 @@ def _random(state):  # type: ignore[no-untyped-def]
 @kernel
 def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untyped-def]
     """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits."""
-    corners, normals, reflectance = rays.corners, surfaces.normals, surfaces.reflectance
+    corners, normals, reflectance = lamps.corners, surfaces.normals, surfaces.reflectance
     hits = 0
+    if len(lamps.cdf) == 0:
+        return hits
     o, d, w = np.empty(3), np.empty(3), np.empty(3)
     found = np.empty(3)
     state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
@@ -171,9 +217,9 @@ def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untype
         state, v = _random(state)
         root = np.sqrt(u)
         for k in range(3):
-            o[k] = corners[triangle, k] + root * ((1 - v) * corners[triangle, 3 + k] + v * corners[triangle, 6 + k])
+            o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
             w[k] = lamps.energy[which, k]
-        part = 0  # direct, until it is reflected
+        part = lamps.part[which]  # direct, until it is reflected
         while True:
             state = _leave(state, normals[triangle], back, d)
             hit = nearest(rays, o, d, triangle, found)

@@ -30,7 +30,8 @@ _AHEAD = 64
 class Refinement:
     """The state of a progressive solution.
 
-    irradiance : (2, R, 3) H of the elements' sides, W m^-2, by what patches [0] emit, direct, [1] reflect, indirect
+    irradiance : (2, R, 3) H of the elements' sides, W m^-2, by what patches [0] emit, direct, [1] reflect,
+                 indirect; light of what is no patch is direct, and there from the start
     shot       : (2, Q, 3) radiosity that the patches' sides have sent: [0] emitted, [1] reflected
     unshot     : (Q, 3) what they have not yet; below 0 where too much was sent, ahead of time
     steps      : patches that shot
@@ -39,8 +40,10 @@ class Refinement:
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
         self.transport = transport
         self.overshoot = overshoot
-        self.irradiance: Float64 = np.zeros((2, len(transport.elements), 3))
-        self.unshot: Float64 = transport.sides.emission.copy()
+        lit = transport.from_lights()
+        self.irradiance: Float64 = np.stack([lit, np.zeros_like(lit)])
+        first = transport.mean_of_patches(transport.elements.reflectance * lit)
+        self.unshot: Float64 = transport.sides.emission + first
         self.shot: Float64 = np.zeros((2, *self.unshot.shape))
         self.steps = 0
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
@@ -51,8 +54,8 @@ class Refinement:
 
     @property
     def unshot_share(self) -> float:
-        """Energy that has not been sent, as a share of all that is emitted."""
-        return float(self._energy().sum()) / self._emitted
+        """Energy that has not been sent, as a share of all that is emitted, or first reflected of other lights."""
+        return float(self._energy().sum()) / self._emitted if self._emitted > 0 else 0.0
 
     def step(self, energy: Float64 | None = None) -> float:
         """Shoot the largest unshot patch; returns its share of received energy: 1 in a closed room."""

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from glpath.errors import UsageError
+from glpath.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import KINDS, Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
 from glpath.radiosity.memory import available_bytes, require_memory
@@ -137,7 +138,8 @@ def solve_radiosity(
     Parameters
     ----------
     scene      : a file, the name of a shipped scene, or a `Scene`; what path tracing takes: diffuse surfaces of one
-                 colour, lit by shapes with an emission
+                 colour; lit by shapes with an emission, by point, spot and directional lights and the sky.
+                 `ambient` of the scene, which stands for bounces, is left out
     method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes;
                  "monte-carlo", stochastic shooting, for many elements
     patches    : about so many patches, which shoot; at least one per triangle. By default 1000
@@ -321,16 +323,15 @@ def check_options(options: dict[str, object]) -> None:
 def check_solvable(scene: Scene) -> None:
     """Raises SceneError for a scene in triangles that has no solution."""
     place = Place(scene.source or scene.name)
-    others = [light.name for light in scene.lights] + (["sky"] if scene.sky is not None else [])
-    if others:
+    if Lighting.of(scene).dark:
         raise place.error(
-            f"is lit by {', '.join(others[:3])}, which radiosity does not know.",
-            "It distributes the light of shapes with an emission; render the scene with --integrator path.",
+            "has no shape with an emission, no other light and no sky, so that there is no light to distribute.",
+            "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]] or a [sky].",
         )
-    if not any(shape.emits for shape in scene.shapes):
+    if not len(Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))):
         raise place.error(
-            "has no shape with an emission, so that there is no light to distribute.",
-            "Give one an emission, e.g. emission = { radiance = [10, 10, 10] }.",
+            "has no shape that reflects, so that there is nothing to solve.",
+            "Give a material a reflectance above 0.",
         )
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]

@@ -1,0 +1,108 @@
+"""Direct light from what is no patch: irradiance by point, spot and directional lights and by the sky, at points.
+
+What they send is cast to the points ray by ray, and what surfaces reflect of it is what the solvers begin with.
+
+Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky.
+Poor at:  a sky that is seen through small openings, which few of a point's rays go through.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import kernel
+from glpath.lighting import Lighting, incident, sky_radiance
+from glpath.radiosity.mesh.sides import Sides
+from glpath.radiosity.shafts.rays import nearest, rays_of
+from glpath.scene import Scene
+from glpath.scene.model import Float64
+
+Int64 = NDArray[np.int64]
+
+#: Rays from a point to the sky, a square: one in each cell of the unit square that the hemisphere is mapped to.
+SKY_RAYS = 64
+#: Points that are looked at together, so that their rays fit into memory.
+_TOGETHER = 4096
+#: What lies this share of a distance before a light does not count: the light may stand on a surface.
+_NEAR_LIGHT = 1e-9
+
+
+class DirectLight:
+    """The lights of a scene in triangles that are no patches."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.lighting = Lighting.of(scene)
+        self._rays = rays_of(scene) if self else None
+
+    def __bool__(self) -> bool:
+        return bool(self.lighting.punctual) or self.lighting.sky is not None
+
+    def of_sides(self, sides: Sides, triangle: Int64, points: Float64, number: Int64, each: int) -> Float64:
+        """(R, 3) irradiance of sides, W m^-2: the mean over `each` points of all.
+
+        triangle : (R,) of the scene, that a side is part of
+        points   : (P, 3), and the number of the side (P,) that each lies on
+        """
+        if not self:
+            return np.zeros((len(sides), 3))
+        found = self.at(points, sides.normal[number], triangle[number])
+        sums = [np.bincount(number, found[:, c], minlength=len(sides)) for c in range(3)]
+        return np.stack(sums, axis=1) / each
+
+    def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+        """(P, 3) irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
+        parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            found = list(pool.map(lambda i: self._part(i, points[parts[i]], normals[parts[i]], triangle[parts[i]]),
+                                  range(len(parts))))  # fmt: skip
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
+    def _part(self, number: int, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+        total = np.zeros((len(points), 3))
+        for light in self.lighting.punctual:
+            there = incident(light, points)
+            cosine = np.einsum("pi,pi->p", normals, there.wi)
+            lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
+            free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
+            total[lit] += (free * cosine[lit])[:, None] * there.irradiance[lit]
+        if self.lighting.sky is not None:
+            wi = _by_the_cosine(normals, np.random.default_rng(number))
+            free = self._free(points, triangle, wi, np.full(len(points), np.inf))
+            total += np.pi * (free[..., None] * sky_radiance(self.lighting.sky, wi)).mean(axis=1)
+        return total
+
+    def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> NDArray[np.bool_]:
+        end = distance * (1 - _NEAR_LIGHT)
+        return np.asarray(_free(self._rays, points, triangle, np.ascontiguousarray(wi), end))
+
+
+def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
+    """(P, SKY_RAYS, 3) unit directions with density cosine / pi about normals (P, 3), stratified.
+
+    By a point of the unit sphere about the normal's tip.
+    """
+    cells = round(SKY_RAYS**0.5)
+    at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
+    u = (at + random.random((len(normals), cells * cells, 2))) / cells
+    z = 1 - 2 * u[..., 0]
+    r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
+    wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals[:, None]
+    length = np.linalg.norm(wi, axis=-1, keepdims=True)
+    return np.asarray(np.where(length > 1e-9, wi / np.maximum(length, 1e-9), normals[:, None]))
+
+
+@kernel
+def _free(rays, points, triangle, wi, end):  # type: ignore[no-untyped-def]
+    """(P, K) bool: does nothing lie along rays wi (P, K, 3) from points of triangles, up to the end (P,)?"""
+    free = np.empty(wi.shape[:2], np.bool_)
+    found = np.empty(3)
+    for p in range(len(points)):
+        for k in range(wi.shape[1]):
+            hit = nearest(rays, points[p], wi[p, k], triangle[p], found)
+            free[p, k] = hit < 0 or found[0] >= end[p]
+    return free
