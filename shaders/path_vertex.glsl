@@ -39,8 +39,12 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
     vec3 lit = beta * bsdf_eval(b, n, wo, direct.wi) * direct.light * shading_cosine(n, normal, direct.wi);
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
-        if (max(lit.r, max(lit.g, lit.b)) > 0.0) pending_start = vec4(s.position, 1.0);
-        pending_light = lit;
+        // A surface that the light grazes gets little of it, and its paths would crowd out others of their cells.
+        // Twice as flat as for paths that go on: there is one direction, and all of the cells are its own.
+        float chance = min(1.0, 2.0 * dot(normal, direct.wi) * cosine_roulette);
+        bool asks = max(lit.r, max(lit.g, lit.b)) > 0.0 && random_number(path, USE_LIGHT) < chance;
+        if (asks) pending_start = vec4(s.position, 1.0);
+        pending_light = lit / max(chance, 1e-30);
         lit = vec3(0.0);
     }
 #endif

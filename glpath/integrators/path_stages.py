@@ -15,7 +15,9 @@ What is done otherwise than in the paper, and why:
   so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
   alone, as in the paper's equation 5.
 - With "hemisphere", a path that leaves at a flat angle goes on with a chance of the cosine, else it would crowd the
-  cells.
+  cells. So it is with surfaces that parallel light grazes.
+- Point lights see all around, by a cube instead of a hemicube; the shadow of parallel light and of the sky is one
+  scan of a path-buffer along its direction, for the vertices of all paths.
 """
 
 from __future__ import annotations
@@ -251,6 +253,7 @@ class PathStages(ABC):
         last: bool,
     ) -> None:
         """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
+        uniforms = uniforms | {"random_seed": counter_hash(self._settings.seed, index, depth, 5)}
         if last:
             self._end_paths(passes, uniforms)
             return
@@ -260,7 +263,6 @@ class PathStages(ABC):
             | {
                 "next_directions": vectors(self._directions(sample, depth)),
                 "roulette": self._plays_roulette(depth + 1),
-                "random_seed": counter_hash(self._settings.seed, index, depth, 5),
             }
         )
         self._current = 1 - self._current
