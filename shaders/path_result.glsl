@@ -1,5 +1,6 @@
 // path_result.glsl: what a scan found for a path.
 // Needs: path_flight.glsl
+#include "constants.glsl"
 #include "texels.glsl"
 UINT_TEXELS(rgba32ui, path_flights);
 UINT_TEXELS(rgba32ui, cell_slots);
@@ -26,8 +27,8 @@ int path_result(ivec2 path, out float weight)
     float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
 #ifdef PACKED
     if (word >= NOTHING_FOUND) return PATH_MISSED;
-    return int((floatBitsToUint(word) - 0x00800000u) & ((1u << ID_BITS) - 1u));
+    return int((floatBitsToUint(word) - LEAST_NORMAL) & ((1u << ID_BITS) - 1u));
 #else
-    return int(word) - 1;
+    return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - LEAST_NORMAL);
 #endif
 }

@@ -53,12 +53,11 @@ void main()
     bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(least))));
 #if defined(PACKED)
     uvec4 word = (uvec4(min(t, 1.0) * float(DEPTH_LEVELS)) << ID_BITS) | uvec4(triangle_id);
-    // Above the denormals, below the infinities.
-    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + 0x00800000u), hit);
+    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + LEAST_NORMAL), hit);
 #elif defined(NEAREST)
     found = mix(vec4(INFINITE_DEPTH), t, hit);
 #else
     bvec4 nearest = lessThanEqual(t, texel(cell_nearest, cell) * (1.0 + 1e-6) + 2e-7);
-    found = mix(vec4(0.0), vec4(float(triangle_id) + 1.0), bvec4(uvec4(hit) & uvec4(nearest)));
+    found = mix(vec4(0.0), vec4(uintBitsToFloat(triangle_id + LEAST_NORMAL)), bvec4(uvec4(hit) & uvec4(nearest)));
 #endif
 }

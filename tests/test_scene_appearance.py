@@ -50,9 +50,7 @@ def test_a_material_says_how_it_reflects(tmp_path: Path):
     by_name = {material.name: material for material in found.materials}
     assert list(by_name) == ["plain", "shiny", "full", "tiled", "tinted", "default"]
     assert by_name["plain"].reflectance.tolist() == [0.5] * 3
-    assert by_name["plain"].lambertian
     assert by_name["shiny"].specular.tolist() == [0.5] * 3
-    assert not by_name["shiny"].lambertian
     full = by_name["full"]
     assert full.specular.tolist() == [1, 2, 3]
     assert (full.exponent, full.two_sided, full.mirror.tolist()) == (9, False, [0.5] * 3)
@@ -60,7 +58,6 @@ def test_a_material_says_how_it_reflects(tmp_path: Path):
     assert by_name["tiled"].reflectance.tolist() == [1] * 3
     assert by_name["tinted"].reflectance.tolist() == [1, 0.5, 0]
     assert found.textures[by_name["tiled"].texture].name == "tiles"
-    assert not by_name["tiled"].lambertian
 
 
 # --- textures ---

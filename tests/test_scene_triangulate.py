@@ -81,30 +81,45 @@ UNKNOWN = {
     "a mirror": (
         [{**QUAD, "material": "m"}],
         {"materials": {"m": {"type": "phong", "specular": 0, "mirror": 0.5}}},
-        "has textures, highlights and mirrors (m)",
-    ),
-    "a texture": (
-        [{**QUAD, "material": "m"}],
-        {"materials": {"m": {"texture": "t"}}, "textures": {"t": {"type": "checker"}}},
-        "has textures, highlights and mirrors (m)",
+        "has mirrors (m)",
     ),
 }
 
 
 @pytest.mark.parametrize("case", UNKNOWN)
-def test_what_the_path_tracer_does_not_know_is_refused_with_a_remedy(case: str):
+def test_what_the_path_buffer_cannot_render_is_refused_with_a_remedy(case: str):
     shapes, tables, expected = UNKNOWN[case]
     with pytest.raises(SceneError) as error:
         path_traceable(scene(*shapes, **tables))
-    assert str(error.value).startswith(f"scene: {expected}, which the path tracer does not know.")
+    assert str(error.value).startswith(f"scene: {expected}, which the path-buffer cannot render")
     assert "--integrator classic or t-buffer" in error.value.remedy
 
 
 def test_everything_unknown_is_said_in_one_message():
     shiny = [{**QUAD, "material": name} for name in "abcd"]
     ground = {"type": "plane", "normal": [0, 1, 0], "name": "ground"}
-    with pytest.raises(SceneError, match=r"has planes \(ground\), .* mirrors \(a, b, c, ...\), which"):
-        path_traceable(scene(ground, *shiny, materials={name: {"type": "phong"} for name in "abcd"}))
+    with pytest.raises(SceneError, match=r"has planes \(ground\) and mirrors \(a, b, c, ...\), which"):
+        path_traceable(scene(ground, *shiny, materials={name: {"type": "phong", "mirror": 1} for name in "abcd"}))
+
+
+def test_textures_and_highlights_stay():
+    textured = {"m": {"type": "phong", "texture": "t"}}
+    loaded = scene({**QUAD, "material": "m"}, materials=textured, textures={"t": {"type": "checker"}})
+    assert path_traceable(loaded) is loaded
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_a_textured_sphere_has_the_texture_coordinates_of_the_exact_one(flip: bool):
+    ball = {"type": "sphere", "radius": 2.0, "material": "m", "subdivisions": 3, "flip_normals": flip}
+    exact = scene(ball, materials={"m": {"texture": "t"}}, textures={"t": {"type": "checker"}})
+    triangles = path_traceable(exact)
+    unit = triangles.triangles @ np.linalg.inv(exact.spheres[0, :, :3]).T
+    uv = triangles.triangle_uv
+    assert np.ptp(uv[..., 0], axis=1).max() < 0.51  # no triangle spans the seam
+    away = np.hypot(unit[..., 0], unit[..., 1]) > 1e-6
+    u = np.arctan2(unit[..., 1], unit[..., 0]) / (2 * np.pi)
+    assert np.abs((uv[..., 0] - u + 0.5) % 1.0 - 0.5)[away].max() < 1e-9
+    assert np.abs(uv[..., 1] - 0.5 - np.arcsin(np.clip(unit[..., 2], -1, 1)) / np.pi).max() < 1e-9
 
 
 def test_every_kind_of_light_stays():
@@ -114,11 +129,11 @@ def test_every_kind_of_light_stays():
 
 
 def test_materials_that_no_shape_has_do_not_matter():
-    loaded = scene(QUAD, materials={"m": {"type": "phong"}})
+    loaded = scene(QUAD, materials={"m": {"type": "phong", "mirror": 0.5}})
     assert path_traceable(loaded) is loaded
 
 
 def test_too_many_triangles_are_refused_before_they_are_made():
-    balls = [{"type": "sphere", "radius": 1.0, "subdivisions": 8}] * 13
-    with pytest.raises(SceneError, match=r"13 spheres would be 17,039,360 triangles.* at most 16,777,215"):
+    balls = [{"type": "sphere", "radius": 1.0, "subdivisions": 8}] * 103
+    with pytest.raises(SceneError, match=r"103 spheres would be 135,004,160 triangles.* at most 134,217,728"):
         path_traceable(scene(*balls))

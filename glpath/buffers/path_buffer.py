@@ -38,7 +38,7 @@ MAX_PATHS = 1 << 20
 MAX_PACKED_BITS = 13
 _EPOCHS = 4095
 # As constants.glsl has it.
-_INFINITE_DEPTH = 1e30
+_INFINITE_DEPTH, _LEAST_NORMAL = 1e30, np.uint32(0x00800000)
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 #: `path_report.frag` and `path_result.glsl` say the same.
@@ -348,13 +348,13 @@ class PathBuffer:
         empty = z0 >= _INFINITE_DEPTH
         if self.packed:
             missed = found >= np.float32(3e38)
-            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - np.uint32(0x00800000)
+            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - _LEAST_NORMAL
             triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
             depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
             depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
         else:
             missed = found == 0
-            triangle = found.astype(np.int32) - 1
+            triangle = np.where(missed, 0, found.view(np.uint32) - _LEAST_NORMAL).astype(np.int32)
             depth = self._read_cells(self._textures["cell_nearest"])
         return Cells(
             np.where(empty, np.float32(np.nan), (z0 - np.float32(0.5)) * diameter),

@@ -56,7 +56,7 @@ class Texture:
 
 @dataclass(frozen=True)
 class Material:
-    """Lambertian reflection, and with it what the ray tracer knows: Phong's highlight and a mirror [TB IV].
+    """Lambertian reflection, Phong's highlight and a mirror [TB IV]; the mirror is the ray tracers' alone.
 
     reflectance : (3,) float64 in [0, 1], linear Rec. 709
     two_sided   : False makes the back black (it still blocks light)
@@ -73,11 +73,6 @@ class Material:
     exponent: float = 32.0
     mirror: Float64 = field(default_factory=lambda: np.zeros(3))
     texture: int | None = None
-
-    @property
-    def lambertian(self) -> bool:
-        """Nothing but diffuse reflection of one colour, all that the path tracer knows."""
-        return self.texture is None and not (np.any(self.specular > 0) or np.any(self.mirror > 0))
 
 
 @dataclass(frozen=True)

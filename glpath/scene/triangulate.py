@@ -12,8 +12,8 @@ from glpath.scene.model import Scene
 from glpath.scene.place import Place
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
-# A float on the GPU holds a triangle's number.
-MOST_TRIANGLES = 2**24 - 1
+# Some ten gigabytes on the device; nobody means that many.
+MAX_TRIANGLES = 2**27
 
 _LISTED = 3
 
@@ -87,9 +87,9 @@ def _check_number(scene: Scene) -> None:
     for shape in scene.shapes:
         if shape.primitive == "sphere":
             count += shape.count * 20 * 4**shape.subdivisions
-    if count > MOST_TRIANGLES:
+    if count > MAX_TRIANGLES:
         raise SceneError(
             f"{scene.source or scene.name}: {len(scene.spheres):,} spheres would be {count:,} triangles; the path "
-            f"tracer takes at most {MOST_TRIANGLES:,}.",
+            f"tracer takes at most {MAX_TRIANGLES:,}.",
             "Give the spheres fewer `subdivisions`, or render with --integrator classic or t-buffer.",
         )
