@@ -89,3 +89,47 @@ def test_a_mirror_is_refused_by_name():
     scene = scene_of({"type": "phong", "mirror": 0.5}, BOX)
     with pytest.raises(glpath.SceneError, match=r"mirrors \(it\)"):
         glpath.render(scene, spp=1)
+
+
+def room_of(wall: dict[str, Any], **more: Any) -> Scene:
+    """A closed room with a lamp below its ceiling."""
+    return scene_from_dict(
+        {
+            "camera": {"position": [0, 0, 0.9], "target": [0, -0.3, -1], "fov": 70},
+            "film": {"resolution": [32, 24]},
+            "materials": {"wall": wall},
+            "shapes": [
+                {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 1], "flip_normals": True, "material": "wall"},
+                {
+                    "type": "quad",
+                    "corners": [[-0.3, 0.99, -0.3], [0.3, 0.99, -0.3], [0.3, 0.99, 0.3], [-0.3, 0.99, 0.3]],
+                    "emission": {"radiance": 10},
+                },
+            ],
+            **more,
+        }
+    )
+
+
+def test_a_gather_takes_a_texture_of_one_colour_for_that_colour():
+    colour = [0.5, 0.25, 0.75]
+    textures = {"one": {"type": "checker", "colors": [colour, colour]}}
+    films = [
+        glpath.render(scene, integrator="gather", spp=4)
+        for scene in (room_of({"reflectance": colour}), room_of({"texture": "one"}, textures=textures))
+    ]
+    np.testing.assert_allclose(films[0].mean, films[1].mean, rtol=1e-5)
+
+
+def test_a_gather_shows_a_texture_as_sharp_as_path_tracing_does():
+    textures = {"squares": {"type": "checker", "colors": [0.7, 0.1], "scale": 2}}
+    scene = room_of({"texture": "squares"}, textures=textures)
+    gather = glpath.render(scene, integrator="gather", spp=128).mean
+    path = glpath.render(scene, spp=128, max_depth=9, seed=1).mean
+    assert gather.mean() == pytest.approx(path.mean(), rel=0.02)
+    assert relative_mse(gather, path) < 4e-3
+
+
+def test_radiosity_refuses_a_highlight_by_name():
+    with pytest.raises(glpath.SceneError, match=r"materials\.wall\.specular"):
+        glpath.solve_radiosity(room_of({"type": "phong", "specular": 0.5}))

@@ -335,13 +335,18 @@ def check_solvable(scene: Scene) -> None:
         )
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        if np.any(material.reflectance >= 1):
+        here = place.field("materials").field(material.name)
+        if np.any(material.specular > 0):
+            raise here.field("specular").wrong(
+                material.specular,
+                "0 for radiosity, which knows diffuse reflection alone",
+                "Render the scene with --integrator path, or leave the highlight out.",
+            )
+        reflectance = scene.mean_reflectance(material)
+        if np.any(reflectance >= 1):
             raise (
-                place.field("materials")
-                .field(material.name)
-                .field("reflectance")
-                .wrong(
-                    material.reflectance,
+                here.field("reflectance").wrong(
+                    reflectance,
                     "below 1 for radiosity",
                     "Between surfaces that reflect all light it never dies out: 0.9 is very white.",
                 )
