@@ -14,7 +14,9 @@ from typer.testing import CliRunner
 from glpath.cli.main import app
 from glpath.figures import path_buffer
 from glpath.figures.mesh_step import mesh_step
-from glpath.radiosity import RadiositySolution, lattice
+from glpath.radiosity import RadiositySolution
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene, load_scene
 from glpath.scene.room import POSTS
@@ -63,13 +65,14 @@ def box() -> Scene:
 
 
 def solution_of(scene: Scene, n: int, elements: np.ndarray, vertices: np.ndarray) -> RadiositySolution:
+    """A solution by what fronts reflect at the elements and at the vertices, a half of it direct light."""
     count = len(scene.triangles)
-    return RadiositySolution(
-        scene.digest(camera=False),
-        np.full(count, n),
-        np.broadcast_to(elements.reshape(-1, 1), (2, len(elements), 3)),
-        np.broadcast_to(vertices.reshape(-1, 1), (2, len(vertices), 3)),
-    )
+    front = side_reflectance(scene)[0]
+    values = [
+        np.tile(0.5 * reflected[:, None] / np.repeat(front, len(reflected) // count, axis=0), (2, 2, 1, 1))
+        for reflected in (elements, vertices)
+    ]
+    return RadiositySolution(scene.digest(camera=False), np.full(count, n), *values)
 
 
 def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):

@@ -17,7 +17,8 @@ import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
 from glpath.cli.main import app
 from glpath.cli.radiosity import _reporting
-from glpath.radiosity import RadiosityInterrupted, RadiosityProgress, solve
+from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
+from glpath.radiosity.solvers import solve
 
 
 def run(*arguments):
@@ -98,7 +99,7 @@ def test_ctrl_c_keeps_what_was_solved(tmp_path):
         (["radiosity", "cornell-box-36", "-o", "s.npz", "--progress", "loud"], 2, "no such choice"),
         (["radiosity", "furnace", "-D", "reflectance=1", "-o", "s.npz"], 1, "below 1 for radiosity"),
         (["radiosity", "furnace", "-D", "radiance=0", "-o", "s.npz"], 1, "no shape with an emission"),
-        (["radiosity", "three-spheres", "-o", "s.npz"], 1, "does not know"),
+        (["radiosity", "three-spheres", "-o", "s.npz"], 1, "cannot render"),
         (["bake", "cornell-box-36", "-o", "s.obj"], 2, "written as .glb"),
         (["bake", "cornell-box-36", "-o", "s.glb", "--exposure", "1e9"], 2, "-100 to 100"),
         (["bake", "cornell-box-36", "-o", "s.glb", "--radiosity", "none.npz"], 1, "no such file"),
