@@ -252,7 +252,7 @@ class Scene:
         >>> from glpath import load_scene
         >>> ball = {"type": "sphere", "center": [0.3, -0.2, 0.4], "radius": 0.2}
         >>> load_scene("cornell-box-36").add(ball, material={"reflectance": [0.2, 0.4, 0.8]})
-        <Scene cornell-box-36: 36 triangles, 1 sphere, 9 shapes, 5 materials, 1 light, 256 x 256>
+        <Scene cornell-box-36: 36 triangles, 1 sphere, 9 shapes, 4 materials, 1 light, 256 x 256>
         """
         from glpath.scene.from_python import added  # which imports this module
 
