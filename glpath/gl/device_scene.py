@@ -74,8 +74,8 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     "image": {"SIZE": "of a texture: its first row in texture_texels; width; height; 1 where it is filtered"},
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff"},
 }
-#: A primitive's number + 1 is at most this: buffers hold it in 32 bits.
-MAX_PRIMITIVES = 2**31 - 2
+#: A primitive's number + 1 is at most this: of 32 bits the T-buffer keeps two to tell how sure it is.
+MAX_PRIMITIVES = 2**30 - 2
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
 _ROUND = 1e-12
 
