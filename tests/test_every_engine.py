@@ -1,0 +1,35 @@
+"""Every engine renders every shipped scene, or says by name what it cannot."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.integrators.settings import Integrator
+from glpath.scene import shipped_scenes
+
+#: What an engine says instead, by scene.
+REFUSED = {
+    ("path", "three-spheres"): "planes (ground) and mirrors (ground, ball, blue",
+    ("gather", "three-spheres"): "planes (ground) and mirrors (ground, ball, blue",
+}
+
+
+@pytest.mark.filterwarnings("ignore:The scene's ambient light:glpath.SceneWarning")
+@pytest.mark.parametrize("engine", get_args(Integrator))
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_every_engine_renders_every_shipped_scene_or_says_what_it_cannot(name: str, engine: Any):
+    options: dict[str, Any] = {"integrator": engine, "spp": 2, "resolution": (24, 18)}
+    refusal = REFUSED.get((engine, name))
+    if refusal:
+        with pytest.raises(glpath.SceneError) as error:
+            glpath.render(name, **options)
+        assert refusal in error.value.message
+        assert "--integrator" in error.value.remedy
+        return
+    film = glpath.render(name, **options)
+    assert np.isfinite(film.mean).all()
+    assert film.mean.max() > 0
