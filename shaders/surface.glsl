@@ -69,11 +69,12 @@ vec3 shading_normal(Surface s, bool front, vec3 wo)
 }
 
 // By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
-// faces wi.
+// faces wi. Light from between the two planes is lost: of a uniform surrounding (1 + cos of the angle between the
+// normals) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
 float shading_cosine(vec3 n, vec3 normal, vec3 wi)
 {
 #ifdef HAS_NORMALS
-    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6);
+    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6) * (2.0 / (1.0 + max(dot(n, normal), 0.0)));
 #else
     return 1.0;
 #endif

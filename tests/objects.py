@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -62,3 +63,12 @@ def scene_of(
     parts += [("plane", each) for each in p]
     shapes = [Shape(f"shape-{i}", what, i % len(materials), where[None]) for i, (what, where) in enumerate(parts)]
     return Scene("test", view or camera(), Shapes(shapes), tuple(materials), **fields)  # type: ignore[arg-type]
+
+
+def flat(scene: Scene) -> Scene:
+    """A scene in triangles without the normals of its vertices, as the references of the tests shade it."""
+    shapes = [
+        replace(s, geometry=replace(s.geometry, normals=None)) if isinstance(s.geometry, Mesh) else s
+        for s in scene.shapes
+    ]
+    return replace(scene, shapes=Shapes(shapes))

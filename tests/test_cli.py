@@ -215,8 +215,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert call.pop("scene").shapes[0].emission.tolist() == [2, 2, 2]
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
-    unused += ("radiosity", "radiosity_lookup")
-    assert [call.pop(name) for name in unused] == [None] * 7
+    unused += ("radiosity", "radiosity_lookup", "light_samples")
+    assert [call.pop(name) for name in unused] == [None] * 8
     assert call == {
         "integrator": "path",
         "spp": 32,

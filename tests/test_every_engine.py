@@ -14,6 +14,7 @@ from glpath.scene import shipped_scenes
 #: What an engine says instead, by scene.
 REFUSED = {
     ("path", "three-spheres"): "planes (ground) and mirrors (ground, ball, blue",
+    ("gather", "stacked"): "materials.red.specular",
     ("gather", "three-spheres"): "planes (ground) and mirrors (ground, ball, blue",
 }
 

@@ -1,4 +1,4 @@
-"""The bits of a dozen films, all engines: nothing inside may move a picture unnoticed.
+"""The bits of some films, all engines: nothing inside may move a picture unnoticed.
 
 Bits are those of one device; `tests/data/film_hashes.json` has them by its name, and on another one there is
 nothing to compare with. Where a change moves a picture on purpose, `python -m tests.test_film_hashes` writes the
@@ -22,7 +22,31 @@ STORED = Path(__file__).parent / "data" / "film_hashes.json"
 
 SMALL = {"resolution": (48, 36), "spp": 4}
 
+#: Every kind of light, a texture, a highlight and a smooth sphere.
+MIXED: dict[str, object] = {
+    "camera": {"position": [0, 2.2, 4.5], "target": [0, 0.4, 0], "fov": 35},
+    "textures": {"squares": {"type": "checker", "colors": [[0.8, 0.3, 0.2], [0.1, 0.2, 0.6]], "scale": 4}},
+    "materials": {
+        "floor": {"texture": "squares"},
+        "ball": {"type": "phong", "reflectance": [0.3, 0.3, 0.1], "specular": 0.5, "exponent": 60},
+    },
+    "sky": {"zenith": [0.2, 0.3, 0.5], "horizon": 0.5},
+    "shapes": [
+        {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]], "material": "floor"},
+        {"type": "sphere", "center": [0.6, 0.5, 0.3], "radius": 0.5, "material": "ball"},
+        {"type": "box", "min": [-0.9, 2, -0.9], "max": [0.1, 2.1, -0.2], "emission": {"radiance": 3}},
+    ],
+    "lights": [
+        {"type": "point", "position": [1.2, 2.5, 1.5], "intensity": 12},
+        {"type": "spot", "position": [-2, 3, 2], "target": [0, 0, 0], "intensity": 30},
+        {"type": "directional", "direction": [1, -1, -0.3], "irradiance": [0.8, 0.7, 0.5]},
+    ],
+}
+
 FILMS: dict[str, dict[str, object]] = {
+    "path-mixed": {"scene": MIXED, "max_depth": 3, "resolution": (48, 36), "spp": 16},
+    "t-buffer-mixed": {"scene": MIXED, "integrator": "t-buffer", **SMALL},
+    "t-buffer-cornell-box": {"scene": "cornell-box", "integrator": "t-buffer", **SMALL},
     "path-cornell-box": {"scene": "cornell-box", **SMALL},
     "path-cornell-box-36-depth-1": {"scene": "cornell-box-36", "max_depth": 1, **SMALL},
     "path-cornell-box-36-hemisphere": {"scene": "cornell-box-36", "directions": "hemisphere", "seed": 3, **SMALL},

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from objects import flat
 from reference.closed_forms import furnace_radiance
 from reference.numpy_path_tracer import nearest_hits
 
@@ -117,7 +118,7 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int)
 @pytest.mark.parametrize("lookup", ["interpolated", "constant"])
 def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any) -> None:
     """In the dark, with a solution of random values, on both sides of everything and meshes of any fineness."""
-    scene = path_traceable(room())
+    scene = flat(path_traceable(room()))
     solution = solution_of(scene, np.random.default_rng(2).integers(1, 9, len(scene.triangles)))
     gl = get_context().gl
     # Cells enough that no path loses its roulette.
@@ -138,7 +139,7 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any)
 
 
 def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
-    scene = path_traceable(room(size=16))
+    scene = flat(path_traceable(room(size=16)))
     scene = replace(scene, materials=tuple(replace(m, two_sided=True) for m in scene.materials))
     # Whatever the surface, so much is reflected.
     irradiance = np.array([1.0, 2.0, 3.0]) / side_reflectance(scene)

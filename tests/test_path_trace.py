@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from objects import flat
 from reference.closed_forms import (
     facing_plates_radiance,
     furnace_radiance,
@@ -52,11 +53,11 @@ def rectangle(x: float, y: float, z: float, *, up: bool, **more: Any) -> dict[st
 
 
 def assert_mean_within_its_error(film: glpath.Film, truth: float) -> None:
-    """The mean of the picture, within four standard errors as its own batches tell them, and these small."""
+    """The mean of the picture, within its error as its own eight batches tell it (99.9 % of Student's t), and small."""
     batches = film.radiance_sums.mean(axis=(1, 2, 3)) / film.batch_counts
     error = batches.std(ddof=1) / np.sqrt(len(batches))
     assert error < 0.03 * truth
-    assert abs(film.mean.mean() - truth) < 4 * error + 1e-6
+    assert abs(film.mean.mean() - truth) < 5.4 * error + 1e-6
 
 
 # Closed forms.
@@ -201,7 +202,7 @@ def test_a_small_slow_tracer_agrees(scene: Scene, depth: int, ambient: float) ->
 def test_a_convex_shape_throws_no_shadow_on_itself() -> None:
     lamp = rectangle(1.5, 4.0, 1.5, up=False, material="black", emission={"radiance": 4.0})
     ball = {"type": "sphere", "center": [0, 0, 0], "radius": 1.0, "subdivisions": 3, "material": "half"}
-    scene = scene_of([lamp, ball], (0, 3.0, 1.8), (0, 0.5, 0), fov=24, size=48)
+    scene = flat(scene_of([lamp, ball], (0, 3.0, 1.8), (0, 0.5, 0), fov=24, size=48))
     film = glpath.render(scene, spp=256, max_depth=1)
     checked = 0
     tracer_index = eye_triangles(scene)

@@ -88,7 +88,8 @@ def test_any_light_will_do():
     assert warnings_of(BALL, lights=[], ambient=0.1) == []
     assert warnings_of({**BALL, "emission": {"radiance": 1}}, lights=[]) == []
     for dark in ([], [{**LAMP, "intensity": 0}]):
-        (warning,) = warnings_of(BALL, lights=dark, sky={"zenith": 1})
+        assert warnings_of(BALL, lights=dark, sky={"zenith": 1}) == []
+        (warning,) = warnings_of(BALL, lights=dark)
         assert "No shape emits light, and there is no other light: the picture will be black." in warning
         assert "[[lights]]" in warning
 
