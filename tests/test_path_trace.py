@@ -53,7 +53,7 @@ def rectangle(x: float, y: float, z: float, *, up: bool, **more: Any) -> dict[st
 
 
 def assert_mean_within_its_error(film: glpath.Film, truth: float) -> None:
-    """The mean of the picture, within its error as its own eight batches tell it (99.9 % of Student's t), and small."""
+    """The mean of the image, within its error as eight batches tell it (99.9 % of Student's t), and that small."""
     batches = film.radiance_sums.mean(axis=(1, 2, 3)) / film.batch_counts
     error = batches.std(ddof=1) / np.sqrt(len(batches))
     assert error < 0.03 * truth
