@@ -12,11 +12,10 @@ from test_film_hashes import film_of
 from typer.testing import CliRunner
 
 import glpath.cli.devices as devices_cli
-from glpath.gl import limits
+from glpath.gl import limits, llvmpipe
 from glpath.gl.context import get_context
 from glpath.gl.limits import IMAGE_LIMITS, LIMITS, Found, Limit
 from glpath.gl.passes import Dispatch, Pass
-from glpath.gl.program import texels_are_images
 
 #: OpenGL 4.3, tables 23.53 to 23.72: the least that every device has.
 GUARANTEED = {
@@ -91,7 +90,7 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
     assert max(d.clip_distances for d in draws) == needed["GL_MAX_CLIP_DISTANCES"]
     assert max(d.samplers + d.images for d in draws) <= needed["GL_MAX_TEXTURE_IMAGE_UNITS"]
     assert max(d.images for d in draws) <= needed["GL_MAX_IMAGE_UNITS"]
-    if texels_are_images(get_context().gl):  # then fragment shaders have hardly a sampler
+    if llvmpipe.is_spoken(get_context().gl):  # then fragment shaders have hardly a sampler
         assert max(d.samplers for d in draws) <= needed["GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS"]
     assert max(d.samplers + d.images for d in dispatches) <= needed["GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS"]
     assert max(len(d.buffers) for d in draws) <= needed["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"]

@@ -9,8 +9,8 @@ from __future__ import annotations
 import ctypes
 from typing import NamedTuple
 
+from glpath.gl import llvmpipe
 from glpath.gl.context import Context
-from glpath.gl.program import texels_are_images
 
 
 class Limit(NamedTuple):
@@ -65,7 +65,7 @@ def device_limits(context: Context) -> dict[str, Found]:
     context.use()
     get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
     found = {}
-    for name, limit in (LIMITS | (IMAGE_LIMITS if texels_are_images(context.gl) else {})).items():
+    for name, limit in (LIMITS | (IMAGE_LIMITS if llvmpipe.is_spoken(context.gl) else {})).items():
         value = ctypes.c_int(0)
         get(limit.number, ctypes.byref(value))
         found[name] = Found(value.value, limit.needed, limit.use)

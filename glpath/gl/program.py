@@ -8,25 +8,21 @@ says `#include <NAME>` for NAME in the `generated` mapping.
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
 import moderngl
 
 from glpath.errors import ShaderError
+from glpath.gl import llvmpipe
 
-TEXELS = ("auto", "image", "fetch")
 GLSL_VERSION = "#version 430 core"
 
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
 
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
-# See shaders/texels.glsl.
-_TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
-_IMAGE = "_as_image"
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
 
@@ -54,11 +50,17 @@ def forget_programs(gl: moderngl.Context) -> None:
 class Source:
     """One flattened shader and the table that leads its lines back to files."""
 
-    def __init__(self, name: str, generated: Mapping[str, str], defines: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        name: str,
+        generated: Mapping[str, str],
+        defines: Mapping[str, object],
+        rewrites: Sequence[Callable[[str], str]] = (),
+    ) -> None:
         self.name = name
         self.files: list[str] = []
         self._generated = generated
-        self._defines = defines
+        self._rewrites = rewrites
         self._seen: set[str] = set()
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
@@ -77,13 +79,13 @@ class Source:
         out = [f"#line 1 {number}"]
         for i, line in enumerate(text.splitlines(), start=1):
             match = _INCLUDE.match(line)
-            texels = _TEXELS.match(line)
-            if texels and "TEXELS_ARE_IMAGES" in self._defines:
-                # One name cannot be an image in the fragment shader and a sampler in the vertex shader of a
-                # program.
-                out.append(f"#define {texels['name']} {texels['name']}{_IMAGE}")
             if not match:
-                out.append(line)
+                rewritten = line
+                for rewrite in self._rewrites:
+                    rewritten = rewrite(rewritten)
+                out.append(rewritten)
+                if rewritten is not line:
+                    out.append(f"#line {i + 1} {number}")
                 continue
             if match["generated"]:
                 key = match["generated"]
@@ -129,7 +131,7 @@ class Program:
             if not isinstance(member, moderngl.Uniform):
                 continue
             if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
-                unit = self.images[name.removesuffix(_IMAGE)] = len(self.images)
+                unit = self.images[llvmpipe.uniform_name(name)] = len(self.images)
                 # moderngl can set the unit of an image of floats only; it is the same call.
                 member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
                 member.value = unit
@@ -158,17 +160,6 @@ class Program:
             self._values[name] = value
 
 
-def texels_are_images(gl: moderngl.Context) -> bool:
-    """Which of the two ways of texels.glsl: by the renderer, or as GLPATH_TEXELS says, so that tests run both."""
-    chosen = os.environ.get("GLPATH_TEXELS") or "auto"
-    if chosen not in TEXELS:
-        raise ShaderError(
-            f"GLPATH_TEXELS: there is no {chosen!r}; allowed are {', '.join(TEXELS)}", "unset GLPATH_TEXELS"
-        )
-    renderer = str(gl.info["GL_RENDERER"])
-    return chosen == "image" or (chosen == "auto" and renderer.startswith("llvmpipe"))
-
-
 def load_program(
     gl: moderngl.Context,
     *,
@@ -193,32 +184,71 @@ def load_program(
     ShaderError : with the driver's log, in which each place is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
-    fetch_defines = {"TEXELS_ARE_IMAGES": 1} if texels_are_images(gl) else {}
-    sources = {
-        k: Source(v, generated or {}, dict(defines or {}) | (fetch_defines if k != "vertex_shader" else {}))
-        for k, v in stages.items()
-        if v
-    }
-    label = "+".join(s.name for s in sources.values())
+    stages = {stage: name for stage, name in stages.items() if name}
+    ways: tuple[_Sources, ...] = (_plain,)
+    if llvmpipe.is_spoken(gl):
+        # The first may ask for more than the driver has.
+        ways = (_llvmpipe_handed_on, _llvmpipe) if vertex == llvmpipe.FULLSCREEN else (_llvmpipe,)
     compiled = _compiled.setdefault(gl, {})
-    key = tuple(s.text for s in sources.values())
-    if key in compiled:
+    for way in ways:
+        sources = way(stages, generated or {}, dict(defines or {}))
+        key = tuple(source.text for source in sources.values())
+        if key not in compiled:
+            try:
+                compiled[key] = _compile(gl, sources)
+            except ShaderError:
+                if way is not ways[-1]:
+                    continue
+                raise
         return compiled[key]
-    try:
-        if compute:
-            program = Program(gl.compute_shader(sources["compute_shader"].text), label)
+    raise AssertionError("the last way compiles or raises")
+
+
+_Sources = Callable[[Mapping[str, str], Mapping[str, str], Mapping[str, object]], dict[str, "Source"]]
+
+
+def _plain(
+    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
+) -> dict[str, Source]:
+    return {stage: Source(name, generated, defines) for stage, name in stages.items()}
+
+
+def _llvmpipe(
+    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
+) -> dict[str, Source]:
+    images = {**defines, "TEXELS_ARE_IMAGES": 1}
+    sources = {}
+    for stage, name in stages.items():
+        if stage == "vertex_shader":  # it need not have images
+            sources[stage] = Source(name, generated, defines)
         else:
-            program = Program(
-                gl.program(
-                    vertex_shader=sources["vertex_shader"].text, fragment_shader=sources["fragment_shader"].text
-                ),
-                label,
-            )
+            early = (llvmpipe.fetch_at_start,) if stage == "compute_shader" else ()
+            sources[stage] = Source(name, generated, images, (llvmpipe.image_texels, *early))
+    return sources
+
+
+def _llvmpipe_handed_on(
+    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
+) -> dict[str, Source]:
+    handed = llvmpipe.HandedOn(defines)
+    images = {**defines, "TEXELS_ARE_IMAGES": 1}
+    rewrites = (llvmpipe.image_texels, handed.fragment)
+    fragment = Source(stages["fragment_shader"], generated, images, rewrites)
+    vertex = Source(stages["vertex_shader"], generated, defines)
+    vertex.text = handed.vertex(vertex.text)
+    return {"vertex_shader": vertex, "fragment_shader": fragment}
+
+
+def _compile(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
+    label = "+".join(source.name for source in sources.values())
+    try:
+        if "compute_shader" in sources:
+            return Program(gl.compute_shader(sources["compute_shader"].text), label)
+        vertex, fragment = sources["vertex_shader"], sources["fragment_shader"]
+        return Program(gl.program(vertex_shader=vertex.text, fragment_shader=fragment.text), label)
     except moderngl.Error as error:
         log = str(error)
         # moderngl heads its message with the stage that failed; the file numbers are that stage's own.
         failed = next((s for k, s in sources.items() if k in log.lower()), None)
         text = failed.explain(log) if failed else log
         raise ShaderError(f"{label}: the driver refuses the shader\n{text.strip()}") from None
-    compiled[key] = program
-    return program

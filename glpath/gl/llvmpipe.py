@@ -1,0 +1,106 @@
+"""What Mesa's llvmpipe (22.3) wants said otherwise in a shader: the same numbers, fetched more cheaply.
+
+- It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
+  `shaders/texels.glsl` is the GLSL of that.
+- It fetches a uniform lane by lane, some 30 instructions a component: in a fragment shader everywhere, in others
+  within a branch or a loop, as the first lane may be idle there. A flat input of a fragment shader costs one or two,
+  and so does what a compute shader has fetched at its start.
+
+The functions here rewrite shaders line by line; `program` has them do so where this dialect is spoken.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+
+import moderngl
+
+from glpath.errors import ShaderError
+
+TEXELS = ("auto", "image", "fetch")
+#: The vertex shader of passes over all texels: of its three vertices nobody counts the outputs.
+FULLSCREEN = "fullscreen.vert"
+
+_IMAGE = "_as_image"
+_TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
+_UNIFORM = re.compile(
+    r"^\s*uniform (?P<type>float|u?int|[iu]?vec[234]) (?P<name>\w+)(?P<array>\[(?P<size>\w+)\])?;"
+)
+
+Rewrite = Callable[[str], str]
+
+
+def is_spoken(gl: moderngl.Context) -> bool:
+    """By the renderer, or as GLPATH_TEXELS says, so that tests run both ways."""
+    chosen = os.environ.get("GLPATH_TEXELS") or "auto"
+    if chosen not in TEXELS:
+        raise ShaderError(
+            f"GLPATH_TEXELS: there is no {chosen!r}; allowed are {', '.join(TEXELS)}", "unset GLPATH_TEXELS"
+        )
+    renderer = str(gl.info["GL_RENDERER"])
+    return chosen == "image" or (chosen == "auto" and renderer.startswith("llvmpipe"))
+
+
+def uniform_name(name: str) -> str:
+    """Of an image as the driver calls it, the name of the texels."""
+    return name.removesuffix(_IMAGE)
+
+
+def image_texels(line: str) -> str:
+    """Texels as images; one name cannot be an image in a fragment shader and a sampler in the vertex shader."""
+    texels = _TEXELS.match(line)
+    return f"#define {texels['name']} {texels['name']}{_IMAGE}\n{line}" if texels else line
+
+
+def fetch_at_start(line: str) -> str:
+    """A uniform as a global variable with its value: fetched before any branch.
+
+    The maximum changes no value; a plain copy would be fetched where it is used.
+    """
+    uniform = _UNIFORM.match(line)
+    if not uniform or uniform["array"] or "u" in uniform["type"]:
+        return line
+    name, kind = uniform["name"], uniform["type"]
+    least = "-2147483647" if kind.startswith("i") else "-3e38"
+    return f"{line}\n{kind} {name}_at_start = max({name}, {least});\n#define {name} {name}_at_start"
+
+
+class HandedOn:
+    """Uniforms of a fragment shader, handed on by the vertex shader as flat inputs.
+
+    Rewrites the lines of the fragment shader and keeps what it found for `vertex`, which rewrites the text of the
+    other. Arrays are handed on where `defines` knows their size; where there are more than flat inputs may be, the
+    driver refuses to link.
+    """
+
+    def __init__(self, defines: Mapping[str, object]) -> None:
+        self._defines = defines
+        self._found: dict[str, tuple[str, str]] = {}
+
+    def fragment(self, line: str) -> str:
+        uniform = _UNIFORM.match(line)
+        if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
+            return line
+        name, kind, array = uniform["name"], uniform["type"], uniform["array"] or ""
+        self._found[name] = (kind, array)
+        return f"flat in {kind} {name}_handed_on{array};\n#define {name} {name}_handed_on"
+
+    def vertex(self, text: str) -> str:
+        outputs = [
+            f"uniform {kind} {name}{array};\nflat out {kind} {name}_handed_on{array};"
+            for name, (kind, array) in self._found.items()
+        ]
+        copies = [f"    {name}_handed_on = {name};" for name in self._found]
+        return "\n".join(
+            [
+                text.replace("void main()", "void place()"),
+                *outputs,
+                "void main()",
+                "{",
+                "    place();",
+                *copies,
+                "}",
+            ]
+        )
