@@ -3,8 +3,8 @@
 - It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
   `shaders/texels.glsl` is the GLSL of that.
 - It fetches a uniform lane by lane, some 30 instructions a component: in a fragment shader everywhere, in others
-  within a branch or a loop, as the first lane may be idle there. A flat input of a fragment shader costs one or two,
-  and so does what a compute shader has fetched at its start.
+  within a branch or a loop, as the first lane may be idle there. A flat input of a fragment shader costs one or
+  two, and so does what a compute shader has fetched at its start.
 
 The functions here rewrite shaders line by line; `program` has them do so where this dialect is spoken.
 """

@@ -68,24 +68,31 @@ class Refinement:
             # What it will reflect if the rest spreads evenly, which it can send at once (Feda & Purgathofer 1992).
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
-        self.unshot[side] -= sent
-        # Emission goes out whole, the first time; all else is reflected.
-        emitted = t.sides.emission[side] - self.shot[0, side]
-        received = 0.0
-        for irradiance, shot, part in zip(self.irradiance, self.shot, (emitted, sent - emitted), strict=True):
-            if part.any():
-                shot[side] += part
-                received = _receive(
-                    column, part, t.elements.reflectance, t.share, t.patch, t.areas, irradiance, self.unshot
-                )
+        received = _shoot(
+            side,
+            sent,
+            column,
+            t.sides.emission,
+            t.elements.reflectance,
+            t.share,
+            t.patch,
+            t.areas,
+            self.irradiance,
+            self.shot,
+            self.unshot,
+        )
         self.steps += 1
         return float(received / t.areas[side])
 
     def run(self, until: float, most: int, on_step: Callable[[float], None]) -> None:
         """Shoot until so small a share is left, or so many steps were taken in all; `on_step` is told the share."""
-        while self.steps < most and (energy := self._energy()).sum() > until * self._emitted:
+        while self.steps < most:
+            energy = self._energy()
+            left = float(energy.sum())
+            if left <= until * self._emitted:
+                break
             self.step(energy)
-            on_step(float(energy.sum()) / self._emitted)
+            on_step(left / self._emitted)
         on_step(self.unshot_share)
 
     def ambient(self) -> Float64:
@@ -141,17 +148,34 @@ def _energy(unshot, areas):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _receive(column, sent, reflectance, share, patch, areas, irradiance, unshot):  # type: ignore[no-untyped-def]
-    """Add radiosity `sent` (3,) to irradiance (R, 3) and unshot (Q, 3); return the sum of form factors * areas."""
+def _shoot(  # type: ignore[no-untyped-def]
+    side, sent, column, emission, reflectance, share, patch, areas, irradiance, shot, unshot
+):
+    """Send radiosity (3,) from a patch to irradiance (2, R, 3) and unshot (Q, 3).
+
+    Of what is sent, emission is what has not been before: it goes out whole, the first time. All else is reflected.
+    Returns the sum of form factors * areas.
+    """
+    parts = np.empty((2, 3))
+    for c in range(3):
+        parts[0, c] = emission[side, c] - shot[0, side, c]
+        parts[1, c] = sent[c] - parts[0, c]
+        unshot[side, c] -= sent[c]
     total = 0.0
-    for r in range(len(column)):
-        f = float(column[r])
-        if f == 0:
+    for part in range(2):
+        if parts[part, 0] == 0 and parts[part, 1] == 0 and parts[part, 2] == 0:
             continue
-        p = patch[r]
-        total += f * share[r] * areas[p]
+        total = 0.0
         for c in range(3):
-            h = f * sent[c]
-            irradiance[r, c] += h
-            unshot[p, c] += h * reflectance[r, c] * share[r]
+            shot[part, side, c] += parts[part, c]
+        for r in range(len(column)):
+            f = float(column[r])
+            if f == 0:
+                continue
+            p = patch[r]
+            total += f * share[r] * areas[p]
+            for c in range(3):
+                h = f * parts[part, c]
+                irradiance[part, r, c] += h
+                unshot[p, c] += h * reflectance[r, c] * share[r]
     return total
