@@ -19,7 +19,7 @@ from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene, load_scene
-from glpath.scene.room import POSTS
+from glpath.scene.shipped.room import POSTS
 
 SCALE = "0.004"
 

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 import glpath
 from glpath.errors import SceneError
 from glpath.scene import Scene, Shape, check_scene, load_scene, path_traceable
-from glpath.scene.room import ROOM
-from glpath.scene.solids import arc, block, cushion, lines, moved, skin, turned
+from glpath.scene.shipped.room import ROOM
+from glpath.scene.shipped.solids import arc, block, cushion, lines, moved, skin, turned
 
 
 @pytest.fixture(scope="module")

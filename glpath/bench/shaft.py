@@ -1,7 +1,7 @@
 """Shaft culling measured: what each option saves, how the cost grows, and the way beside Embree.
 
-On the offices of `glpath.scene.office`: one step of progressive radiosity for each of the ten lights, over all
-polygons as receivers. Rows are plain dictionaries, for tables and JSON.
+On the offices of `glpath.scene.shipped.office`: one step of progressive radiosity for each of the ten lights, over
+all polygons as receivers. Rows are plain dictionaries, for tables and JSON.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.
 """

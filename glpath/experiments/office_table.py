@@ -1,6 +1,6 @@
 """Table 1 of the paper, measured: the strategies on the two offices, and what the cache and the emitter list save.
 
-One step of progressive radiosity for each of the ten lights of `glpath.scene.office`, over all polygons as
+One step of progressive radiosity for each of the ten lights of `glpath.scene.shipped.office`, over all polygons as
 receivers. Rows are plain dictionaries, for tables and JSON; `glpath.bench` and `glpath.figures` both show them.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.

@@ -31,7 +31,7 @@ from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
 from glpath.scene import Scene, load_scene
 from glpath.scene.model import Float64
-from glpath.scene.room import POSTS
+from glpath.scene.shipped.room import POSTS
 
 BOX, ROOM = "cornell-box-36", "room"
 SIDE = 256

@@ -25,7 +25,7 @@ from glpath.image import tonemap, write_png
 from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.scene import AnyScene, Scene
-from glpath.scene.from_python import is_made_in_python
+from glpath.scene.formats.from_python import is_made_in_python
 
 Subject = AnyScene | Film | ArrayLike | Callable[[], Any]
 

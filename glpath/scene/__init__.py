@@ -1,11 +1,11 @@
 """Scenes: from TOML to primitives, materials, lights and a camera. Plain data, no GL."""
 
 from glpath.scene.check import check_camera, check_scene
-from glpath.scene.description import scene_schema
-from glpath.scene.from_python import AnyScene
-from glpath.scene.library import load_scene, parameters_from_options, shipped_scenes
-from glpath.scene.load import scene_from_dict
+from glpath.scene.formats.description import scene_schema
+from glpath.scene.formats.from_python import AnyScene
+from glpath.scene.formats.load import scene_from_dict
 from glpath.scene.model import Camera, Light, Material, Scene, Shape, Sky, Texture
+from glpath.scene.shipped.library import load_scene, parameters_from_options, shipped_scenes
 from glpath.scene.triangulate import path_traceable
 
 __all__ = [

@@ -254,7 +254,7 @@ class Scene:
         >>> load_scene("cornell-box-36").add(ball, material={"reflectance": [0.2, 0.4, 0.8]})
         <Scene cornell-box-36: 36 triangles, 1 sphere, 9 shapes, 4 materials, 1 light, 256 x 256>
         """
-        from glpath.scene.from_python import added  # which imports this module
+        from glpath.scene.formats.from_python import added  # which imports this module
 
         return added(self, shape, material, fields)
 

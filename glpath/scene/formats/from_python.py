@@ -17,8 +17,8 @@ import numpy as np
 
 from glpath.errors import SceneWarning, UsageError
 from glpath.image import decode_srgb
-from glpath.scene.load import scene_of
-from glpath.scene.meshes import read_mesh
+from glpath.scene.formats.load import scene_of
+from glpath.scene.formats.meshes import read_mesh
 from glpath.scene.model import Camera, Float64, Mesh, Scene, Shapes, Sky
 from glpath.scene.place import Place, PythonPlace, shown
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.image import picture_size, read_image
-from glpath.scene import description
-from glpath.scene.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
+from glpath.scene.formats import description
+from glpath.scene.formats.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
+from glpath.scene.formats.values import nearby_files, rgb, share, unknown
 from glpath.scene.model import Material, Texture
 from glpath.scene.place import Place
-from glpath.scene.values import nearby_files, rgb, share, unknown
 
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from glpath.scene.model import Float64
-from glpath.scene.solids import (
+from glpath.scene.shipped.solids import (
     Profile,
     arc,
     block,

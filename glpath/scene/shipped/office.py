@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from glpath.scene.load import scene_from_dict
+from glpath.scene.formats.load import scene_from_dict
 from glpath.scene.model import Scene
 
 _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]

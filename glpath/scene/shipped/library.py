@@ -19,15 +19,15 @@ from msgspec import Meta
 from glpath.errors import SceneError, UsageError
 from glpath.files import shipped_folder
 from glpath.scene import tessellate
-from glpath.scene.convert import convert
-from glpath.scene.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
-from glpath.scene.load import read_scene_file, scene_from_dict
-from glpath.scene.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.formats.convert import convert
+from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
+from glpath.scene.formats.load import read_scene_file, scene_from_dict
+from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Scene
-from glpath.scene.office import office, office_premesh
 from glpath.scene.place import Place, shown
-from glpath.scene.room import room
-from glpath.scene.stacked import stacked
+from glpath.scene.shipped.office import office, office_premesh
+from glpath.scene.shipped.room import room
+from glpath.scene.shipped.stacked import stacked
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:

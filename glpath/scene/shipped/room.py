@@ -19,10 +19,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from glpath.scene import furniture
-from glpath.scene.furniture import Fineness, Part, Piece, placed
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
-from glpath.scene.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
+from glpath.scene.shipped import furniture
+from glpath.scene.shipped.furniture import Fineness, Part, Piece, placed
+from glpath.scene.shipped.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
 
 #: The room reaches from 0 to this.
 ROOM = (6.6, 2.8, 7.0)

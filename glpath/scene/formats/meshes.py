@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
+from glpath.scene.formats.values import LARGEST, nearby_files
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.place import Place
 from glpath.scene.tessellate import split_faces
-from glpath.scene.values import LARGEST, nearby_files
 
 FORMATS = (".obj", ".ply", ".stl")
 #: What describes the geometry of a mesh in a dictionary.

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.scene import description
-from glpath.scene.description import AnyLight, Emission
+from glpath.scene.formats import description
+from glpath.scene.formats.description import AnyLight, Emission
+from glpath.scene.formats.values import light, unit
 from glpath.scene.model import Float64, Light, Sky
 from glpath.scene.place import Place
-from glpath.scene.values import light, unit
 
 
 def lights(given: Sequence[AnyLight], place: Place) -> tuple[Light, ...]:

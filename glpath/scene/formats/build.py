@@ -14,15 +14,16 @@ from typing import Literal
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.scene import description, lights, materials, tessellate, transform
+from glpath.scene import tessellate
 from glpath.scene.check import check_camera
-from glpath.scene.description import AnyMaterial, AnyShape, SceneFile
-from glpath.scene.meshes import inline_mesh, read_mesh
+from glpath.scene.formats import description, lights, materials, transform
+from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
+from glpath.scene.formats.meshes import inline_mesh, read_mesh
+from glpath.scene.formats.values import LARGEST, SMALLEST, light, unit, unknown
 from glpath.scene.model import Camera, Float64, Mesh, Scene, Shape, Shapes, placed
 from glpath.scene.place import Place, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
-from glpath.scene.values import LARGEST, SMALLEST, light, unit, unknown
 
 # Of a quad's diameter; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3

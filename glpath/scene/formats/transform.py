@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import UnsetType
 from pyrr import matrix44
 
-from glpath.scene.description import Step
+from glpath.scene.formats.description import Step
 from glpath.scene.model import Float64
 from glpath.scene.place import Place, shown
 

@@ -20,13 +20,13 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
-from glpath.scene.build import build
-from glpath.scene.convert import convert
-from glpath.scene.description import SceneFile
-from glpath.scene.meshes import MESH_KEYS, mesh_of_table
+from glpath.scene.formats.build import build
+from glpath.scene.formats.convert import convert
+from glpath.scene.formats.description import SceneFile
+from glpath.scene.formats.meshes import MESH_KEYS, mesh_of_table
+from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.place import Place, shown
-from glpath.scene.values import LARGEST
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
