@@ -1,12 +1,13 @@
 """All the light of a scene, asked in one way: a light sample, its density, and what punctual lights send.
 
 Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
-the sky. A light is chosen by the power that it sends towards the scene; a point of a shape is uniform by area, a
-direction of the sky has the density of its radiance.
+the sky. A light is chosen by the power that it sends towards the scene, or, half of the time, as any other; a point
+of a shape is uniform by area, a direction of the sky has the density of its radiance.
 
 Cost:     a search in a table of the lights a sample; made on the CPU, as a path set needs one.
 Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position.
-Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations.
+Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations;
+          Owen & Zhou 2000, Safe and effective importance sampling, for the mixture.
 """
 
 from __future__ import annotations
@@ -117,11 +118,12 @@ class Lighting:
     radius: float
 
     @classmethod
-    def of(cls, scene: Scene, *, punctual: bool = True) -> Lighting:
+    def of(cls, scene: Scene, *, punctual: bool = True, sky: bool = True) -> Lighting:
         """The lights of a scene.
 
         punctual : False leaves point, spot and directional lights out: what is left are lights with an extent,
                    where a caller takes the others one by one
+        sky      : False leaves it out, where ambient light stands for it
 
         A shape that emits on both sides counts as two, one per side. Planes shine, but are not sampled: no point
         of an endless one has a density by area.
@@ -129,14 +131,17 @@ class Lighting:
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if np.any(x.intensity > 0)) if punctual else ()
-        sky = scene.sky if scene.sky is not None and _sky_mean_integral(scene.sky) > 0 else None
+        shown = scene.sky if sky and scene.sky is not None and _sky_mean_integral(scene.sky) > 0 else None
         # Power over pi; the mean of the channels, so that no coloured light is starved.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
-        power += [] if sky is None else [_sky_mean_integral(sky) * radius**2]
+        power += [] if shown is None else [_sky_mean_integral(shown) * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        share = weights / total if len(weights) else weights
+        # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
+        # which lights all that is looked at, sends a hundredth of the power. So no light is more than twice as rare
+        # as if all were alike, nor than by its power.
+        share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
         for side, chance in zip(sides, share, strict=False):
             if not side.spheres:
@@ -145,7 +150,7 @@ class Lighting:
             scene=scene,
             sides=sides,
             punctual=shining,
-            sky=sky,
+            sky=shown,
             cdf=np.concatenate([[0.0], np.cumsum(share)]),
             triangle_density=density,
             centre=centre,

@@ -3,8 +3,9 @@
 // is associative, so any split of the path sets gives the same bits.
 //   low.rgb, high.rgb  the sums
 //   low.a              rays cast
-//   high.a             of these lost, and from bit 20 on samples dropped
+//   high.a             of these lost, and from bit DROPPED_SHIFT on samples dropped
 #include "texels.glsl"
+#include <CONSTANTS>
 UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
 uniform float quanta;  // per unit of radiance
@@ -12,7 +13,7 @@ uniform float quanta;  // per unit of radiance
 layout(location = 0) out uvec4 low;
 layout(location = 1) out uvec4 high;
 
-// radiance.a: casts + 2048 * losses
+// radiance.a: events of a path, its casts below CAST_BITS and its losses above (path_result.glsl)
 void accumulate(ivec2 pixel, vec4 radiance)
 {
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);
@@ -31,6 +32,6 @@ void accumulate(ivec2 pixel, vec4 radiance)
     low.rgb = old_low.rgb + add_low;
     high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
     uint events = uint(radiance.a);
-    low.a = old_low.a + (events & 2047u);
-    high.a = old_high.a + (events >> 11u) + (bad ? 1u << 20u : 0u);
+    low.a = old_low.a + (events & ((1u << CAST_BITS) - 1u));
+    high.a = old_high.a + (events >> CAST_BITS) + (bad ? 1u << DROPPED_SHIFT : 0u);
 }

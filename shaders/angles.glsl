@@ -3,7 +3,7 @@
 // the last place for atan: a cell of a shadow-buffer would be looked up where its ray did not go. These are within 3e-7 of
 // the truth everywhere, and the same wherever sums and products are.
 // Source: Moshier 1989, Cephes Mathematical Library (sinf, cosf, atanf).
-#include "constants.glsl"
+#include <CONSTANTS>
 
 // (cosine, sine) of so many right angles. The angle is reduced before it is rounded, to at most half of one.
 vec2 cosine_sine(float right_angles)

@@ -1,5 +1,5 @@
 // direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
-// Needs:  constants.glsl, <SCENE>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
+// Needs:  <CONSTANTS>, <SCENE>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the

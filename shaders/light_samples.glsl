@@ -1,6 +1,6 @@
 // light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path
 // set. The light points are the path-buffer's (`glpath.lighting`), so the engines agree on what a set is lit by.
-// Needs:  constants.glsl; LIGHT_SAMPLES of them
+// Needs:  <CONSTANTS>; LIGHT_SAMPLES of them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
 uniform vec3 sample_position[LIGHT_SAMPLES];   // of the sky: the unit direction towards it
 uniform vec4 sample_normal[LIGHT_SAMPLES];     // out of the emitting side; w: 1 for the sky

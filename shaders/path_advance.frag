@@ -1,6 +1,6 @@
 // path_advance.frag: UpdateImage [PB table 6]: from what the scan found to the next vertex of every path.
-// Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, casts + 2048 * losses of the path.
-#include "constants.glsl"
+// Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, its events (accumulate.glsl).
+#include <CONSTANTS>
 #include <SCENE>
 #include "surface.glsl"
 #include "random.glsl"

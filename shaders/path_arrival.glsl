@@ -20,7 +20,7 @@ struct Arrival
     float t;          // distance from the vertex before
     vec3 wo;          // back along the path
     vec3 throughput;  // the reflection here not included
-    vec4 radiance;    // gathered so far; a: casts + 2048 * losses of the path
+    vec4 radiance;    // gathered so far; a: see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)
@@ -29,7 +29,7 @@ Arrival arrive(ivec2 pixel)
     a.radiance = texel(path_radiance, pixel);
     float weight;
     a.triangle = path_result(pixel, weight);
-    if (a.triangle != PATH_DEAD) a.radiance.a += a.triangle == PATH_LOST ? 2049.0 : 1.0;
+    if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
         // Shared with the light sample of the vertex before, as emission is.

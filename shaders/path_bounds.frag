@@ -2,7 +2,7 @@
 // First pass (FROM_PATHS): from path states to a small grid a view; second: from the grids to a texel a view.
 // Output: least u, v, -u, -v, so that a minimum serves for both ends.
 #include "texels.glsl"
-#include "constants.glsl"
+#include <CONSTANTS>
 #include "path_view.glsl"
 #include "path_course.glsl"
 

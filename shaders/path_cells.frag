@@ -3,7 +3,7 @@
 // whose permuted numbers are least stay; the others lost the roulette, and the four stand for them.
 //   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
 #include "texels.glsl"
-#include "constants.glsl"
+#include <CONSTANTS>
 #include "path_flight.glsl"
 
 UINT_TEXELS(rgba32ui, path_flights);

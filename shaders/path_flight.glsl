@@ -3,8 +3,8 @@
 //   y  the next path of the cell, or NO_FLIGHT
 //   z  place in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
 //   w  depth z0 of its start, as float bits
+#include <CONSTANTS>
 const uint NO_FLIGHT = 0xffffffffu;
-const uint NUMBER_BITS = 20u;
 const uint NUMBER_MASK = (1u << NUMBER_BITS) - 1u;
 
 uniform uint permutation_seed;

@@ -2,7 +2,7 @@
 // found is looked up and reflected; light that reaches the vertex before by emission was its light sample's, or found
 // with the surface.
 // Runs over: the pixels of the window. Output: the sums, see path_state.glsl
-#include "constants.glsl"
+#include <CONSTANTS>
 #include <SCENE>
 #include "surface.glsl"
 #include "random.glsl"

@@ -21,7 +21,7 @@ void main()
         float weight;
         int found = path_result(pixel, weight);
         if (found == PATH_MISSED) lit.rgb = texel(distant_light, pixel).rgb * weight;
-        lit.a = found == PATH_LOST ? 2049.0 : 1.0;
+        lit.a = scan_events(found);
     }
 #ifdef LAST_VERTEX
     accumulate(pixel, texel(path_radiance, pixel) + lit);

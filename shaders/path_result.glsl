@@ -1,16 +1,12 @@
 // path_result.glsl: what a scan found for a path.
 // Needs: path_flight.glsl
-#include "constants.glsl"
+#include <CONSTANTS>
 #include "texels.glsl"
 UINT_TEXELS(rgba32ui, path_flights);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
 
-const int PATH_DEAD = -3;    // was not launched
-const int PATH_LOST = -2;    // lost the roulette of its cell
-const int PATH_MISSED = -1;  // nothing lies beyond its start
-
-// The triangle found, or one of the above. `weight`: how many paths of the cell this one stands for.
+// The triangle found, or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: how many paths of the cell this one stands for.
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
@@ -31,4 +27,10 @@ int path_result(ivec2 path, out float weight)
 #else
     return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - LEAST_NORMAL);
 #endif
+}
+
+// What a scan adds to the events of a path that was launched: a cast, and a loss where it lost.
+float scan_events(int found)
+{
+    return found == PATH_LOST ? float((1 << CAST_BITS) + 1) : 1.0;
 }

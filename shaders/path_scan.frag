@@ -6,7 +6,7 @@
 //   PACKED     depth above and the triangle's number below, as one float: their order is the order of their bits
 //   otherwise  two scans: NEAREST writes the depth alone; the next finds whose depth it was (blend MAX)
 #include "texels.glsl"
-#include "constants.glsl"
+#include <CONSTANTS>
 
 TEXELS(rgba32f, cell_z0);
 UINT_TEXELS(rgba32ui, cell_place);

@@ -1,7 +1,7 @@
 // path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions].
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include "texels.glsl"
-#include "constants.glsl"
+#include <CONSTANTS>
 #include <SCENE>
 #include "surface.glsl"
 #include "camera.glsl"

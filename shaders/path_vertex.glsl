@@ -31,7 +31,7 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
     vec3 normal = front ? s.normal : -s.normal;
     Bsdf b = bsdf_at(s, front);
     DirectLight direct = direct_light(s.position, normal, triangle, plane);
-#if defined(LAST_VERTEX) && defined(HAS_SKY)
+#if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
     // Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
     if (light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0) direct.light = vec3(0.0);
 #endif

@@ -3,7 +3,7 @@
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is told in units of a white Lambertian surface's, 1 / pi, so that
 //         what leaves is beta * bsdf_eval * cos * E / pi.
-#include "constants.glsl"
+#include <CONSTANTS>
 #ifdef HAS_TEXTURES
 #include "texture.glsl"
 #endif

@@ -24,7 +24,7 @@ def samples(lighting: Lighting, count: int = 20_000) -> list[Any]:
     return [lighting.sample(u) for u in np.random.default_rng(1).random((count, 3))]
 
 
-def test_light_points_are_chosen_by_power_and_lie_uniformly_on_their_emitter() -> None:
+def test_light_points_are_chosen_half_by_power_and_lie_uniformly_on_their_emitter() -> None:
     """A weak large lamp, a strong small one, and a two-sided one, of which each side counts."""
 
     def lamp(x: float, size: float, radiance: float, two_sided: bool = False) -> dict[str, Any]:
@@ -34,9 +34,9 @@ def test_light_points_are_chosen_by_power_and_lie_uniformly_on_their_emitter() -
     points = samples(Lighting.of(scene_of(lamp(0, 2, 1), lamp(10, 1, 8), lamp(20, 1, 2, True))))
     assert {p.kind for p in points} == {"area"}
     x = np.array([p.position[0] for p in points])
-    # Powers: 4 x 1, 1 x 8, and twice 1 x 2.
+    # Powers: 4 x 1, 1 x 8, and twice 1 x 2; and the four sides alike.
     np.testing.assert_allclose(
-        [np.mean(x < 5), np.mean((x > 5) & (x < 15)), np.mean(x > 15)], [0.25, 0.5, 0.25], atol=0.015
+        [np.mean(x < 5), np.mean((x > 5) & (x < 15)), np.mean(x > 15)], [0.25, 0.375, 0.375], atol=0.015
     )
     assert all(p.density == pytest.approx(0.25 / 4) for p in points[:100] if p.position[0] < 5)
     sides = [p.direction[1] for p in points if p.position[0] > 15]
@@ -65,8 +65,8 @@ def test_points_of_a_shining_sphere_are_as_dense_as_its_surface(transform: list[
     assert flux == pytest.approx(4 * np.pi * 0.125 * (2 if transform else 1), rel=0.01)
 
 
-def test_all_kinds_of_light_are_chosen_by_the_power_that_reaches_the_scene() -> None:
-    """The quad's sphere has the radius sqrt(2)."""
+def test_all_kinds_of_light_are_chosen_by_the_power_that_reaches_the_scene_and_alike() -> None:
+    """Half by the one, half by the other. The quad's sphere has the radius sqrt(2)."""
     lights = [
         {"type": "point", "position": [0, 1, 0], "intensity": 2.0},
         {"type": "spot", "position": [0, 1, 0], "target": [0, 0, 0], "intensity": 4.0, "cone": [60, 90]},
@@ -84,7 +84,7 @@ def test_all_kinds_of_light_are_chosen_by_the_power_that_reaches_the_scene() -> 
         1e4 * 2 / 1e4,
         2 * np.pi * 0.6 * 2,
     ]
-    np.testing.assert_allclose(np.diff(lighting.cdf), np.array(power) / sum(power), rtol=1e-3)
+    np.testing.assert_allclose(np.diff(lighting.cdf), 0.5 * np.array(power) / sum(power) + 0.5 / 6, rtol=1e-3)
     assert lighting.infinite
     assert [x.kind for x in Lighting.of(lighting.scene, punctual=False).punctual] == []
     kinds = {p.kind for p in samples(lighting, 500)}

@@ -28,21 +28,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
+from glpath.gl.constants import INFINITE_DEPTH, LEAST_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
 
-MAX_PATHS = 1 << 20
+MAX_PATHS = 1 << NUMBER_BITS
 #: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
 MAX_PACKED_BITS = 13
-_EPOCHS = 4095
-# As constants.glsl has it.
-_INFINITE_DEPTH, _LEAST_NORMAL = 1e30, np.uint32(0x00800000)
+_EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
-
-#: `path_report.frag` and `path_result.glsl` say the same.
-MISSED, LOST, DEAD = -1, -2, -3
 
 
 @dataclass(frozen=True)
@@ -303,7 +299,7 @@ class PathBuffer:
         """
         start, d, sign = self._rays("cast", origins, direction, way)
         n = len(start)
-        triangle = np.full(n, MISSED, np.int32)
+        triangle = np.full(n, PATH_MISSED, np.int32)
         open_ = np.flatnonzero(sign)
         columns, rows = self.paths
         state = np.zeros((rows * columns, 4), np.float32)
@@ -317,7 +313,7 @@ class PathBuffer:
             uniforms = self.scan_positions(position, ScanView((d,), seed=round_))
             self.scan_scene(uniforms)
             answer = self._read_report(uniforms)[open_]
-            done = answer != LOST
+            done = answer != PATH_LOST
             triangle[open_[done]] = answer[done]
             open_ = open_[~done]
             round_ += 1
@@ -345,20 +341,20 @@ class PathBuffer:
         self.scan_scene(self.scan_positions(position, ScanView((d,))))
         z0, found = self._read_cells(self._z0), self._read_cells(self._found)
         diameter = np.float32(2.0 * self.scene.radius)
-        empty = z0 >= _INFINITE_DEPTH
+        empty = z0 >= INFINITE_DEPTH
         if self.packed:
             missed = found >= np.float32(3e38)
-            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - _LEAST_NORMAL
+            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - LEAST_NORMAL
             triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
             depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
             depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
         else:
             missed = found == 0
-            triangle = np.where(missed, 0, found.view(np.uint32) - _LEAST_NORMAL).astype(np.int32)
+            triangle = np.where(missed, 0, found.view(np.uint32) - LEAST_NORMAL).astype(np.int32)
             depth = self._read_cells(self._textures["cell_nearest"])
         return Cells(
             np.where(empty, np.float32(np.nan), (z0 - np.float32(0.5)) * diameter),
-            np.where(missed, np.int32(MISSED), triangle),
+            np.where(missed, np.int32(PATH_MISSED), triangle),
             np.where(missed, np.float32(np.inf), np.float32(diameter) * depth).astype(np.float32),
         )
 

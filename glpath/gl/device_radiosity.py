@@ -51,7 +51,7 @@ class DeviceRadiosity:
     Attributes
     ----------
     textures, uniforms, defines, generated : for programs that include radiosity.glsl
-    brightest : the greatest radiance that is reflected
+    max_radiance : the greatest radiance that is reflected
 
     Raises SceneError for more values than the device holds.
     """
@@ -84,7 +84,7 @@ class DeviceRadiosity:
         irradiance = np.zeros((2 * places, 1, 4))
         irradiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
         most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
-        self.brightest = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
+        self.max_radiance = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
         tables = {"lattice": lattice, "radiosity": irradiance}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.textures = {"radiosity": texture}

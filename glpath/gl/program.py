@@ -17,6 +17,7 @@ import moderngl
 
 from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
+from glpath.gl.constants import constants_glsl
 
 GLSL_VERSION = "#version 430 core"
 
@@ -191,7 +192,7 @@ def load_program(
         ways = (_llvmpipe_handed_on, _llvmpipe) if vertex == llvmpipe.FULLSCREEN else (_llvmpipe,)
     compiled = _compiled.setdefault(gl, {})
     for way in ways:
-        sources = way(stages, generated or {}, dict(defines or {}))
+        sources = way(stages, {"CONSTANTS": constants_glsl(), **(generated or {})}, dict(defines or {}))
         key = tuple(source.text for source in sources.values())
         if key not in compiled:
             try:

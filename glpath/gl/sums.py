@@ -26,7 +26,7 @@ class Taken(NamedTuple):
 class PixelSums:
     """Two sets of sums: a pass reads the one and writes the other, with what it adds.
 
-    brightest : radiance that has 36 bits; a little of 2**24 times that may still be added
+    max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class PixelSums:
     textures : two mappings; a pass that draws to targets[1 - i] reads textures[i]
     """
 
-    def __init__(self, gl: moderngl.Context, size: tuple[int, int], brightest: float) -> None:
-        exponent = int(np.ceil(np.log2(brightest))) if 0.0 < brightest < np.inf else 0
+    def __init__(self, gl: moderngl.Context, size: tuple[int, int], max_radiance: float) -> None:
+        exponent = int(np.ceil(np.log2(max_radiance))) if 0.0 < max_radiance < np.inf else 0
         self.quanta = float(2.0 ** min(36 - exponent, 120))
         pairs = [[gl.texture(size, 4, dtype="u4") for _ in _NAMES] for _ in range(2)]
         for pair in pairs:

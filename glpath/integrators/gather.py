@@ -81,7 +81,7 @@ class GatherTracer(PathStages):
         assert settings.max_depth >= 2, f"a gather of depth {settings.max_depth}"
         self.settings = settings
         super().__init__(
-            gl, scene, settings, window, brightest=radiosity.brightest, hardware=hardware, timings=timings
+            gl, scene, settings, window, max_radiance=radiosity.max_radiance, hardware=hardware, timings=timings
         )
         self._advance_passes = self._vertex_passes(
             "advance", "path_advance.frag", inner=settings.max_depth > 2, last=False

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from glpath.buffers.path_buffer import PathBuffer, ScanView
 from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.camera import eye_uniforms
+from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass, Stopwatch
@@ -40,7 +41,7 @@ from glpath.gl.program import Program, load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
 from glpath.integrators.settings import PathSetSettings
-from glpath.lighting import NO_LIGHT
+from glpath.lighting import NO_LIGHT, Lighting
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,
@@ -72,7 +73,8 @@ class PathStages(ABC):
     Parameters
     ----------
     window    : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
-    brightest : radiance that a path may bring home besides emission, for the quantum of the sums
+    max_radiance : what a path may bring home besides emission, for the quantum of the sums
+    lighting  : what path sets are lit by; the scene's, where it is not given
     """
 
     _advance_passes: VertexPasses  # set by the subclass
@@ -84,7 +86,8 @@ class PathStages(ABC):
         settings: PathSetSettings,
         window: tuple[int, int, int, int],
         *,
-        brightest: float,
+        max_radiance: float,
+        lighting: Lighting | None = None,
         hardware: bool,
         timings: bool = False,
     ) -> None:
@@ -105,13 +108,13 @@ class PathStages(ABC):
         views = 2 if settings.directions == "pair" else 1
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
-        lighting = scene.lighting
+        self.lighting = lighting = lighting or scene.lighting
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lighting.positional)
         # One direction for all paths, so that each scan has one view of it.
         self._distant_buffer = (
             PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lighting.infinite else None
         )
-        self._sums = PixelSums(gl, size, max(scene.max_radiance, brightest))
+        self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._make_states(size)
         self.look_at(window)
 
@@ -139,7 +142,7 @@ class PathStages(ABC):
 
     def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
         """A light sample, and its shadow-buffer where it has a position [PB 3.3]."""
-        light = self.scene.lighting.sample(u) if not self.scene.lighting.dark else NO_LIGHT
+        light = NO_LIGHT if self.lighting.dark else self.lighting.sample(u)
         self._distant = light.distant
         roll = 2.0 * np.pi * counter_hash(self._settings.seed, index, 0, 1) / 2**32
         uniforms = sample_uniforms(light)
@@ -213,8 +216,8 @@ class PathStages(ABC):
         Multiples of one power of two, so that float64 adds them without rounding.
         """
         taken = self._sums.take(self._sum)
-        cast, lost, dropped = taken.low.sum(), (taken.high & 0xFFFFF).sum(), (taken.high >> 20).sum()
-        self._counts += np.array([cast, lost, dropped], dtype=np.int64)
+        lost, dropped = taken.high & ((1 << DROPPED_SHIFT) - 1), taken.high >> DROPPED_SHIFT
+        self._counts += np.array([taken.low.sum(), lost.sum(), dropped.sum()], dtype=np.int64)
         return taken.radiance
 
     def statistics(self) -> dict[str, object]:
@@ -279,7 +282,7 @@ class PathStages(ABC):
         x, y, _, h = self.window
         return {
             **self.scene.uniforms,
-            **sky_uniforms(self.scene.scene.sky, self.scene.lighting),
+            **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
             "cosine_roulette": self._settings.cosine_roulette,
             "image_window": (x, height - y - h, width, height),
@@ -337,11 +340,10 @@ class PathStages(ABC):
         defines: Mapping[str, object] | None = None,
     ) -> Program:
         sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
-        lighting = self.scene.lighting
         lights = {
-            "HAS_POSITIONAL_LIGHTS": lighting.positional,
-            "HAS_DISTANT_LIGHTS": lighting.infinite,
-            "HAS_SKY": lighting.sky is not None,
+            "HAS_POSITIONAL_LIGHTS": self.lighting.positional,
+            "HAS_DISTANT_LIGHTS": self.lighting.infinite,
+            "HAS_SKY": self.scene.scene.sky is not None,
         }
         return load_program(
             self.gl,

@@ -14,6 +14,7 @@ import moderngl
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_stages import PathStages, Uniforms
 from glpath.integrators.settings import PathTraceSettings
+from glpath.lighting import Lighting
 
 
 class PathTracer(PathStages):
@@ -31,8 +32,17 @@ class PathTracer(PathStages):
     ) -> None:
         self.settings = settings
         self._ambient = tuple(scene.scene.ambient) if settings.ambient is None else settings.ambient
+        # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
+        ambient_alone = settings.max_depth == 1 and max(self._ambient) > 0
         super().__init__(
-            gl, scene, settings, window, brightest=max(self._ambient), hardware=hardware, timings=timings
+            gl,
+            scene,
+            settings,
+            window,
+            max_radiance=max(self._ambient),
+            lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
+            hardware=hardware,
+            timings=timings,
         )
         depth = settings.max_depth
         self._advance_passes = self._vertex_passes("advance", "path_advance.frag", inner=depth > 2, last=depth > 1)

@@ -74,9 +74,8 @@ class IntegratorSettings:
 class PathSetSettings(IntegratorSettings):
     """What "path" and "gather" have in common.
 
-    light_resolution : texels along a hemicube's side
-    cell_share       : the root of the path-buffer's number of cells, in that of the window's pixels
-    cosine_roulette  : with "hemisphere", paths whose cosine is below 1 / this are thinned
+    cell_share      : the root of the path-buffer's number of cells, in that of the window's pixels
+    cosine_roulette : with "hemisphere", paths whose cosine is below 1 / this are thinned
     """
 
     default_spp = 256
@@ -93,7 +92,16 @@ class PathSetSettings(IntegratorSettings):
             'one, quicker for meshes of very many triangles; "sphere", as in the paper'
         ),
     ] = "pair"
-    light_resolution: int = 256
+    light_resolution: Annotated[
+        int,
+        Meta(
+            ge=16,
+            le=4096,
+            multiple_of=2,
+            description="texels along a side of the hemicube about a path set's light point, even; what is finer "
+            "than one throws a wrong shadow",
+        ),
+    ] = 256
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
 

@@ -14,8 +14,6 @@ path sets, as they are sums of hard ones.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.gl.camera import eye_uniforms
+from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
@@ -132,7 +131,7 @@ class WhittedTracer:
         Multiples of one power of two, so that float64 adds them without rounding.
         """
         taken = self._sums.take(self._sum)
-        self._dropped += int((taken.high >> 20).sum())
+        self._dropped += int((taken.high >> DROPPED_SHIFT).sum())
         self._count()
         return taken.radiance
 
@@ -196,8 +195,9 @@ class WhittedTracer:
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
         # Ambient light stands for the sky's on surfaces; both would count it twice.
-        lit = replace(objects.scene, sky=None) if np.any(objects.scene.ambient > 0) else objects.scene
-        self._area_lighting: Lighting = Lighting.of(lit, punctual=False)
+        self._area_lighting: Lighting = Lighting.of(
+            objects.scene, punctual=False, sky=not np.any(objects.scene.ambient > 0)
+        )
         self._sampler: PathSetSampler = PathSetSampler(settings.seed, settings.max_depth)
         if not self._area_lighting.dark:
             defines["LIGHT_SAMPLES"] = settings.light_samples

@@ -135,13 +135,14 @@ def _about_materials(scene: Scene) -> list[str]:
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."
             )
-        brightest = material.reflectance
+        max_reflectance = material.reflectance
         if not plain:
-            brightest = brightest * scene.textures[material.texture or 0].image.max(axis=(0, 1))
-        if np.any(material.mirror > 0) and np.any(brightest + material.mirror > 1 + 1e-6):
+            max_reflectance = max_reflectance * scene.textures[material.texture or 0].image.max(axis=(0, 1))
+        if np.any(material.mirror > 0) and np.any(max_reflectance + material.mirror > 1 + 1e-6):
             found.append(
                 f'The material "{material.name}" reflects more light than it receives: '
-                f"reflectance and mirror add up to {np.max(brightest + material.mirror):.3g}. Lower one of them."
+                f"reflectance and mirror add up to {np.max(max_reflectance + material.mirror):.3g}. Lower one of "
+                "them."
             )
     return found
 

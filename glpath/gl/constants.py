@@ -1,0 +1,36 @@
+"""Numbers that Python and GLSL share, declared here; every program has them by `#include <CONSTANTS>`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+#: Depth behind everything.
+INFINITE_DEPTH = 1e30
+#: Bits of the least float that is not denormal: integers from here on are floats of the same order, which blending
+#: keeps.
+LEAST_NORMAL = np.uint32(0x00800000)
+
+#: Bits of a path's number in a scan; above it stands the scan's epoch.
+NUMBER_BITS = 20
+#: What a scan found for a path, instead of a triangle: nothing beyond its start; it lost the collision in its cell;
+#: it was not launched.
+PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
+
+#: Events of a path, in one float: rays cast, and from this bit on how many of them were lost.
+CAST_BITS = 11
+#: Sums of events: above the rays lost, the samples dropped.
+DROPPED_SHIFT = 20
+
+
+def constants_glsl() -> str:
+    """All of them as GLSL, and pi."""
+    found = {name: value for name, value in globals().items() if name.isupper()} | {"PI": math.pi}
+    return "\n".join(_declaration(name, value) for name, value in found.items()) + "\n"
+
+
+def _declaration(name: str, value: float | np.uint32) -> str:
+    if isinstance(value, np.uint32):
+        return f"const uint {name} = {int(value)}u;"
+    return f"const {'int' if isinstance(value, int) else 'float'} {name} = {value!r};"
