@@ -7,7 +7,7 @@
 #define TEST_ALL(FIRST, STOP, ROUTINE)                                      \
     for (int i = FIRST; i < STOP; ++i)                                      \
     {                                                                       \
-        float at = ROUTINE(i, origin, direction, tmin, own);                \
+        float at = ROUTINE(i, origin, direction, tmin, exclude);                \
         COUNT_TEST                                                          \
         if (at < t)                                                         \
         {                                                                   \
@@ -19,7 +19,7 @@
 #define TEST_ANY(FIRST, STOP, ROUTINE)                                      \
     for (int i = FIRST; i < STOP && !blocked; ++i)                          \
     {                                                                       \
-        blocked = ROUTINE(i, origin, direction, tmin, own) < tmax;          \
+        blocked = ROUTINE(i, origin, direction, tmin, exclude) < tmax;          \
         COUNT_TEST                                                          \
     }
 
@@ -31,7 +31,7 @@ uint tests = 0u;  // made by this invocation so far
 #endif
 
 // The nearest of the primitives from begin to before end, or -1; t is NO_HIT then.
-int nearest_of(int begin, int end, vec3 origin, vec3 direction, float tmin, int own, out float t)
+int nearest_of(int begin, int end, vec3 origin, vec3 direction, float tmin, int exclude, out float t)
 {
     int primitive = -1;
     t = NO_HIT;
@@ -42,13 +42,13 @@ int nearest_of(int begin, int end, vec3 origin, vec3 direction, float tmin, int 
     return primitive;
 }
 
-int nearest_classic(vec3 origin, vec3 direction, float tmin, int own, out float t)
+int nearest_classic(vec3 origin, vec3 direction, float tmin, int exclude, out float t)
 {
-    return nearest_of(0, primitive_count, origin, direction, tmin, own, t);
+    return nearest_of(0, primitive_count, origin, direction, tmin, exclude, t);
 }
 
 // Is anything between tmin and tmax? The first found ends the search [TB IV.A 2 v].
-bool blocked_classic(vec3 origin, vec3 direction, float tmin, float tmax, int own)
+bool blocked_classic(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
     bool blocked = false;
     TEST_ANY(0, first_ellipsoid, intersect_sphere)

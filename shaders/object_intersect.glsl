@@ -6,7 +6,7 @@
 // and what is left for every ray. Everything is `precise`: the same start and direction give the same bits of t in
 // every program, so that engines can be compared by equality.
 //
-// `own` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
+// `exclude` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
 // at the start itself is taken to be exactly 0, so that the far side is still met from inside, without any bias.
 const float NO_HIT = 3e38;
 
@@ -148,19 +148,19 @@ float plane_hit(float height, vec3 normal, vec3 direction, float tmin)
 
 // The same by a primitive's number.
 
-float intersect_sphere(int primitive, vec3 origin, vec3 direction, float tmin, int own)
+float intersect_sphere(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
     vec4 sphere = sphere_texel(primitive, SPHERE_BALL);
     vec4 from = sphere_from(origin, sphere.xyz, abs(sphere.w));
-    if (primitive == own) from.w = 0.0;
+    if (primitive == exclude) from.w = 0.0;
     return sphere_hit(from, sphere.w, direction, tmin);
 }
 
-float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin, int own)
+float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
     UnitSpace space = ellipsoid_from(
         origin, unit_texel(primitive, UNIT_ROW0), unit_texel(primitive, UNIT_ROW1), unit_texel(primitive, UNIT_ROW2));
-    if (primitive == own) space.from.w = 0.0;
+    if (primitive == exclude) space.from.w = 0.0;
     return ellipsoid_hit(space, direction, tmin);
 }
 
@@ -170,36 +170,36 @@ TriangleFrom triangle_of(int primitive, vec3 origin)
     return triangle_from(origin, vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
 }
 
-float intersect_triangle(int primitive, vec3 origin, vec3 direction, float tmin, int own)
+float intersect_triangle(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
-    return primitive == own ? NO_HIT : triangle_hit(triangle_of(primitive, origin), direction, tmin);
+    return primitive == exclude ? NO_HIT : triangle_hit(triangle_of(primitive, origin), direction, tmin);
 }
 
-float intersect_plane(int primitive, vec3 origin, vec3 direction, float tmin, int own)
+float intersect_plane(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
     int plane = primitive - first_plane;
     vec3 normal = plane_texel(plane, PLANE_NORMAL).xyz;
     float height = plane_from(origin, normal, plane_texel(plane, PLANE_POINT).xyz);
-    return primitive == own ? NO_HIT : plane_hit(height, normal, direction, tmin);
+    return primitive == exclude ? NO_HIT : plane_hit(height, normal, direction, tmin);
 }
 
 // Any primitive. llvmpipe runs the routines of all kinds for it, so kinds that the scene lacks are left out.
-float intersect(int primitive, vec3 origin, vec3 direction, float tmin, int own)
+float intersect(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
     float t = NO_HIT;
 #ifdef HAS_SPHERES
-    if (primitive < first_ellipsoid) t = intersect_sphere(primitive, origin, direction, tmin, own);
+    if (primitive < first_ellipsoid) t = intersect_sphere(primitive, origin, direction, tmin, exclude);
 #endif
 #ifdef HAS_ELLIPSOIDS
     if (primitive >= first_ellipsoid && primitive < first_triangle)
-        t = intersect_ellipsoid(primitive, origin, direction, tmin, own);
+        t = intersect_ellipsoid(primitive, origin, direction, tmin, exclude);
 #endif
 #ifdef HAS_TRIANGLES
     if (primitive >= first_triangle && primitive < first_plane)
-        t = intersect_triangle(primitive, origin, direction, tmin, own);
+        t = intersect_triangle(primitive, origin, direction, tmin, exclude);
 #endif
 #ifdef HAS_PLANES
-    if (primitive >= first_plane) t = intersect_plane(primitive, origin, direction, tmin, own);
+    if (primitive >= first_plane) t = intersect_plane(primitive, origin, direction, tmin, exclude);
 #endif
     return t;
 }

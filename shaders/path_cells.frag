@@ -1,6 +1,6 @@
 // path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and place of the paths in each cell.
 // Runs over: cells. A channel is a slot, so that one fragment of the scene serves four paths. Of a longer list the four
-// whose permuted numbers are least stay; the others lost the roulette, and the four stand for them.
+// whose permuted numbers are least stay; the others lost the collision, and the four stand for them.
 //   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
 #include "texels.glsl"
 #include <CONSTANTS>

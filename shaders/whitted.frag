@@ -1,5 +1,5 @@
 // whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
-// Needs:  <SCENE>; BY_HIERARCHY: rays that leave a surface go by it, else by the classical algorithm;
+// Needs:  <SCENE>; BY_BVH: rays that leave a surface go by it, else by the classical algorithm;
 //         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
 //         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
@@ -10,8 +10,8 @@
 #include "surface_at.glsl"
 #include "camera.glsl"
 #include "object_classic.glsl"
-#ifdef BY_HIERARCHY
-#include "object_hierarchy.glsl"
+#ifdef BY_BVH
+#include "object_bvh.glsl"
 #endif
 #include "accumulate.glsl"
 #ifdef LIGHT_SAMPLES
@@ -34,12 +34,12 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow 
 // A place on a surface is only known to this share of the way that led there.
 const float RAY_ROUNDING = 2e-6;
 
-bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int own)
+bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
-#ifdef BY_HIERARCHY
-    return blocked_by_hierarchy(origin, direction, tmin, tmax, own);
+#ifdef BY_BVH
+    return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
 #else
-    return blocked_classic(origin, direction, tmin, tmax, own);
+    return blocked_classic(origin, direction, tmin, tmax, exclude);
 #endif
 }
 
@@ -146,8 +146,8 @@ void main()
         if (dot(reflected, normal) <= 0.0) reflected = reflect(direction, normal);
 #endif
         direction = normalize(reflected);
-#ifdef BY_HIERARCHY
-        primitive = nearest_by_hierarchy(origin, direction, rounding, primitive, t);
+#ifdef BY_BVH
+        primitive = nearest_by_bvh(origin, direction, rounding, primitive, t);
 #else
         primitive = nearest_classic(origin, direction, rounding, primitive, t);
 #endif

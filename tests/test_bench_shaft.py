@@ -84,7 +84,7 @@ def test_growth_is_below_proportional() -> None:
 def test_embree_sees_the_same_and_marks_are_named() -> None:
     where = office_table.office("office", spacing=1.0, side=2)
     blocked = shaft._EmbreeRays(where)()
-    counts = office_table.shoot(shaft.Visibility(where.blockers, shaft.BEST, threads=1), where)()
+    counts = office_table.shoot(shaft.Visibility(where.occluders, shaft.BEST, threads=1), where)()
     assert abs(blocked - counts.blocked) < 2e-3 * counts.rays  # of 32 bits, other distances from the ends
     rows = [
         {"scene": "office", "program": p, "times ours": 2.0}

@@ -13,11 +13,11 @@ from reference.closed_forms import (
 )
 from rooms import cuboid, part, rectangle, room
 
-from glpath.radiosity import Blockers, Visibility
+from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import KINDS, FormFactors, triangle_factor
 from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides, in_the_open, sub_triangles
-from glpath.radiosity.shafts.blockers import visible_by_all
+from glpath.radiosity.shafts.occluders import visible_by_all
 
 
 def matrix(scene, size, **options):
@@ -25,7 +25,7 @@ def matrix(scene, size, **options):
     surface = surfaces(scene)
     mesh = Mesh.uniform(scene, divisions_of_size(scene, surface, size), surface)
     sides = Sides.of(scene, mesh.patches)
-    visibility = Visibility(Blockers.of_scene(scene), threads=1)
+    visibility = Visibility(Occluders.of_scene(scene), threads=1)
     found = FormFactors(scene, visibility, mesh.patches, sides, together=16, **options)
     at = found.receivers(mesh.elements, sides)
     factors = np.empty((len(sides), len(sides)))
@@ -152,7 +152,7 @@ def test_with_a_box_in_it_the_rows_still_add_up_to_one():
 def test_a_point_under_a_box_is_buried():
     floor = rectangle((-1, 0, 1), (2, 0, 0), (0, 0, -2))
     scene = room(part(floor), part(cuboid((-0.5, 0, -0.5), (0.5, 0.7, 0.5))))
-    blockers = Blockers.of_scene(scene)
+    occluders = Occluders.of_scene(scene)
     solid = np.repeat([False, True], [2, 12])
     points = np.array([(0.0, 0, 0), (0.4, 0, -0.3), (0.6, 0, 0), (-0.9, 0, 0.9)])
     up = np.tile([0.0, 1, 0], (4, 1))
@@ -160,7 +160,7 @@ def test_a_point_under_a_box_is_buried():
     # Inside of a room that is a box itself nothing is buried.
     walls = room(part(cuboid((-2, -2, -2), (2, 2, 2), inside=True)), part(floor))
     assert in_the_open(walls, np.repeat([True, False], [12, 2]), points, up).all()
-    assert blockers.solid.any()
+    assert occluders.solid.any()
 
 
 def test_a_penumbra_is_that_of_every_pair_of_points():
@@ -178,9 +178,9 @@ def test_a_penumbra_is_that_of_every_pair_of_points():
     surface = surfaces(scene)
     mesh = Mesh.uniform(scene, divisions_of_size(scene, surface, 0.3), surface)
     points = mesh.elements.points(scene, sub_triangles(1))[:, 0][: len(floor)]
-    blockers = Blockers.of_scene(scene)
+    occluders = Occluders.of_scene(scene)
     none = np.full(len(points), 0, np.int32), np.full(len(lamp), 1, np.int32)
-    visible = visible_by_all(blockers.polygons(False), points, lamp, *none)
+    visible = visible_by_all(occluders.polygons(False), points, lamp, *none)
     d = lamp[None] - points[:, None]
     square = np.sum(d**2, axis=2)
     expected = (visible * d[..., 2] ** 2 / (np.pi * square**2)).sum(axis=1) * 1.4**2 / len(lamp)
@@ -199,7 +199,7 @@ def test_emitters_of_a_batch_get_what_they_get_alone(together):
     surface = surfaces(scene)
     mesh = Mesh.uniform(scene, divisions_of_size(scene, surface, 1.0), surface)
     sides = Sides.of(scene, mesh.patches)
-    visibility = Visibility(Blockers.of_scene(scene), threads=1)
+    visibility = Visibility(Occluders.of_scene(scene), threads=1)
     found = FormFactors(scene, visibility, mesh.patches, sides, together=together)
     at = found.receivers(mesh.elements, sides)
     alone = FormFactors(scene, visibility, mesh.patches, sides, together=1)

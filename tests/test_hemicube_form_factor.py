@@ -13,7 +13,7 @@ from glpath.buffers.hemicube_form_factor import HemicubeFormFactors, atlas_form_
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.radiosity import Blockers, Visibility
+from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import FormFactors
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides
@@ -151,7 +151,7 @@ def test_hemicubes_and_cast_rays_agree(kind: Any, most: float) -> None:
     mesh = Mesh.uniform(scene, divisions, surface)
     sides = Sides.of(scene, mesh.patches)
     by_rays = FormFactors(
-        scene, Visibility(Blockers.of_scene(scene), threads=1), mesh.patches, sides, kind=kind, together=16
+        scene, Visibility(Occluders.of_scene(scene), threads=1), mesh.patches, sides, kind=kind, together=16
     )
     at = by_rays.receivers(mesh.elements, sides)
     count = len(mesh.elements)

@@ -164,7 +164,7 @@ def test_candidates_between_two_shapes_hold_all_that_stands_between() -> None:
         assert len(found.nodes) <= len(opened.nodes)
     assert len(lists[Strategy.KEEP_CLOSED].boxes)
     # Whoever is off the list is outside.
-    boxes = np.concatenate(office.blockers.boxes(), axis=1)
+    boxes = np.concatenate(office.occluders.boxes(), axis=1)
     own = np.concatenate([office.polygons_of(name) for name in ("light-1-4", "desk-0-top")])
     touching = np.setdiff1d(np.flatnonzero(opened.shaft.classify(boxes)), own)
     np.testing.assert_array_equal(touching, opened.polygons)

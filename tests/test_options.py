@@ -120,7 +120,7 @@ def test_every_option_is_a_parameter_of_the_renders() -> None:
 def test_defaults_that_differ_are_all_said() -> None:
     text = " ".join((inspect.getdoc(render) or "").split())
     assert 'default 256 of "path" and "gather", 16 of "classic" and "t-buffer"' in text
-    assert 'default "classic" of "classic", "hierarchy" of "t-buffer"' in text
+    assert 'default "classic" of "classic", "bvh" of "t-buffer"' in text
     assert 'default 5. Of "gather", the vertex at which the solution is looked up' in text
 
 

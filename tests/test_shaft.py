@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import linprog
 
+from glpath.bvh import Bvh, build_bvh
 from glpath.errors import UsageError
-from glpath.hierarchy import Hierarchy, build_hierarchy
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list, cluster
 
 # Small whole numbers: flat, equal, nested and touching boxes come by themselves, and all arithmetic is exact.
@@ -167,14 +167,14 @@ def _distance_to(shaft: Shaft, point: np.ndarray) -> float:
     return float(np.linalg.norm(point - x))
 
 
-def figure_3() -> tuple[Hierarchy, Shaft]:
+def figure_3() -> tuple[Bvh, Shaft]:
     """Six objects in two boxes: 0 outside; box A with 1 and 2 inside; box B with 3 and 4 overlapping, 5 outside."""
     lower = np.array([[0, 9, 0], [5, 4, 0.4], [6, 5, 0.4], [9.5, 4, 0.4], [9.5, 5.5, 0.4], [10.5, 9.5, 0.4]])
     size = np.array([[0.5, 0.5, 1], [0.5, 0.5, 0.2], [0.5, 0.5, 0.2], [1, 1, 0.2], [1, 1, 0.2], [0.3, 0.3, 0.2]])
     upper = lower + size
     nodes = [(0, 6), (0, 1), (1, 3), (1, 2), (2, 3), (3, 6), (3, 4), (4, 5), (5, 6)]
     return (
-        Hierarchy(  # the root is around the reference boxes as well
+        Bvh(  # the root is around the reference boxes as well
             lower=np.array([[-1, -1, -1], *(lower[a:b].min(axis=0) for a, b in nodes[1:])]),
             upper=np.array([[12, 12, 2], *(upper[a:b].max(axis=0) for a, b in nodes[1:])]),
             skip=np.array([9, 2, 5, 4, 5, 9, 7, 8, 9], np.int32),
@@ -213,7 +213,7 @@ def test_items_that_enclose_a_reference_box_are_opened() -> None:
     assert sorted(candidate_list(tree, shaft, Strategy.KEEP_CLOSED).tolist()) == [6, 7]
 
 
-@pytest.mark.parametrize("build", [lambda *b: build_hierarchy(*b, 1), cluster])
+@pytest.mark.parametrize("build", [lambda *b: build_bvh(*b, 1), cluster])
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_a_list_leaves_out_only_what_is_outside(strategy: Strategy, build) -> None:  # type: ignore[no-untyped-def]
     rng = np.random.default_rng(11)
@@ -232,8 +232,8 @@ def test_a_list_leaves_out_only_what_is_outside(strategy: Strategy, build) -> No
             assert sorted(below.tolist()) == needed.tolist()
 
 
-def test_an_empty_hierarchy_has_no_candidates() -> None:
-    nothing = build_hierarchy(np.zeros((0, 3)), np.zeros((0, 3)))
+def test_an_empty_bvh_has_no_candidates() -> None:
+    nothing = build_bvh(np.zeros((0, 3)), np.zeros((0, 3)))
     shaft = Shaft.between([[0, 0, 0], [1, 1, 1]], [[2, 2, 2], [3, 3, 3]])
     assert candidate_list(nothing, shaft).tolist() == []
 
@@ -265,12 +265,12 @@ def test_clusters_are_as_good_as_areas_within_a_third() -> None:
     lower = rng.random((500, 3))
     upper = lower + 0.05
 
-    def cost(tree: Hierarchy) -> float:
+    def cost(tree: Bvh) -> float:
         x, y, z = (tree.upper - tree.lower).T
         area = x * y + y * z + z * x
         return float(sum(area[i] * len(tree.children(i)) for i in range(len(tree))) / area[0])
 
-    assert cost(cluster(lower, upper)) < 1.33 * cost(build_hierarchy(lower, upper, 1))
+    assert cost(cluster(lower, upper)) < 1.33 * cost(build_bvh(lower, upper, 1))
 
 
 def test_clusters_of_none_one_two_and_equal_items() -> None:

@@ -1,4 +1,4 @@
-"""Visibility: every way of looking for blockers finds what testing every segment against every polygon finds."""
+"""Visibility: every way of looking for occluders finds what testing every segment against every polygon finds."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from glpath.errors import UsageError
-from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Visibility, facing, visible
-from glpath.radiosity.shafts.blockers import visible_by_all
+from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Visibility, facing, visible
+from glpath.radiosity.shafts.occluders import visible_by_all
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
 from glpath.scene import load_scene
 
@@ -39,7 +39,7 @@ options = st.builds(
 
 
 @st.composite
-def blockers(draw: st.DrawFn, most: int = 24) -> Blockers:
+def occluders(draw: st.DrawFn, most: int = 24) -> Occluders:
     """Triangles and parallelograms, some slivers, some marked as parts of solids."""
     n = draw(st.integers(0, most))
     corners = draw(hnp.arrays(float, (n, 3, 3), elements=places))
@@ -47,11 +47,11 @@ def blockers(draw: st.DrawFn, most: int = 24) -> Blockers:
         thin = draw(st.sampled_from([0.0, 1e-12, 1e-7, 1e-4]))
         corners[0, 2] = corners[0, 0] + (corners[0, 1] - corners[0, 0]) * 0.5 + thin * corners[0, 2]
     flags = draw(hnp.arrays(bool, (2, n)))
-    return Blockers(corners, flags[0], flags[1], np.zeros(n, np.int32))
+    return Occluders(corners, flags[0], flags[1], np.zeros(n, np.int32))
 
 
 @st.composite
-def ends(draw: st.DrawFn, of: Blockers) -> tuple[Emitter, Receivers]:
+def ends(draw: st.DrawFn, of: Occluders) -> tuple[Emitter, Receivers]:
     """Points anywhere, or on the polygons; with normals or without; receivers of one point and of many."""
     samples = draw(hnp.arrays(float, (draw(st.integers(1, 4)), 3), elements=places))
     points = draw(hnp.arrays(float, (draw(st.integers(1, 12)), 3), elements=places))
@@ -75,42 +75,42 @@ def ends(draw: st.DrawFn, of: Blockers) -> tuple[Emitter, Receivers]:
     return Emitter(samples, normal, own), Receivers(points, receiver, normals, polygons)
 
 
-def on_polygon(of: Blockers, i: int, uv: np.ndarray) -> np.ndarray:
+def on_polygon(of: Occluders, i: int, uv: np.ndarray) -> np.ndarray:
     a, b, c = of.corners[i]
     return np.asarray(a + uv[:, :1] * (b - a) + uv[:, 1:] * (c - a))
 
 
-def brute_force(of: Blockers, emitter: Emitter, receivers: Receivers, solids: bool) -> np.ndarray:
+def brute_force(of: Occluders, emitter: Emitter, receivers: Receivers, solids: bool) -> np.ndarray:
     own = receivers.polygons if receivers.polygons is not None else np.full(len(receivers.points), -1, np.int32)
     own_a = np.full(len(emitter.points), emitter.polygon, np.int32)
     seen = visible_by_all(of.polygons(solids), emitter.points, receivers.points, own_a, own)
     return np.asarray(seen.T & facing(emitter, receivers))
 
 
-random_cases = given(st.data(), blockers(), options, st.sampled_from(["areas", "clusters"]))
+random_cases = given(st.data(), occluders(), options, st.sampled_from(["areas", "clusters"]))
 
 
 @settings(max_examples=400)
 @random_cases
 def test_every_option_finds_what_brute_force_finds(
-    data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str
+    data: st.DataObject, of: Occluders, chosen: Options, bvh: str
 ) -> None:
-    check_against_brute_force(data, of, chosen, hierarchy)
+    check_against_brute_force(data, of, chosen, bvh)
 
 
 @pytest.mark.evidence
 @settings(max_examples=3000)
 @random_cases
 def test_every_option_finds_what_brute_force_finds_in_thousands_of_scenes(
-    data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str
+    data: st.DataObject, of: Occluders, chosen: Options, bvh: str
 ) -> None:
-    check_against_brute_force(data, of, chosen, hierarchy)
+    check_against_brute_force(data, of, chosen, bvh)
 
 
-def check_against_brute_force(data: st.DataObject, of: Blockers, chosen: Options, hierarchy: str) -> None:
-    assume(of.size > 0.01 or not len(of))  # of blockers that are all next to nothing, points are too far
+def check_against_brute_force(data: st.DataObject, of: Occluders, chosen: Options, bvh: str) -> None:
+    assume(of.size > 0.01 or not len(of))  # of occluders that are all next to nothing, points are too far
     emitter, receivers = data.draw(ends(of))
-    visibility = Visibility(of, chosen, hierarchy, threads=1)  # type: ignore[arg-type]
+    visibility = Visibility(of, chosen, bvh, threads=1)  # type: ignore[arg-type]
     seen, counts = visibility.step(emitter, receivers)
     np.testing.assert_array_equal(seen, brute_force(of, emitter, receivers, chosen.solids))
     faces = facing(emitter, receivers)
@@ -118,9 +118,9 @@ def check_against_brute_force(data: st.DataObject, of: Blockers, chosen: Options
     assert counts.blocked == faces.sum() - seen.sum()
 
 
-def soup(n: int, size: float, seed: int) -> Blockers:
+def soup(n: int, size: float, seed: int) -> Occluders:
     rng = np.random.default_rng(seed)
-    return Blockers.of_triangles(rng.random((n, 1, 3)) + size * (rng.random((n, 3, 3)) - 0.5))
+    return Occluders.of_triangles(rng.random((n, 1, 3)) + size * (rng.random((n, 3, 3)) - 0.5))
 
 
 @pytest.mark.parametrize(("n", "size"), [(400, 0.1), (60, 0.6), (2000, 0.03)])
@@ -148,10 +148,10 @@ def test_threads_find_the_same() -> None:
 
 
 @pytest.fixture(scope="module")
-def office() -> tuple[Blockers, Emitter, Receivers]:
+def office() -> tuple[Occluders, Emitter, Receivers]:
     """The office, a ceiling light with four samples, and the middle of every polygon and a corner of it."""
     scene = load_scene("office")
-    of = Blockers.of_scene(scene)
+    of = Occluders.of_scene(scene)
     light = next(i for i in range(len(of)) if scene.shapes[of.shape[i]].emits)
     uv = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
     points = np.concatenate([on_polygon(of, i, np.array([[0.5, 0.5], [0.02, 0.03]])) for i in range(len(of))])
@@ -163,20 +163,20 @@ def office() -> tuple[Blockers, Emitter, Receivers]:
     )
 
 
-def test_the_office_has_the_papers_counts(office: tuple[Blockers, Emitter, Receivers]) -> None:
+def test_the_office_has_the_papers_counts(office: tuple[Occluders, Emitter, Receivers]) -> None:
     assert len(office[0]) == 906
     premesh = load_scene("office-premesh")
-    assert len(Blockers.of_scene(premesh)) == 2563
+    assert len(Occluders.of_scene(premesh)) == 2563
     assert sum(s.emits for s in premesh.shapes) == 10
 
 
 @pytest.mark.parametrize("chosen", [Options(), PAPER, replace(PAPER, strategy="no shaft")])
-def test_the_office_is_seen_alike(office: tuple[Blockers, Emitter, Receivers], chosen: Options) -> None:
+def test_the_office_is_seen_alike(office: tuple[Occluders, Emitter, Receivers], chosen: Options) -> None:
     seen, _ = Visibility(office[0], chosen).step(*office[1:])
     np.testing.assert_array_equal(seen, brute_force(*office, False))
 
 
-def test_solids_hide_the_same_without_their_backs(office: tuple[Blockers, Emitter, Receivers]) -> None:
+def test_solids_hide_the_same_without_their_backs(office: tuple[Occluders, Emitter, Receivers]) -> None:
     """Not by the same test, but in the same office: none of these rays grazes an edge."""
     seen, counts = Visibility(office[0], Options(solids=True)).step(*office[1:])
     _, both_sides = Visibility(office[0], Options()).step(*office[1:])
@@ -184,7 +184,7 @@ def test_solids_hide_the_same_without_their_backs(office: tuple[Blockers, Emitte
     assert counts.candidates < 0.8 * both_sides.candidates
 
 
-def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Blockers, Emitter, Receivers]) -> None:
+def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Occluders, Emitter, Receivers]) -> None:
     none = Visibility(office[0], replace(PAPER, strategy="no shaft")).step(*office[1:])[1]
     paper = Visibility(office[0], PAPER, "clusters").step(*office[1:])[1]
     fine = Visibility(office[0], Options(together=False, clump=2)).step(*office[1:])[1]
@@ -193,7 +193,7 @@ def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Blockers, Em
     assert fine.free > 0.1 * fine.rays
 
 
-def test_shafts_within_shafts_start_from_shorter_lists(office: tuple[Blockers, Emitter, Receivers]) -> None:
+def test_shafts_within_shafts_start_from_shorter_lists(office: tuple[Occluders, Emitter, Receivers]) -> None:
     of = office[0]
     keep = Options(strategy="ratio open", clump=1, group=0, nested=False)
     alone = Visibility(of, keep).step(*office[1:])[1]
@@ -202,7 +202,7 @@ def test_shafts_within_shafts_start_from_shorter_lists(office: tuple[Blockers, E
 
 
 def test_the_emitter_list_is_the_same_from_below_and_from_above(
-    office: tuple[Blockers, Emitter, Receivers],
+    office: tuple[Occluders, Emitter, Receivers],
 ) -> None:
     of, emitter, _ = office
     visibility = Visibility(of, Options(behind_emitter=False, tolerance=False))
@@ -221,7 +221,7 @@ def test_the_emitter_list_is_the_same_from_below_and_from_above(
     assert sorted(found.tolist()) == [i for i in range(len(of)) if i != emitter.polygon]
 
 
-def test_what_is_behind_the_emitter_is_gone(office: tuple[Blockers, Emitter, Receivers]) -> None:
+def test_what_is_behind_the_emitter_is_gone(office: tuple[Occluders, Emitter, Receivers]) -> None:
     of, emitter, _ = office
     visibility = Visibility(of)
     nodes, _ = visibility.emitter_list(emitter)
@@ -232,18 +232,18 @@ def test_what_is_behind_the_emitter_is_gone(office: tuple[Blockers, Emitter, Rec
     assert set(in_front.tolist()) <= found
 
 
-def test_two_triangles_of_a_parallelogram_are_one_blocker() -> None:
+def test_two_triangles_of_a_parallelogram_are_one_occluder() -> None:
     room = load_scene("cornell-box")
-    of = Blockers.of_scene(room)
+    of = Occluders.of_scene(room)
     assert len(of) < len(room.triangles)
     np.testing.assert_allclose(of.areas.sum(), room.areas.sum(), rtol=1e-12)
-    furnace = Blockers.of_scene(load_scene("furnace", {"subdivisions": "0"}))
+    furnace = Occluders.of_scene(load_scene("furnace", {"subdivisions": "0"}))
     assert len(furnace) == 6
     assert furnace.parallelogram.all()
     assert furnace.solid.all()
 
 
-def test_points_far_beyond_the_blockers_are_refused() -> None:
+def test_points_far_beyond_the_occluders_are_refused() -> None:
     with pytest.raises(UsageError, match="another unit"):
         visible(soup(3, 1, 1), [[0, 0, 0]], [[1e7, 0, 0]])
     with pytest.raises(UsageError, match="must be"):
@@ -260,7 +260,7 @@ def test_wrong_options_are_refused() -> None:
 
 
 def test_nobody_and_nothing() -> None:
-    nothing = Blockers.of_triangles(np.zeros((0, 3, 3)))
+    nothing = Occluders.of_triangles(np.zeros((0, 3, 3)))
     assert visible(nothing, [[0, 0, 0]], [[1, 0, 0], [2, 0, 0]]).tolist() == [[True, True]]
     assert visible(soup(3, 1, 1), np.zeros((0, 3)), [[1, 0, 0]]).shape == (0, 1)
     assert visible(soup(3, 1, 1), [[1, 0, 0]], np.zeros((0, 3))).shape == (1, 0)

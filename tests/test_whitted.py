@@ -85,7 +85,7 @@ def assert_as_reference(scene: Scene, max_depth: int = 1, share: float = 0.004, 
 
 
 @pytest.mark.parametrize("integrator", ["classic", "t-buffer"])
-@pytest.mark.parametrize("secondary", ["classic", "hierarchy"])
+@pytest.mark.parametrize("secondary", ["classic", "bvh"])
 def test_everything_is_as_a_slow_tracer_has_it(integrator: str, secondary: str) -> None:
     assert_as_reference(everything(), 4, integrator=integrator, secondary=secondary)
 
@@ -104,7 +104,7 @@ def test_all_engines_draw_the_same_bits() -> None:
     films = [
         glpath.render(everything(), integrator=integrator, secondary=secondary, spp=2, max_depth=5).mean
         for integrator in ("classic", "t-buffer")
-        for secondary in ("classic", "hierarchy")
+        for secondary in ("classic", "bvh")
     ]
     for film in films[1:]:
         np.testing.assert_array_equal(film, films[0])
@@ -134,7 +134,7 @@ def test_no_draw_has_more_tests_than_is_stated(size: tuple[int, int], tests: int
 
 
 @pytest.mark.parametrize("count", [1, 5, 400])
-def test_the_hierarchy_changes_nothing_in_crowds(count: int) -> None:
+def test_the_bvh_changes_nothing_in_crowds(count: int) -> None:
     rng = np.random.default_rng(count)
     mirror = Material("mirror", np.full(3, 0.2), mirror=np.array([0.6, 0.7, 0.8]))
     scene = everything(
@@ -145,7 +145,7 @@ def test_the_hierarchy_changes_nothing_in_crowds(count: int) -> None:
     )
     films = [
         glpath.render(scene, integrator="t-buffer", spp=1, max_depth=4, secondary=secondary, count_tests=True)
-        for secondary in ("classic", "hierarchy")
+        for secondary in ("classic", "bvh")
     ]
     np.testing.assert_array_equal(films[0].mean, films[1].mean)
     tests = [film.metadata.statistics["intersection_tests"] for film in films]
@@ -317,12 +317,12 @@ def test_tests_are_counted_exactly() -> None:
         view=camera((0, 4, 0.1), (0, -2, 0), fov=20, resolution=(32, 32)),
     )
     pixels = 32 * 32
-    # Two primitives; a ray by the hierarchy misses the ball's box, and so does every ray that the T-buffer shoots.
+    # Two primitives; a ray by the BVH misses the ball's box, and so does every ray that the T-buffer shoots.
     for integrator, secondary, primary_each, other_each in (
         ("classic", "classic", 2, 2),
-        ("classic", "hierarchy", 2, 1),
+        ("classic", "bvh", 2, 1),
         ("t-buffer", "classic", 1, 2),
-        ("t-buffer", "hierarchy", 1, 1),
+        ("t-buffer", "bvh", 1, 1),
     ):
         film = glpath.render(
             scene, integrator=integrator, secondary=secondary, spp=2, max_depth=3, count_tests=True
@@ -352,7 +352,7 @@ def test_tests_are_counted_exactly() -> None:
         ({"shadows": "cube", "shadow_resolution": 0}, "shadow_resolution"),
         ({"shadows": "cube", "shadow_filter": 99}, "shadow_filter"),
         ({"shadows": "cube", "shadow_test": "depth"}, "distance, identity"),
-        ({"secondary": "octree"}, "classic, hierarchy"),
+        ({"secondary": "octree"}, "classic, bvh"),
         ({"spp": 0}, "spp"),
     ],
 )

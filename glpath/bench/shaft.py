@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.errors import GlpathError
 from glpath.experiments.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from glpath.experiments.verdict import Condition, Report, cores, judge, machine
-from glpath.radiosity import PAPER, Blockers, Emitter, Options, Receivers, Statistics, Visibility, facing
+from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Statistics, Visibility, facing
 from glpath.versions import versions
 
 CLAIM = "visibility by shafts 2.5 times as fast as by our ray caster, and ahead of Embree, on the offices"
@@ -77,7 +77,7 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
         "paper, nested clumps of 32": replace(paper, clump=32, nested=True),
         "paper, groups": replace(paper, clump=32, group=512, nested=True),
         "paper, largest first": replace(paper, order="largest first"),
-        "paper, last blocker first": replace(paper, order="last blocker first"),
+        "paper, last occluder first": replace(paper, order="last occluder first"),
         "paper, planes sorted": replace(paper, least_cut=0.0),
         "paper, planes from 5 % on": replace(paper, least_cut=0.05),
         "paper, few rays without shafts": replace(paper, no_shaft_below=5 * side**2),
@@ -88,7 +88,7 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
         where = office(name, spacing, side)
         seconds, counts = in_turns(
             [
-                shoot(Visibility(where.blockers, o, "areas" if label.startswith("best") else "clusters", 1), where)
+                shoot(Visibility(where.occluders, o, "areas" if label.startswith("best") else "clusters", 1), where)
                 for label, o in changed.items()
             ],
             rounds,
@@ -124,10 +124,10 @@ def peer_rows(spacing: float = 0.25, side: int = 4, rounds: int = 5, say: Say = 
     rows: list[Row] = []
     for name in OFFICES:
         where = office(name, spacing, side)
-        caster = Visibility(where.blockers, BASELINE, threads=1)
+        caster = Visibility(where.occluders, BASELINE, threads=1)
         contestants: dict[str, Callable[[], Any]] = {
-            "shafts, 1 thread": shoot(Visibility(where.blockers, BEST, threads=1), where),
-            f"shafts, {cores} threads": shoot(Visibility(where.blockers, BEST, threads=cores), where),
+            "shafts, 1 thread": shoot(Visibility(where.occluders, BEST, threads=1), where),
+            f"shafts, {cores} threads": shoot(Visibility(where.occluders, BEST, threads=cores), where),
             "baseline, 1 thread": shoot(caster, where),
         }
         pool = None
@@ -249,19 +249,19 @@ def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), thre
         rng = np.random.default_rng(size)
         centres = rng.random((size, 1, 3))
         edge = 1.2 * size ** (-1 / 2)  # as much shadow whatever their number
-        blockers = Blockers.of_triangles(centres + edge * (rng.random((size, 3, 3)) - 0.5))
+        occluders = Occluders.of_triangles(centres + edge * (rng.random((size, 3, 3)) - 0.5))
         middles = (np.arange(4) + 0.5) / 4
         samples = np.stack([*np.meshgrid(0.4 + 0.2 * middles, 0.4 + 0.2 * middles), np.full((4, 4), 1.1)], axis=-1)
         emitter = Emitter(samples.reshape(-1, 3), np.array([0.0, 0.0, -1.0]))
         u = np.linspace(0, 1, 141)
         floor = np.stack([*np.meshgrid(u, u), np.full((141, 141), -0.1)], axis=-1).reshape(-1, 3)
         receivers = Receivers(floor, np.zeros(len(floor), np.int32), np.tile([0.0, 0.0, 1.0], (len(floor), 1)))
-        visibility = Visibility(blockers, BEST, threads=threads)
+        visibility = Visibility(occluders, BEST, threads=threads)
         start = time.perf_counter()
         assert len(visibility.tree)
         built = time.perf_counter() - start
         prepared = visibility.prepare(receivers)
-        caster = Visibility(blockers, BASELINE, threads=threads)
+        caster = Visibility(occluders, BASELINE, threads=threads)
         steps = [
             partial(visibility.step, emitter, prepared),
             partial(caster.step, emitter, caster.prepare(receivers)),
@@ -271,7 +271,7 @@ def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), thre
         rows.append(
             {
                 "polygons": size,
-                "hierarchy s": built,
+                "bvh s": built,
                 "step s": seconds[0],
                 "ns/ray": seconds[0] / counts.rays * 1e9,
                 "baseline over ours": seconds[1] / seconds[0],

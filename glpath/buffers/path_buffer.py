@@ -10,7 +10,7 @@ What is done otherwise than in the paper:
   answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
 - *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
-  loses a roulette without bias: the four survivors stand for all of the cell [PB appendix B].
+  loses the collision, without bias: the four survivors stand for all of the cell [PB appendix B].
 
 Cost:     one draw of the scene per direction, whatever the number of origins; a few maps over origins and cells.
 Poor at:  few origins in a large scene; origins that crowd into few cells.
@@ -47,7 +47,7 @@ class ScanView:
 
     directions : one or two (3,) unit, the ways of paths with sign +1; as many as the buffer has views
     jitter    : (2,) in [0, 1), where the grid starts, in cells
-    seed      : decides who wins the roulette of a crowded cell
+    seed      : decides who wins the collisions in a crowded cell
     """
 
     directions: tuple[NDArray[np.float64], ...]
@@ -276,7 +276,7 @@ class PathBuffer:
             stage.run(uniforms)
 
     def cast(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Hits:
-        """The nearest surface beyond each origin, exactly: what lost the roulette is cast again.
+        """The nearest surface beyond each origin, exactly: what lost a collision is cast again.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class PathBuffer:
     def scan(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Cells:
         """One scan of the same rays as in `cast`, to look at: what then lies in the buffer.
 
-        Rays that lost the roulette of their cell are not in it.
+        Rays that lost a collision in their cell are not in it.
         """
         start, d, sign = self._rays("scan", origins, direction, way)
         columns, rows = self.paths

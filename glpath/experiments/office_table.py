@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from glpath.radiosity.shafts.blockers import Blockers
 from glpath.radiosity.shafts.ends import Emitter, Receivers
+from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import PAPER, Options, Statistics
 from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene import Scene, load_scene
@@ -55,7 +55,7 @@ class Office:
     """A scene with its emitters, which are its lights, and its receivers, which are all its polygons."""
 
     scene: Scene
-    blockers: Blockers
+    occluders: Occluders
     emitters: tuple[Emitter, ...]
     receivers: Receivers
 
@@ -65,14 +65,14 @@ def office(
 ) -> Office:
     """A shipped scene with receiver points at most `spacing` apart and side x side samples on each light."""
     scene = load_scene(name)
-    blockers = Blockers.of_scene(scene)
-    lights = [i for i in range(len(blockers)) if scene.shapes[blockers.shape[i]].emits][:most_lights]
-    emitters = tuple(Emitter.on(blockers, i, side, whole) for i in lights)
-    return Office(scene, blockers, emitters, Receivers.on(blockers, spacing))
+    occluders = Occluders.of_scene(scene)
+    lights = [i for i in range(len(occluders)) if scene.shapes[occluders.shape[i]].emits][:most_lights]
+    emitters = tuple(Emitter.on(occluders, i, side, whole) for i in lights)
+    return Office(scene, occluders, emitters, Receivers.on(occluders, spacing))
 
 
 def shoot(visibility: Visibility, where: Office) -> Callable[[], Statistics]:
-    """One step of every emitter, as a function; the hierarchy and the clumps of receivers are made before."""
+    """One step of every emitter, as a function; the BVH and the clumps of receivers are made before."""
     prepared = visibility.prepare(where.receivers)
     assert len(visibility.tree)
 
@@ -110,7 +110,7 @@ def strategies() -> dict[str, Options]:
 
 
 def table_1_rows(
-    hierarchy: Literal["areas", "clusters"] = "clusters",
+    bvh: Literal["areas", "clusters"] = "clusters",
     spacing: float = 0.25,
     rounds: int = 3,
     say: Say = print,
@@ -118,14 +118,14 @@ def table_1_rows(
 ) -> list[Row]:
     """The paper's table 1: each strategy, low (1 sample of each light) and high (4), both offices, on one thread.
 
-    Of rays that the last blocker did not stop: tests of boxes and polygons, and microseconds, shafts included.
+    Of rays that the last occluder did not stop: tests of boxes and polygons, and microseconds, shafts included.
     """
     rows: list[Row] = []
     for name in OFFICES:
         timed: dict[str, dict[int, tuple[float, Statistics]]] = {}
         for side in (1, 2):
             where = office(name, spacing, side, True, most_lights)
-            runs = [shoot(Visibility(where.blockers, o, hierarchy, 1), where) for o in strategies().values()]
+            runs = [shoot(Visibility(where.occluders, o, bvh, 1), where) for o in strategies().values()]
             seconds, counts = in_turns(runs, rounds)
             for label, second, count in zip(strategies(), seconds, counts, strict=True):
                 timed.setdefault(label, {})[side] = second, count
@@ -163,7 +163,7 @@ def _tests(counts: Statistics) -> float:
 
 
 def savings_rows(
-    hierarchy: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25, most_lights: int | None = None
+    bvh: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25, most_lights: int | None = None
 ) -> list[Row]:
     """What shadow coherency (paper: 31 %) and the emitter list (17 %, 12 %) save of the tests of rays."""
     plain = replace(PAPER, strategy="no shaft", coherency=False, emitter_list=False, behind_emitter=False)
@@ -172,7 +172,7 @@ def savings_rows(
         where = office(name, spacing, 1, True, most_lights)
 
         def tests(options: Options, where: Office = where) -> Statistics:
-            return shoot(Visibility(where.blockers, options, hierarchy, 1), where)()
+            return shoot(Visibility(where.occluders, options, bvh, 1), where)()
 
         none, cached = tests(plain), tests(replace(plain, coherency=True))
         listed = tests(replace(plain, coherency=True, emitter_list=True, behind_emitter=True))

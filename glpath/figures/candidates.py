@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.bvh import Bvh, build_bvh
 from glpath.errors import UsageError
 from glpath.figures.polyhedron import box_corners, faces, shaft_planes
 from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, require_matplotlib
-from glpath.hierarchy import Hierarchy, build_hierarchy
-from glpath.radiosity import Blockers, Shaft, Strategy, candidate_list
+from glpath.radiosity import Occluders, Shaft, Strategy, candidate_list
 from glpath.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,34 +43,34 @@ class Candidates:
 
 @dataclass(frozen=True)
 class ShaftScene:
-    """A scene's polygons and the hierarchy over them, to form shafts in.
+    """A scene's polygons and the BVH over them, to form shafts in.
 
     Raises UsageError for a scene without triangles: spheres and planes are not polygons.
     """
 
     scene: Scene
-    blockers: Blockers = field(init=False)
+    occluders: Occluders = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "blockers", Blockers.of_scene(self.scene))
-        if not len(self.blockers.corners):
+        object.__setattr__(self, "occluders", Occluders.of_scene(self.scene))
+        if not len(self.occluders.corners):
             raise UsageError(f"{self.scene.name}: has no triangles, and shafts cull polygons.")
 
     @cached_property
-    def tree(self) -> Hierarchy:
+    def tree(self) -> Bvh:
         """Every leaf one polygon."""
-        return build_hierarchy(*self.blockers.boxes(), leaf_size=1)
+        return build_bvh(*self.occluders.boxes(), leaf_size=1)
 
     @property
     def shapes(self) -> list[str]:
         """Names of the shapes that have polygons."""
-        return [self.scene.shapes[i].name for i in np.unique(self.blockers.shape)]
+        return [self.scene.shapes[i].name for i in np.unique(self.occluders.shape)]
 
     def outlines(self) -> list[Float64]:
         """Corners (3 or 4, 3) of every polygon."""
         return [
             np.array([a, b, b + c - a, c] if four else [a, b, c])
-            for (a, b, c), four in zip(self.blockers.corners, self.blockers.parallelogram, strict=True)
+            for (a, b, c), four in zip(self.occluders.corners, self.occluders.parallelogram, strict=True)
         ]
 
     def polygons_of(self, shape: str) -> Int32:
@@ -82,7 +82,7 @@ class ShaftScene:
                 f"{self.scene.name}: no shape of polygons is named {shape!r}.",
                 f"There are {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}.",
             )
-        return np.flatnonzero(self.blockers.shape == names.index(shape)).astype(np.int32)
+        return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)
 
     def box_of(self, shape: str) -> Float64:
         """(6,) the box around a shape."""
@@ -100,7 +100,7 @@ class ShaftScene:
         own = np.concatenate([self.polygons_of(emitter), self.polygons_of(receiver)])
         found = np.concatenate([np.zeros(0, np.int32), *(self.tree.items(int(node)) for node in nodes)])
         polygons = np.setdiff1d(found, own).astype(np.int32)
-        return Candidates(shaft, nodes, boxes, polygons, len(self.blockers.corners) - len(own))
+        return Candidates(shaft, nodes, boxes, polygons, len(self.occluders.corners) - len(own))
 
     def draw(
         self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4

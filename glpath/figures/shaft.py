@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.bvh import Bvh
 from glpath.experiments.office_table import OFFICES, savings_rows, table_1_rows
 from glpath.experiments.verdict import Condition
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
 from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, drawings, table
-from glpath.hierarchy import Hierarchy
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES
 
@@ -349,12 +349,12 @@ def _union(boxes: Float64) -> Float64:
     return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
-def _scene_of_figure_3() -> tuple[Float64, Hierarchy]:
-    """The boxes of all nodes, and the hierarchy: object 1, A of 2 and 3, B of 4 to 6, all in the room's box."""
+def _scene_of_figure_3() -> tuple[Float64, Bvh]:
+    """The boxes of all nodes, and the BVH: object 1, A of 2 and 3, B of 4 to 6, all in the room's box."""
     a, b = _union(OBJECTS[1:3]), _union(OBJECTS[3:])
     room = _union(np.concatenate([OBJECTS, [EMITTER_3, RECEIVER_3]]))
     boxes = np.array([room, OBJECTS[0], a, OBJECTS[1], OBJECTS[2], b, *OBJECTS[3:]])
-    hierarchy = Hierarchy(
+    bvh = Bvh(
         lower=boxes[:, :3].copy(),
         upper=boxes[:, 3:].copy(),
         skip=np.array([9, 2, 5, 4, 5, 9, 7, 8, 9], np.int32),
@@ -362,12 +362,12 @@ def _scene_of_figure_3() -> tuple[Float64, Hierarchy]:
         count=np.array([0, 1, 0, 1, 1, 0, 1, 1, 1], np.int32),
         order=np.arange(6, dtype=np.int32),
     )
-    return boxes, hierarchy
+    return boxes, bvh
 
 
 def figure_3(scale: float, say: Say) -> Outcome:
     """Six objects in two boxes: the candidate list of each strategy [SC, figure 3]."""
-    boxes, hierarchy = _scene_of_figure_3()
+    boxes, bvh = _scene_of_figure_3()
     shaft = Shaft.between(EMITTER_3, RECEIVER_3)
     strategies = {
         "always open": Strategy.ALWAYS_OPEN,
@@ -376,7 +376,7 @@ def figure_3(scale: float, say: Say) -> Outcome:
         "ratio open 0.4": Strategy.RATIO_OPEN,
     }
     lists = {
-        name: tuple(sorted((NODES[i] for i in candidate_list(hierarchy, shaft, strategy, ratio=0.4)), key=_rank))
+        name: tuple(sorted((NODES[i] for i in candidate_list(bvh, shaft, strategy, ratio=0.4)), key=_rank))
         for name, strategy in strategies.items()
     }
     places = {node: Place(int(p)) for node, p in zip(NODES, shaft.classify(boxes), strict=True)}
@@ -601,7 +601,7 @@ def table_1(scale: float, say: Say) -> Outcome:
     )
     caption = (
         f"Paper: {said}. Its times are of an HP 9000/433.\nHere: {here}. One thread, shafts included; "
-        "rays that the last blocker stopped are not counted. Low: 1 sample of each light, high: 4. Candidates, "
+        "rays that the last occluder stopped are not counted. Low: 1 sample of each light, high: 4. Candidates, "
         "empty shafts and rays without a test (free): at high sampling. Walls and floor, with the "
         "most rays, have far more candidates than the mean."
     )

@@ -12,9 +12,9 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from glpath.bvh import build_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import UINTS, make_store, store_glsl
-from glpath.hierarchy import build_hierarchy
 
 #: What a node's texels hold, and a leaf's.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -30,20 +30,20 @@ _PAD = 2e-6
 
 
 def bvh_glsl() -> str:
-    """The layout as GLSL, for `#include <HIERARCHY>`."""
-    return "uniform int node_count;\n" + store_glsl("hierarchy", UINTS, LAYOUT)
+    """The layout as GLSL, for `#include <BVH>`."""
+    return "uniform int node_count;\n" + store_glsl("bvh", UINTS, LAYOUT)
 
 
 class DeviceBvh:
     """The BVH over the primitives of a `DeviceScene`, planes excepted.
 
-    textures, uniforms : for programs that include object_hierarchy.glsl, with `bvh_glsl()` as <HIERARCHY>
+    textures, uniforms : for programs that include object_bvh.glsl, with `bvh_glsl()` as <BVH>
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
         count = scene.numbering.first_plane
         lower, upper = scene.boxes
-        tree = build_hierarchy(lower[:count], upper[:count], leaf_size=_LEAF)
+        tree = build_bvh(lower[:count], upper[:count], leaf_size=_LEAF)
         nodes = len(tree)
         leaves = np.flatnonzero(tree.count)
         pad = _PAD * (np.maximum(np.abs(tree.lower), np.abs(tree.upper)).max(axis=1, initial=0.0))[:, None]
@@ -59,5 +59,5 @@ class DeviceBvh:
         source = scene.scene.source or scene.scene.name
         tables = {"node": node_table, "leaf": primitives[:, None, :]}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, source)
-        self.textures = {"hierarchy": texture}
+        self.textures = {"bvh": texture}
         self.uniforms: dict[str, object] = {"node_count": nodes, **bases}

@@ -224,7 +224,7 @@ class PathStages(ABC):
         """What was counted in the path sets taken so far.
 
         paths_cast      : rays cast through the path-buffer
-        paths_lost      : of these, how many lost the roulette of their cell
+        paths_lost      : of these, how many lost the collision in their cell
         dropped_samples : not finite, and counted as 0
         stage_ms        : milliseconds by stage, where timed
         """

@@ -28,7 +28,7 @@ Directions = Literal["pair", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
-Secondary = Literal["classic", "hierarchy"]
+Secondary = Literal["classic", "bvh"]
 Rgb = tuple[float, float, float]
 
 #: A path counts its casts in eleven bits, up to two a vertex.
@@ -171,7 +171,7 @@ class GatherSettings(PathSetSettings):
 SecondaryRays = Annotated[
     Secondary,
     Meta(
-        description='reflections and shadow rays: by a "hierarchy" of boxes, or "classic", every object in turn, '
+        description='reflections and shadow rays: by a "bvh" of boxes, or "classic", every object in turn, '
         "as in the paper"
     ),
 ]
@@ -213,7 +213,7 @@ class WhittedSettings(IntegratorSettings):
             "filtering); 1 for the nearest alone, as in the paper",
         ),
     ] = 2
-    secondary: SecondaryRays = "hierarchy"
+    secondary: SecondaryRays = "bvh"
     light_samples: Annotated[
         int,
         Meta(

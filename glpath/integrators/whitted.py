@@ -85,9 +85,9 @@ class WhittedTracer:
         kept = self.shadow_buffer if objects.geometry_digest == same else None
         if kept is not None and kept.lights != objects.positional_lights:
             kept = None
-        hierarchy = self.hierarchy if objects.geometry_digest == same else None
+        bvh = self.bvh if objects.geometry_digest == same else None
         self.take()
-        self._set_up(objects, hierarchy, kept)
+        self._set_up(objects, bvh, kept)
 
     # The frame.
 
@@ -176,7 +176,7 @@ class WhittedTracer:
     def _set_up(
         self,
         objects: DeviceScene,
-        hierarchy: DeviceBvh | None = None,
+        bvh: DeviceBvh | None = None,
         shadow_buffer: PointShadowBuffer | None = None,
     ) -> None:
         settings, gl = self.settings, self.gl
@@ -191,7 +191,7 @@ class WhittedTracer:
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
-        generated, defines = {**objects.generated, "HIERARCHY": bvh_glsl()}, dict(objects.defines)
+        generated, defines = {**objects.generated, "BVH": bvh_glsl()}, dict(objects.defines)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
         # Ambient light stands for the sky's on surfaces; both would count it twice.
@@ -201,12 +201,12 @@ class WhittedTracer:
         self._sampler: PathSetSampler = PathSetSampler(settings.seed, settings.max_depth)
         if not self._area_lighting.dark:
             defines["LIGHT_SAMPLES"] = settings.light_samples
-        self.hierarchy: DeviceBvh | None = hierarchy
-        if settings.secondary == "hierarchy":
-            self.hierarchy = self.hierarchy or DeviceBvh(gl, objects)
-            textures |= self.hierarchy.textures
-            self._constant |= self.hierarchy.uniforms
-            defines["BY_HIERARCHY"] = 1
+        self.bvh: DeviceBvh | None = bvh
+        if settings.secondary == "bvh":
+            self.bvh = self.bvh or DeviceBvh(gl, objects)
+            textures |= self.bvh.textures
+            self._constant |= self.bvh.uniforms
+            defines["BY_BVH"] = 1
         self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
         lights = objects.positional_lights
         if settings.shadows != "rays" and lights:

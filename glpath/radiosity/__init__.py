@@ -1,8 +1,8 @@
 """Light between diffuse surfaces, on the CPU: shafts and visibility [SC], form factors, radiosity. No GL."""
 
-from glpath.radiosity.shafts.blockers import Blockers
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Receivers, facing
+from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import PAPER, Options, Statistics
 from glpath.radiosity.shafts.shaft import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.visibility import Visibility, visible
@@ -11,8 +11,8 @@ from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgre
 
 __all__ = [
     "PAPER",
-    "Blockers",
     "Emitter",
+    "Occluders",
     "Options",
     "Place",
     "RadiosityInterrupted",

@@ -7,7 +7,7 @@ the floor under a box; of each point it is
     "polygon"  the form factor of the whole triangle by Lambert's formula, times the share of it that is visible
     "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
 
-With polygons the rows of a closed room without blockers add up to 1 to the last digits, and with discs roughly. An
+With polygons the rows of a closed room without occluders add up to 1 to the last digits, and with discs roughly. An
 emitter has 1 to 25 samples, more where it is large and near: the distance should be five times the size of a part.
 
 J. Wallace, K. Elmquist, E. Haines, "A ray tracing algorithm for progressive radiosity", 1989.
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.mesh.mesh import Elements, Int64, blocker_of_triangle
+from glpath.radiosity.mesh.mesh import Elements, Int64, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
 from glpath.radiosity.shafts.ends import Emitter, Receivers
 from glpath.radiosity.shafts.options import Statistics
@@ -53,7 +53,7 @@ class FormFactors:
     Emitters that lie together on one polygon are a batch: their rays share shafts, and the cost of a call.
 
     scene      : in triangles
-    visibility : among its blockers, of `Blockers.of_scene`
+    visibility : among its occluders, of `Occluders.of_scene`
     emitters   : elements whose sides `shooting` emit
     kind       : see above
     most       : samples of an emitter, at most: 1, 4, 9, 16 or 25
@@ -80,7 +80,7 @@ class FormFactors:
         side = round(most**0.5)
         self._tiers = np.array(sorted({1, (1 + side) // 2, side}), np.int64)
         self._samples = {int(k): sub_triangles(int(k)) for k in self._tiers}
-        self._polygon = blocker_of_triangle(visibility.blockers.parallelogram)
+        self._polygon = occluder_of_triangle(visibility.occluders.parallelogram)
         self._corners = np.ascontiguousarray(emitters.points(scene, np.eye(3))[shooting.element])
         self._normals = shooting.normal
         edges = np.roll(self._corners, -1, axis=1) - self._corners
@@ -94,7 +94,7 @@ class FormFactors:
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
         """Sides of elements as points, for `of_batch`."""
-        solid = self.visibility.blockers.solid[self._polygon]
+        solid = self.visibility.occluders.solid[self._polygon]
         points, is_open = open_points(self.scene, solid, elements, sides, self.points)
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)

@@ -16,7 +16,7 @@ from glpath.radiosity.form_factors.form_factor import FormFactors, Kind, Receive
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Int64, Mesh
 from glpath.radiosity.mesh.sides import Sides
-from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import Statistics
 from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene.model import Float64
@@ -72,7 +72,7 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            Visibility(Blockers.of_scene(scene), threads=1),  # threads share emitters here
+            Visibility(Occluders.of_scene(scene), threads=1),  # threads share emitters here
             mesh.patches,
             self.sides,
             kind=options.kind,

@@ -205,8 +205,8 @@ def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
     return numbers
 
 
-def blocker_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:
-    """(T,) int32: the number of each triangle in `Blockers.of_scene`, where two in a row may have become one."""
+def occluder_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:
+    """(T,) int32: the number of each triangle in `Occluders.of_scene`, where two in a row may have become one."""
     return np.repeat(np.arange(len(parallelogram), dtype=np.int32), np.where(parallelogram, 2, 1))
 
 

@@ -9,19 +9,27 @@ from __future__ import annotations
 import numpy as np
 
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.shafts.blockers import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
 from glpath.radiosity.shafts.ends import before_emitter, before_receiver
+from glpath.radiosity.shafts.occluders import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
 from glpath.radiosity.shafts.options import (
     BLOCKED,
     BOX_TESTS,
     CACHED,
     FREE,
-    LAST_BLOCKER_FIRST,
+    LAST_OCCLUDER_FIRST,
     OBJECT_TESTS,
     RAYS,
 )
 from glpath.radiosity.shafts.points import SEVERAL
-from glpath.radiosity.shafts.search import BLOCKER, CandidateRange, Work, highest, objects_of, ray_count, shaft_list
+from glpath.radiosity.shafts.search import (
+    OCCLUDER,
+    CandidateRange,
+    Work,
+    highest,
+    objects_of,
+    ray_count,
+    shaft_list,
+)
 from glpath.radiosity.shafts.shaft import empty_shaft, empty_stack
 
 
@@ -48,7 +56,7 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
+def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
     """The first polygon of a list between a and b, or -1; its place there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
     if found.boxed:
@@ -97,7 +105,7 @@ def _blocker(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object
 def _cast_one_by_one(  # type: ignore[no-untyped-def]
     tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
-    """The rays of a group as in the paper: the last blocker, then the shaft's list until something is hit.
+    """The rays of a group as in the paper: the last occluder, then the shaft's list until something is hit.
 
     found, built : the candidates, if the shaft is built; else the parent's, from which it will be
     """
@@ -113,7 +121,7 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                 continue
             counts[RAYS] += 1
             if not built or found.begin < found.end:
-                last = work.latest[BLOCKER]
+                last = work.latest[OCCLUDER]
                 if settings.coherency and last >= 0 and last != own_b:
                     counts[OBJECT_TESTS] += 1
                     if hits(last, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
@@ -129,7 +137,7 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                 counts[FREE] += 1
                 visible[p, s] = True
                 continue
-            x, at, box_tests, object_tests = _blocker(
+            x, at, box_tests, object_tests = _occluder(
                 ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
             )
             counts[BOX_TESTS] += box_tests
@@ -138,8 +146,8 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                 visible[p, s] = True
                 continue
             counts[BLOCKED] += 1
-            work.latest[BLOCKER] = x
-            if settings.order == LAST_BLOCKER_FIRST:
+            work.latest[OCCLUDER] = x
+            if settings.order == LAST_OCCLUDER_FIRST:
                 _to_front(at, found.begin, work)
 
 
@@ -166,7 +174,7 @@ def _cast_together(  # type: ignore[no-untyped-def]
         return
     rays = left
     counts[RAYS] += rays
-    last = work.latest[BLOCKER]
+    last = work.latest[OCCLUDER]
     if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
         counts[OBJECT_TESTS] += left
         left = _block(last, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
@@ -189,12 +197,12 @@ def _cast_together(  # type: ignore[no-untyped-def]
             left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
             if before - left > most:
                 most = before - left
-                work.latest[BLOCKER] = x
+                work.latest[OCCLUDER] = x
     if left and boxes:
         for k in range(count):
             for s in range(samples):
                 if clear[s, k]:
-                    x, _, box_tests, object_tests = _blocker(
+                    x, _, box_tests, object_tests = _occluder(
                         source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
                         lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree,
                         polygons, False, work,

@@ -1,7 +1,7 @@
-"""Goldsmith and Salmon's clusters: items put into a hierarchy one by one, each where it costs least.
+"""Goldsmith and Salmon's clusters: items put into a BVH one by one, each where it costs least.
 
-The hierarchy of the paper's statistics [SC, Statistics]; an inner node has as many children as came to it. Kept for
-comparison: the trees of `glpath.hierarchy.build_hierarchy` cost less by these authors' own measure.
+The BVH of the paper's statistics [SC, Statistics]; an inner node has as many children as came to it. Kept for
+comparison: the trees of `glpath.bvh.build_bvh` cost less by these authors' own measure.
 
 Cost:     0.2 s for a hundred thousand items scattered in a cube.
 
@@ -14,12 +14,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.hierarchy import Hierarchy, checked_boxes
+from glpath.bvh import Bvh, checked_boxes
 from glpath.kernels import kernel
 
 
-def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Hierarchy:
-    """A hierarchy whose leaves are single items, built by insertion [Goldsmith 1987].
+def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
+    """A BVH whose leaves are single items, built by insertion [Goldsmith 1987].
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Hierarchy:
     boxes = np.concatenate([low, high], axis=1)
     coming = np.random.default_rng(seed).permutation(len(boxes)).astype(np.int32)
     nodes, skip, first, count, order = _flatten(boxes, *_insert_all(boxes, coming))
-    return Hierarchy(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
+    return Bvh(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
 
 
 @kernel
@@ -115,7 +115,7 @@ def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped
 
 @kernel
 def _flatten(boxes, linked, root, child, sibling):  # type: ignore[no-untyped-def]
-    """The links as depth-first arrays; see `Hierarchy`."""
+    """The links as depth-first arrays; see `Bvh`."""
     n, size = len(boxes), 0 if root < 0 else len(linked)
     nodes = np.empty((size, 6))
     skip = np.empty(size, np.int32)

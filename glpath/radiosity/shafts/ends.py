@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.hierarchy import Float64, Int32
+from glpath.bvh import Float64, Int32
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.occluders import Occluders
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Emitter:
 
     points  : (S, 3) float64
     normal  : (3,) of a one-sided emitter, which lights only what lies before it; None for light to all sides
-    polygon : the blocker that the points lie on, which does not block them; -1 for none
+    polygon : the occluder that the points lie on, which does not block them; -1 for none
     box     : (6,) lower and upper corner, around the points; None for the smallest
     """
 
@@ -29,17 +29,17 @@ class Emitter:
     box: Float64 | None = None
 
     @classmethod
-    def on(cls, blockers: Blockers, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
+    def on(cls, occluders: Occluders, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
         """The front of a polygon, with side x side samples in the middles of cells; a triangle has half of them.
 
         whole : shafts are made for all of the polygon, as in the paper, and not only for where the samples lie
         """
         middles = (np.arange(side) + 0.5) / side
-        points = _on_polygons(blockers, np.array([polygon]), middles, middles)[0]
-        a, b, c = blockers.corners[polygon]
-        outline = np.stack([a, b, c, b + c - a] if blockers.parallelogram[polygon] else [a, b, c])
+        points = _on_polygons(occluders, np.array([polygon]), middles, middles)[0]
+        a, b, c = occluders.corners[polygon]
+        outline = np.stack([a, b, c, b + c - a] if occluders.parallelogram[polygon] else [a, b, c])
         box = np.concatenate([outline.min(axis=0), outline.max(axis=0)])
-        return cls(points, blockers.normals[polygon], polygon, box if whole else None)
+        return cls(points, occluders.normals[polygon], polygon, box if whole else None)
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Receivers:
     points   : (P, 3) float64
     receiver : (P,) int32, the receiver of each point, in ascending order
     normals  : (P, 3) of one-sided receivers, which are lit from their front only; None for all sides
-    polygons : (P,) int32, the blocker that each point lies on, which does not block it; -1 for none; None: none at
+    polygons : (P,) int32, the occluder that each point lies on, which does not block it; -1 for none; None: none at
                all
     """
 
@@ -59,30 +59,30 @@ class Receivers:
     polygons: Int32 | None = None
 
     @classmethod
-    def on(cls, blockers: Blockers, spacing: float) -> Receivers:
+    def on(cls, occluders: Occluders, spacing: float) -> Receivers:
         """The front of every polygon, with the vertices of a grid at most `spacing` apart, corners included."""
-        edges = np.linalg.norm(blockers.corners[:, 1:] - blockers.corners[:, :1], axis=2)
+        edges = np.linalg.norm(occluders.corners[:, 1:] - occluders.corners[:, :1], axis=2)
         cells = np.maximum(np.ceil(edges / spacing - 1e-9), 1).astype(int)
-        kinds, kind = np.unique(np.column_stack([cells, blockers.parallelogram]), axis=0, return_inverse=True)
+        kinds, kind = np.unique(np.column_stack([cells, occluders.parallelogram]), axis=0, return_inverse=True)
         points, number = [], []
         for i, (n, m, _) in enumerate(kinds):
             which = np.flatnonzero(kind.ravel() == i)
-            grid = _on_polygons(blockers, which, np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1))
+            grid = _on_polygons(occluders, which, np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1))
             points.append(grid.reshape(-1, 3))
             number.append(np.repeat(which, grid.shape[1]))
         numbers = np.concatenate([np.zeros(0, int), *number])
         order = np.argsort(numbers, kind="stable")
         numbers = numbers[order].astype(np.int32)
-        return cls(np.concatenate([np.zeros((0, 3)), *points])[order], numbers, blockers.normals[numbers], numbers)
+        return cls(np.concatenate([np.zeros((0, 3)), *points])[order], numbers, occluders.normals[numbers], numbers)
 
 
-def _on_polygons(blockers: Blockers, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
+def _on_polygons(occluders: Occluders, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
     """(n, points, 3): the points u, v of n polygons of one kind, triangles or parallelograms."""
     uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    if not blockers.parallelogram[which[0]]:
+    if not occluders.parallelogram[which[0]]:
         uv = uv[uv.sum(axis=1) <= 1 + 1e-12]
-    corner = blockers.corners[which, :1]
-    edges = blockers.corners[which, 1:] - corner
+    corner = occluders.corners[which, :1]
+    edges = occluders.corners[which, 1:] - corner
     return np.asarray(corner + np.einsum("pk,nkj->npj", uv, edges))
 
 

@@ -20,13 +20,13 @@ STRATEGIES: dict[StrategyName, int] = {
 }
 
 
-OrderName = Literal["found", "largest first", "last blocker first"]
+OrderName = Literal["found", "largest first", "last occluder first"]
 
 
-ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last blocker first": 2}
+ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last occluder first": 2}
 
 
-LARGEST_FIRST, LAST_BLOCKER_FIRST = 1, 2
+LARGEST_FIRST, LAST_OCCLUDER_FIRST = 1, 2
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Options:
     """How candidates are found; none of it changes what is visible. The defaults are quick for the office scenes.
 
     strategy          : what becomes of boxes that are not outside a shaft, see `Strategy`; "no shaft" is the
-                        baseline, a ray caster through the hierarchy
+                        baseline, a ray caster through the BVH
     ratio             : of "ratio open", 0 to 1: the share of children above which a box stays closed
     open_enclosing    : open boxes that enclose a reference box, as every ray would hit them
     emitter_list      : start at what the emitter does not lie in, found once per step
@@ -45,7 +45,7 @@ class Options:
     mailbox           : "ratio open" marks the children that are outside below a box that stays closed
     tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours
                         of the receiver stay out
-    coherency         : test the last ray's blocker first, and build the shaft when it misses
+    coherency         : test the last ray's occluder first, and build the shaft when it misses
     together          : test all rays of a clump against one candidate after the other; False: one ray after the
                         other, each until it is blocked, as in the paper
     object_boxes      : test a polygon's box before the polygon, as in the paper; of rays that are tested one by one
@@ -53,7 +53,7 @@ class Options:
     group             : most points of several receivers that share a shaft, for whose parts further shafts are
                         made; 0 for none
     nested            : a clump's shaft starts from the candidate list of its receiver's or group's
-    order             : of the candidate list: as found, the largest first, or the last blocker moved to the front
+    order             : of the candidate list: as found, the largest first, or the last occluder moved to the front
     least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
                         out; None for all planes unsorted
     longest           : number of candidates beyond which "always open" gives way to "ratio open"; 0: no limit
@@ -119,7 +119,7 @@ class Statistics:
     lists        : how many lists that were
     rays         : all of them
     blocked      : of the rays
-    cached       : rays that the last blocker stopped, with one test each
+    cached       : rays that the last occluder stopped, with one test each
     free         : rays through shafts without candidates, without any test
     box_tests    : of rays against boxes
     object_tests : of rays against polygons, those of cached rays included

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.hierarchy import Float64, Int32, build_hierarchy
+from glpath.bvh import Float64, Int32, build_bvh
 from glpath.kernels import kernel
 
 #: A shaft within a shaft is made when it has at most this share of the points.
@@ -30,7 +30,7 @@ class Groups(NamedTuple):
     boxes      : (M, 6) float64, around the points
     skip       : (M,) int64, the node after a group and its parts
     begin, end : (M,) int64
-    polygon    : (M,) int64, the blocker that all points lie on; -1 for none, SEVERAL where they lie on different
+    polygon    : (M,) int64, the occluder that all points lie on; -1 for none, SEVERAL where they lie on different
                  ones
     normal     : (M, 3) float64, of unit length where it is that of all points; 0 where it isn't
     levels     : most groups around any point
@@ -78,7 +78,7 @@ def group_points(
     polygon = polygons if polygons is not None else np.full(count, -1, np.int32)
     if group:
         lower = np.minimum.reduceat(points, start)
-        tree = build_hierarchy(lower, np.maximum.reduceat(points, start), 1)
+        tree = build_bvh(lower, np.maximum.reduceat(points, start), 1)
         skip, leaves = tree.skip.astype(np.int64), tree.order
     else:
         leaves = np.arange(len(start), dtype=np.int32)

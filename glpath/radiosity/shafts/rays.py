@@ -1,4 +1,4 @@
-"""Rays through a hierarchy of triangles, on the CPU: the nearest hit."""
+"""Rays through a BVH of triangles, on the CPU: the nearest hit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glpath.hierarchy import build_hierarchy
+from glpath.bvh import build_bvh
 from glpath.kernels import inner_kernel
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
@@ -18,7 +18,7 @@ _START = 1e-9
 class Rays(NamedTuple):
     """What `nearest` needs.
 
-    boxes   : (M, 6) of a hierarchy; see `Hierarchy` for skip, first, items (its count) and order
+    boxes   : (M, 6) of a BVH; see `Bvh` for skip, first, items (its count) and order
     corners : (T, 9): corner 0 of each triangle, and the edges from it to corners 1 and 2
     start   : distance before which nothing is hit
     """
@@ -35,7 +35,7 @@ class Rays(NamedTuple):
 def rays_of(scene: Scene) -> Rays:
     """Of a scene in triangles."""
     triangles = scene.triangles
-    tree = build_hierarchy(triangles.min(axis=1), triangles.max(axis=1))
+    tree = build_bvh(triangles.min(axis=1), triangles.max(axis=1))
     low, high = scene.bounds
     start = _START * float(np.max(high - low))
     # Wider than a crossing is rounded by.

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.hierarchy import Float64, Hierarchy, Int32
+from glpath.bvh import Bvh, Float64, Int32
 from glpath.kernels import inner_kernel, kernel
-from glpath.radiosity.shafts.blockers import ENDS, never_hit
+from glpath.radiosity.shafts.occluders import ENDS, never_hit
 from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
 from glpath.radiosity.shafts.shaft import Strategy, Tree, encloses, form_shaft, gather, overlaps
 
@@ -34,8 +34,8 @@ class SearchTree(NamedTuple):
     leaf_of: Int32
 
     @classmethod
-    def of(cls, hierarchy: Hierarchy) -> SearchTree:
-        tree = Tree.of(hierarchy)
+    def of(cls, bvh: Bvh) -> SearchTree:
+        tree = Tree.of(bvh)
         return cls(*tree, *_upwards(tree))
 
 
@@ -69,7 +69,7 @@ class Work(NamedTuple):
     a, b                  : its reference boxes
     stack                 : of `gather`
     mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
-    latest                : (2,) the latest shaft's number, and the latest blocker or -1
+    latest                : (2,) the latest shaft's number, and the latest occluder or -1
     """
 
     nodes: Int32
@@ -85,7 +85,7 @@ class Work(NamedTuple):
     latest: NDArray[np.int64]
 
 
-NUMBER, BLOCKER = 0, 1
+NUMBER, OCCLUDER = 0, 1
 
 
 class CandidateRange(NamedTuple):

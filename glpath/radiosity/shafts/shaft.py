@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.bvh import Bvh, Float64, Int32
 from glpath.errors import UsageError
-from glpath.hierarchy import Float64, Hierarchy, Int32
 from glpath.kernels import inner_kernel, kernel
 
 #: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
@@ -141,7 +141,7 @@ class Shaft:
 
 
 class Tree(NamedTuple):
-    """A `Hierarchy` for the kernels: boxes (M, 6) float64 and its other arrays."""
+    """A `Bvh` for the kernels: boxes (M, 6) float64 and its other arrays."""
 
     boxes: Float64
     skip: Int32
@@ -150,13 +150,13 @@ class Tree(NamedTuple):
     order: Int32
 
     @classmethod
-    def of(cls, hierarchy: Hierarchy) -> Tree:
-        boxes = np.concatenate([hierarchy.lower, hierarchy.upper], axis=1)
-        return cls(boxes, hierarchy.skip, hierarchy.first, hierarchy.count, hierarchy.order)
+    def of(cls, bvh: Bvh) -> Tree:
+        boxes = np.concatenate([bvh.lower, bvh.upper], axis=1)
+        return cls(boxes, bvh.skip, bvh.first, bvh.count, bvh.order)
 
 
 def candidate_list(
-    hierarchy: Hierarchy,
+    bvh: Bvh,
     shaft: Shaft,
     strategy: Strategy = Strategy.RATIO_OPEN,
     *,
@@ -172,9 +172,9 @@ def candidate_list(
     ratio          : of `Strategy.RATIO_OPEN`
     open_enclosing : open nodes that enclose a reference box whatever the strategy, as every ray would hit them
 
-    Returns (n,) int32, nodes of the hierarchy: leaves, and what the strategy keeps closed.
+    Returns (n,) int32, nodes of the BVH: leaves, and what the strategy keeps closed.
     """
-    tree = Tree.of(hierarchy)
+    tree = Tree.of(bvh)
     n = len(tree.skip)
     planes, near = _with_two_axes(shaft.planes, shaft.near)
     found, flags, stack = np.empty(n, np.int32), np.empty(n, np.int8), empty_stack(n)

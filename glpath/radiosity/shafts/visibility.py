@@ -1,6 +1,6 @@
 """Visibility between the samples of an emitter and the points of receivers, by shafts [SC].
 
-    visibility = Visibility(Blockers.of_scene(scene))
+    visibility = Visibility(Occluders.of_scene(scene))
     visibility.visible(points_a, points_b)                  # (A, B) bool, between two sets of points
     visibility.step(emitter, receivers)                     # one emitter against all receivers, with statistics
 
@@ -24,11 +24,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.hierarchy import Hierarchy, Int32, build_hierarchy
-from glpath.radiosity.shafts.blockers import Blockers
+from glpath.bvh import Bvh, Int32, build_bvh
 from glpath.radiosity.shafts.casting import cast_groups
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of
+from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, Options, Statistics
 from glpath.radiosity.shafts.points import Groups, group_points
 from glpath.radiosity.shafts.search import SearchTree, Settings, find_emitter_list
@@ -43,26 +43,26 @@ class Prepared(NamedTuple):
 
 @dataclass
 class Visibility:
-    """Who sees whom among some blockers.
+    """Who sees whom among some occluders.
 
     Parameters
     ----------
-    blockers  : the polygons that can stand between
+    occluders  : the polygons that can stand between
     options   : how they are looked for
-    hierarchy : "areas", by `build_hierarchy`, or "clusters", by Goldsmith and Salmon as in the paper
+    bvh : "areas", by `build_bvh`, or "clusters", by Goldsmith and Salmon as in the paper
     threads   : that share the work; None for one per core
     """
 
-    blockers: Blockers
+    occluders: Occluders
     options: Options = field(default_factory=Options)
-    hierarchy: Literal["areas", "clusters"] = "areas"
+    bvh: Literal["areas", "clusters"] = "areas"
     threads: int | None = None
 
     @cached_property
-    def tree(self) -> Hierarchy:
-        """Of the blockers' boxes, every leaf one polygon."""
-        boxes = self.blockers.boxes()
-        return cluster(*boxes) if self.hierarchy == "clusters" else build_hierarchy(*boxes, leaf_size=1)
+    def tree(self) -> Bvh:
+        """Of the occluders' boxes, every leaf one polygon."""
+        boxes = self.occluders.boxes()
+        return cluster(*boxes) if self.bvh == "clusters" else build_bvh(*boxes, leaf_size=1)
 
     @cached_property
     def _kernel_tree(self) -> SearchTree:
@@ -78,12 +78,12 @@ class Visibility:
 
     @cached_property
     def _polygons(self):  # type: ignore[no-untyped-def]
-        return self.blockers.polygons(self.options.solids)
+        return self.occluders.polygons(self.options.solids)
 
     def visible(self, points_a: ArrayLike, points_b: ArrayLike) -> NDArray[np.bool_]:
         """(A, B) bool: whether nothing stands between each point of one set and each of the other.
 
-        points_a, points_b : (A, 3) and (B, 3). Blockers within a share of 1e-5 of the segment from its ends don't
+        points_a, points_b : (A, 3) and (B, 3). Occluders within a share of 1e-5 of the segment from its ends don't
         count, so that points may lie on surfaces. `Options.solids` takes points_a for the emitter.
         """
         a, b = np.array(points_a, np.float64), np.array(points_b, np.float64)
@@ -92,7 +92,7 @@ class Visibility:
 
     def prepare(self, receivers: Receivers) -> Prepared:
         """Receivers in clumps that share shafts. The same for every emitter, so worth keeping between steps."""
-        self.blockers.check_points(receivers.points, "Receivers.points")
+        self.occluders.check_points(receivers.points, "Receivers.points")
         o = self.options
         groups = group_points(
             receivers.points, receivers.receiver, receivers.normals, receivers.polygons, o.clump, o.group, o.nested
@@ -120,7 +120,7 @@ class Visibility:
         False where the two don't face each other. receivers: of `prepare`, where there is more than one step.
         """
         o = self.options
-        self.blockers.check_points(emitter.points, "Emitter.points")
+        self.occluders.check_points(emitter.points, "Emitter.points")
         count = len(receivers.groups.order) if isinstance(receivers, Prepared) else len(receivers.points)
         visible = np.zeros((count, len(emitter.points)), np.bool_)
         if not visible.size:
@@ -132,7 +132,7 @@ class Visibility:
             STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
             o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
-            self.blockers.slack, self.blockers.size,
+            self.occluders.slack, self.occluders.size,
         )  # fmt: skip
         source = source_of(emitter)
 
@@ -154,7 +154,7 @@ class Visibility:
 
 
 def visible(
-    blockers: Blockers, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
+    occluders: Occluders, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
 ) -> NDArray[np.bool_]:
     """(A, B) bool: `Visibility.visible`, for once. For more than that make a `Visibility`, which keeps its tree."""
-    return Visibility(blockers, options or Options()).visible(points_a, points_b)
+    return Visibility(occluders, options or Options()).visible(points_a, points_b)

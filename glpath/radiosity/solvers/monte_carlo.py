@@ -24,9 +24,9 @@ import numpy as np
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, blocker_of_triangle
+from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
-from glpath.radiosity.shafts.blockers import Blockers
+from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import DIRECT
 from glpath.scene.model import Float64
@@ -169,9 +169,9 @@ class Shooting:
 
 def _open_and_lit(mesh: Mesh) -> tuple[Float64, Float64]:
     """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
-    blockers = Blockers.of_scene(mesh.scene)
+    occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
-    solid = blockers.solid[blocker_of_triangle(blockers.parallelogram)]
+    solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
     points, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
     share = np.ones((2, len(mesh.elements)))
     share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)

@@ -1,4 +1,4 @@
-"""The hierarchy of boxes finds exactly what looking at every box finds."""
+"""The BVH finds exactly what looking at every box finds."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from glpath.bvh import BINS, Bvh, build_bvh
 from glpath.errors import UsageError
-from glpath.hierarchy import BINS, Hierarchy, build_hierarchy
 
 # Coordinates from a small grid make boxes that touch, coincide and have no extent; others make slivers.
 coordinates = st.one_of(st.integers(-3, 3).map(float), st.floats(-1e6, 1e6, allow_subnormal=False))
@@ -29,7 +29,7 @@ def random_boxes(n: int, size: float = 0.02, seed: int = 1) -> tuple[np.ndarray,
     return centres - half, centres + half
 
 
-def check(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, leaf_size: int) -> None:
+def check(tree: Bvh, lower: np.ndarray, upper: np.ndarray, leaf_size: int) -> None:
     """All that the docstring promises."""
     n, size = len(lower), len(tree)
     assert sorted(tree.order.tolist()) == list(range(n))
@@ -51,7 +51,7 @@ def check(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, leaf_size: int)
         assert tree.skip[0] == size
 
 
-def overlapping(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, query: np.ndarray) -> list[int]:
+def overlapping(tree: Bvh, lower: np.ndarray, upper: np.ndarray, query: np.ndarray) -> list[int]:
     """Items whose boxes overlap a box, by the traversal without a stack."""
     found, node = [], 0
     while node < len(tree):
@@ -66,7 +66,7 @@ def overlapping(tree: Hierarchy, lower: np.ndarray, upper: np.ndarray, query: np
 
 @given(boxes(), st.integers(1, 5))
 def test_it_keeps_its_promises(corners: tuple[np.ndarray, np.ndarray], leaf_size: int) -> None:
-    check(build_hierarchy(*corners, leaf_size), *corners, leaf_size)
+    check(build_bvh(*corners, leaf_size), *corners, leaf_size)
 
 
 @given(boxes(), st.integers(1, 5), hnp.arrays(float, (2, 3), elements=coordinates))
@@ -76,13 +76,13 @@ def test_it_finds_what_brute_force_finds(
     lower, upper = corners
     query = np.sort(query, axis=0)
     brute = np.flatnonzero(np.all((lower <= query[1]) & (query[0] <= upper), axis=1))
-    assert overlapping(build_hierarchy(lower, upper, leaf_size), lower, upper, query) == brute.tolist()
+    assert overlapping(build_bvh(lower, upper, leaf_size), lower, upper, query) == brute.tolist()
 
 
 def test_no_items_and_one_item() -> None:
-    nothing = build_hierarchy(np.zeros((0, 3)), np.zeros((0, 3)))
+    nothing = build_bvh(np.zeros((0, 3)), np.zeros((0, 3)))
     assert (len(nothing), nothing.depth) == (0, 0)
-    one = build_hierarchy([[0, 0, 0]], [[1, 2, 3]])
+    one = build_bvh([[0, 0, 0]], [[1, 2, 3]])
     assert (len(one), one.depth, one.count.tolist(), one.skip.tolist()) == (1, 1, [1], [1])
 
 
@@ -96,7 +96,7 @@ def test_boxes_without_extent_make_no_deep_tree(points: str) -> None:
         "two places": np.arange(n) % 2.0,
     }[points]
     corners = np.stack([x, 0 * x, 0 * x], axis=1)
-    tree = build_hierarchy(corners, corners, 1)
+    tree = build_bvh(corners, corners, 1)
     check(tree, corners, corners, 1)
     # Halving needs 13 levels; of points twice as near each time, one split tells at most log2(BINS) of 64 apart.
     assert tree.depth <= 13 + 64 // (np.log2(BINS) - 1)
@@ -104,7 +104,7 @@ def test_boxes_without_extent_make_no_deep_tree(points: str) -> None:
 
 def test_it_is_the_same_every_time() -> None:
     corners = random_boxes(3000)
-    a, b = build_hierarchy(*corners), build_hierarchy(*corners)
+    a, b = build_bvh(*corners), build_bvh(*corners)
     for name in ("lower", "upper", "skip", "first", "count", "order"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
@@ -112,7 +112,7 @@ def test_it_is_the_same_every_time() -> None:
 def test_it_visits_far_fewer_nodes_than_halving_in_the_given_order() -> None:
     """The heuristic's own measure, the sum of areas, against a tree that ignores the boxes."""
     lower, upper = random_boxes(2000)
-    tree = build_hierarchy(lower, upper, 1)
+    tree = build_bvh(lower, upper, 1)
 
     def area(low: np.ndarray, high: np.ndarray) -> float:
         x, y, z = high - low
@@ -127,10 +127,10 @@ def test_it_visits_far_fewer_nodes_than_halving_in_the_given_order() -> None:
 
 
 def test_a_hundred_thousand_boxes_take_less_than_two_seconds() -> None:
-    build_hierarchy(*random_boxes(2))  # compiled, or loaded from the cache
+    build_bvh(*random_boxes(2))  # compiled, or loaded from the cache
     corners = random_boxes(100_000)
     start = time.process_time()
-    tree = build_hierarchy(*corners)
+    tree = build_bvh(*corners)
     assert time.process_time() - start < 2
     assert tree.depth < 40
 
@@ -146,9 +146,9 @@ def test_a_hundred_thousand_boxes_take_less_than_two_seconds() -> None:
 )
 def test_boxes_that_are_none_are_refused(lower: object, upper: object, words: str) -> None:
     with pytest.raises(UsageError, match=f"(?s){words}"):
-        build_hierarchy(lower, upper)  # type: ignore[arg-type]
+        build_bvh(lower, upper)  # type: ignore[arg-type]
 
 
 def test_an_empty_leaf_size_is_refused() -> None:
     with pytest.raises(UsageError, match="leaf_size is 0"):
-        build_hierarchy(*random_boxes(3), leaf_size=0)
+        build_bvh(*random_boxes(3), leaf_size=0)

@@ -1,4 +1,4 @@
-"""Hierarchy of boxes: what a ray or a shaft need not look at, found by a few box tests.
+"""Bounding volume hierarchy (BVH): what a ray or a shaft need not look at, found by a few box tests.
 
 Built top down by the surface area heuristic over bins of centroids [Wald 2007], compiled by numba; no GL. For the
 cones of rays of the ray tracer on the GPU and for the shafts of radiosity on the CPU.
@@ -29,7 +29,7 @@ NODE_COST = 2.0
 
 
 @dataclass(frozen=True)
-class Hierarchy:
+class Bvh:
     """A tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
 
     lower, upper : (M, 3) float64, corners of each node's box; node 0 is the root
@@ -74,7 +74,7 @@ class Hierarchy:
         return self.order[self.first[node] : self.first[end] if end < len(self) else len(self.order)]
 
 
-def build_hierarchy(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Hierarchy:
+def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     """A binary tree over boxes, the same one every time.
 
     Parameters
@@ -87,11 +87,11 @@ def build_hierarchy(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> H
     """
     low, high = checked_boxes(lower, upper)
     if leaf_size < 1:
-        raise UsageError(f"build_hierarchy: leaf_size is {leaf_size}; allowed is a whole number from 1.")
+        raise UsageError(f"build_bvh: leaf_size is {leaf_size}; allowed is a whole number from 1.")
     boxes = np.concatenate([low, high], axis=1)
     order = np.arange(len(boxes), dtype=np.int32)
     nodes, skip, first, count = _build(boxes, order, int(leaf_size))
-    return Hierarchy(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
+    return Bvh(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]:
@@ -105,7 +105,7 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
         i = int(np.argmax(wrong))
         raise UsageError(
             f"boxes[{i}]: from {low[i].tolist()} to {high[i].tolist()}, but corners must be finite and in order.",
-            "What has no end, such as a plane, has no box: keep it out of the hierarchy.",
+            "What has no end, such as a plane, has no box: keep it out of the BVH.",
         )
     return low, high
 

@@ -1,9 +1,8 @@
-"""Blockers: the flat polygons that can stand between two points, and the one test of a segment against one of them.
+"""Occluders: flat polygons that can stand between two points, and the one test of a segment against one of them.
 
-Every way of looking for a blocker ends in `height` and `crosses`, so that all of them must agree bit for bit. What
-makes it so: the boxes of the hierarchy are wider than any rounding of a crossing. Coordinates in a sliver round
-worse; its hit counts only where the point that it computes lies in the sliver's box, widened less than that of the
-hierarchy.
+Every search for an occluder ends in `height` and `crosses`, so that all of them must agree bit for bit. What makes
+it so: the boxes of the BVH are wider than any rounding of a crossing. Coordinates in a sliver round worse; its hit
+counts only where the point that it computes lies in the sliver's box, widened less than that of the BVH.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.bvh import Float64, Int32
 from glpath.errors import UsageError
-from glpath.hierarchy import Float64, Int32
 from glpath.kernels import inner_kernel, kernel
 from glpath.scene.model import Scene
 
@@ -25,7 +24,7 @@ ENDS = 1e-5
 #: Rounding, as a share of the largest coordinate: of what a box is widened by, and of a distance from a plane.
 _WIDER = 1e-9
 _ROUNDING = 1e-12
-#: How many times the blockers' largest coordinate a point's may be, so that these still cover the rounding.
+#: How many times the occluders' largest coordinate a point's may be, so that these still cover the rounding.
 _FARTHEST = 1e3
 
 PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
@@ -50,7 +49,7 @@ class Polygons(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Blockers:
+class Occluders:
     """Triangles and parallelograms.
 
     corners       : (N, 3, 3) float64: a corner and the next one on either side, counter-clockwise from the front
@@ -65,7 +64,7 @@ class Blockers:
     shape: Int32
 
     @classmethod
-    def of_scene(cls, scene: Scene) -> Blockers:
+    def of_scene(cls, scene: Scene) -> Occluders:
         """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
@@ -76,11 +75,11 @@ class Blockers:
         return cls(corners, two, closed[shape[first]], shape[first])
 
     @classmethod
-    def of_triangles(cls, triangles: ArrayLike) -> Blockers:
+    def of_triangles(cls, triangles: ArrayLike) -> Occluders:
         """Triangles (N, 3, 3) as they are."""
         corners = np.ascontiguousarray(triangles, np.float64)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3):
-            raise UsageError(f"Blockers.of_triangles: shape {corners.shape}; must be (N, 3, 3).")
+            raise UsageError(f"Occluders.of_triangles: shape {corners.shape}; must be (N, 3, 3).")
         n = len(corners)
         return cls(corners, np.zeros(n, bool), np.zeros(n, bool), np.zeros(n, np.int32))
 
@@ -109,7 +108,7 @@ class Blockers:
         return np.asarray(np.linalg.norm(self._normals(), axis=1) * np.where(self.parallelogram, 1.0, 0.5))
 
     def boxes(self) -> tuple[Float64, Float64]:
-        """Lower and upper corners, (N, 3) each, widened as a hierarchy needs them."""
+        """Lower and upper corners, (N, 3) each, widened as a BVH needs them."""
         outlines = self._outlines()
         wide = 2 * _WIDER * self.size
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
@@ -143,7 +142,7 @@ class Blockers:
         largest = np.abs(points).max(initial=0.0)
         if not largest <= _FARTHEST * self.size and len(self):
             raise UsageError(
-                f"{name}: a coordinate is {largest:g}, but those of the blockers go to {self.size:g} only.",
+                f"{name}: a coordinate is {largest:g}, but those of the occluders go to {self.size:g} only.",
                 f"Points must be finite and within {_FARTHEST:g} times that: is it another unit of length?",
             )
 

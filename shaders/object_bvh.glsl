@@ -1,8 +1,8 @@
-// object_hierarchy.glsl: the nearest primitive, and whether there is any, by a hierarchy of boxes. The same answers as
+// object_bvh.glsl: the nearest primitive, and whether there is any, by a BVH. The same answers as
 // object_classic.glsl gives, bit for bit.
-// Needs:  object_classic.glsl, <HIERARCHY>
+// Needs:  object_classic.glsl, <BVH>
 #include "object_classic.glsl"
-#include <HIERARCHY>
+#include <BVH>
 
 // One over a direction; a component of 0 becomes so small that its slab decides nothing wrongly.
 vec3 inverse_direction(vec3 direction)
@@ -35,7 +35,7 @@ int next_leaf(inout int node, vec3 origin, vec3 inverse, float tmin, float tmax)
     return leaf;
 }
 
-int nearest_by_hierarchy(vec3 origin, vec3 direction, float tmin, int own, out float t)
+int nearest_by_bvh(vec3 origin, vec3 direction, float tmin, int exclude, out float t)
 {
     int primitive = -1;
     t = NO_HIT;
@@ -48,7 +48,7 @@ int nearest_by_hierarchy(vec3 origin, vec3 direction, float tmin, int own, out f
         {
             int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0) break;
-            float at = intersect(candidate, origin, direction, tmin, own);
+            float at = intersect(candidate, origin, direction, tmin, exclude);
             COUNT_TEST
             if (at < t || (at == t && at < NO_HIT && candidate < primitive))
             {
@@ -62,7 +62,7 @@ int nearest_by_hierarchy(vec3 origin, vec3 direction, float tmin, int own, out f
     return primitive;
 }
 
-bool blocked_by_hierarchy(vec3 origin, vec3 direction, float tmin, float tmax, int own)
+bool blocked_by_bvh(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
     bool blocked = false;
     TEST_ANY(first_plane, primitive_count, intersect_plane)
@@ -75,7 +75,7 @@ bool blocked_by_hierarchy(vec3 origin, vec3 direction, float tmin, float tmax, i
         {
             int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0 || blocked) break;
-            blocked = intersect(candidate, origin, direction, tmin, own) < tmax;
+            blocked = intersect(candidate, origin, direction, tmin, exclude) < tmax;
             COUNT_TEST
         }
         leaf = blocked ? -1 : next_leaf(node, origin, inverse, tmin, tmax);
