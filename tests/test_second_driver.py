@@ -14,6 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_film_hashes import film_hash, film_of
 
@@ -116,10 +117,13 @@ def test_pictures_agree_across_drivers(zink: dict[str, str], tmp_path: Path) -> 
         ours, theirs = render(name), Film.load(tmp_path / f"{name}.npz")
         assert "zink" in theirs.metadata.device
         assert theirs.metadata.statistics["dropped_samples"] == 0
-        found[name] = relative_mse(theirs.mean, ours.mean)
+        # A path that passes an edge within rounding goes another way on another driver: a pixel in hundreds.
+        decided = np.abs(theirs.mean - ours.mean).max(axis=2) < 1e-3 * (ours.mean.max(axis=2) + ours.mean.mean())
+        found[name] = relative_mse(np.where(decided[..., None], theirs.mean, ours.mean), ours.mean)
         verdict = compare(Picture.of_film(theirs), Picture.of_film(ours))
         assert verdict.passed, f"{name}: {verdict.summary}"
-        assert found[name] < 1e-5, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
+        assert decided.mean() > 0.99, f"{name}: {(~decided).sum()} pixels are others"
+        assert found[name] < 1e-6, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
     print(json.dumps(found, indent=2))
     same = [film_hash(Film.load(tmp_path / f"{engine}-three-spheres.npz")) for engine in ("classic", "t-buffer")]
     assert same[0] == same[1]
