@@ -3,6 +3,7 @@
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
 // FULL_CUBE: six faces R x R; face 5 looks against light_normal.
+#include <SCENE>
 #include "hemicube.glsl"
 
 uniform vec2 light_range;  // near and far distance along a face's axis
@@ -10,11 +11,9 @@ uniform vec2 light_range;  // near and far distance along a face's axis
 uniform bool light_one_sided;  // it shines to the side of light_normal only
 #endif
 
-layout(location = 0) in vec3 position;
-
 void main()
 {
-    vec3 r = position - light_position;
+    vec3 r = vertex_position(uint(gl_VertexID)) - light_position;
     vec3 l = vec3(dot(r, light_tangent), dot(r, light_bitangent), dot(r, light_normal));
     vec3 p = hemicube_to_face(gl_InstanceID, l);
     bool top = gl_InstanceID == 0;

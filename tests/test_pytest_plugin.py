@@ -19,8 +19,8 @@ import pytest
 # Loaded here once: pytester unloads what a run of its own has loaded.
 import glpath.pytest_plugin.report
 import glpath.rendering.calls  # noqa: F401
+from glpath.bvh import build_bvh
 from glpath.compare import Picture
-from glpath.hierarchy import build_hierarchy
 from glpath.image import read_image, write_exr
 
 pytest_plugins = ["pytester"]
@@ -48,7 +48,7 @@ def test_grey(render_regression):
 @pytest.fixture(scope="module", autouse=True)
 def _numba_is_loaded() -> None:
     """It loads parts of itself late, and none of them twice."""
-    build_hierarchy(np.zeros((2, 3)), np.ones((2, 3)))
+    build_bvh(np.zeros((2, 3)), np.ones((2, 3)))
 
 
 @pytest.fixture

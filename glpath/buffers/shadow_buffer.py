@@ -96,6 +96,7 @@ class HemicubeShadowBuffer:
             program,
             gl.framebuffer([self.texture], gl.depth_texture(size)),
             triangles=scene.triangles,
+            textures=scene.textures,
             instances=5,
             depth=True,
             clip_distances=5 if full else 4,
@@ -128,7 +129,7 @@ class HemicubeShadowBuffer:
         faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
         """
         self._pass.instances = faces or (6 if self.defines else 5)
-        self._pass.run(uniforms)
+        self._pass.run(self.scene.uniforms | uniforms)
 
 
 class Entries(NamedTuple):

@@ -9,7 +9,7 @@ Triangles are three indices into a pool of vertices. Floats lie in one texture, 
 on which `shaders/surface.glsl` and its neighbours build.
 
 Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
-          are any; for the path-buffer's engines 12 of each once more, as index and vertex buffers. 64 to 112 bytes
+          are any; for the path-buffer's engines 12 a triangle more, as an index buffer. 64 to 112 bytes
           a sphere. Textures have 16 bytes a texel, in rows of 4096 of their own.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
-from glpath.gl.passes import TriangleBuffers
+from glpath.gl.passes import TriangleIndices
 from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, row_texture, store_glsl
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.scene.model import Float64, Int32, Light, Scene
@@ -280,10 +280,9 @@ class DeviceScene:
         return sum(light.kind != "directional" for light in self.lights)
 
     @cached_property
-    def triangles(self) -> TriangleBuffers:
+    def triangles(self) -> TriangleIndices:
         """What a rasteriser takes; made when first asked for, as the ray tracers never do."""
-        shapes = self.scene.shapes
-        return TriangleBuffers(self.gl, shapes.vertices.astype(np.float32), shapes.faces.astype(np.uint32))
+        return TriangleIndices(self.gl, self.scene.shapes.faces.astype(np.uint32))
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:

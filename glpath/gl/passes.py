@@ -66,34 +66,26 @@ def _bind(
         buffer.bind_to_storage_buffer(binding)
 
 
-class TriangleBuffers:
+class TriangleIndices:
     """Triangles as a rasteriser takes them: a vertex is transformed once, however many triangles share it.
 
-    The vertex shader has its position at location 0, the fragment shader the triangle's number as gl_PrimitiveID.
+    The vertex shader finds it in the scene's store, by gl_VertexID; the fragment shader has the triangle's number
+    as gl_PrimitiveID.
 
-    positions : (V, 3) float32, world space
-    faces     : (T, 3) uint32
+    faces : (T, 3) uint32, numbers of vertices
     """
 
-    def __init__(self, gl: moderngl.Context, positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
-        self._gl = gl
+    def __init__(self, gl: moderngl.Context, faces: NDArray[np.uint32]) -> None:
         self.count = len(faces)
         # A buffer of nothing is an error.
-        self._vertices = gl.buffer(np.ascontiguousarray(positions).tobytes() or bytes(12))
-        self._indices = gl.buffer(np.ascontiguousarray(faces).tobytes() or bytes(12))
+        self.buffer = gl.buffer(np.ascontiguousarray(faces).tobytes() or bytes(12))
 
     @property
     def nbytes(self) -> int:
-        return self._vertices.size + self._indices.size
-
-    def vertex_array(self, program: Program) -> moderngl.VertexArray:
-        """What a `Pass` draws: three indices a triangle."""
-        content = [(self._vertices, "3f", "position")]
-        return self._gl.vertex_array(program.gl, content, self._indices, index_element_size=4)
+        return self.buffer.size
 
     def release(self) -> None:
-        self._vertices.release()
-        self._indices.release()
+        self.buffer.release()
 
 
 @dataclass
@@ -103,9 +95,8 @@ class Pass:
     name     : the paper's word for the stage; used in timings, GL debug groups and errors
     target   : framebuffer drawn to
     area     : (x, y, width, height) of the target that is drawn to and cleared; None for the whole
-    vertices : count per instance; without `triangles` there are no vertex buffers, and vertices are pulled by
-               gl_VertexID
-    triangles : what is drawn, by index
+    vertices : count per instance; there are no vertex buffers, vertices are pulled by gl_VertexID
+    triangles : what is drawn, by index: gl_VertexID is a vertex of the scene
     blend    : None, "min", "max" or "add", for all attachments
     depth    : test and write depth (less)
     clear    : colour that floats are cleared to before (integers to 0), or None to keep what is there
@@ -133,14 +124,12 @@ class Pass:
     indirect: moderngl.Buffer | None = None
     area: tuple[int, int, int, int] | None = None
     points: bool = False
-    triangles: TriangleBuffers | None = None
+    triangles: TriangleIndices | None = None
 
     def __post_init__(self) -> None:
-        if self.triangles is None:
-            self._vertex_array = self.gl.vertex_array(self.program.gl, [], self.elements)
-        else:
-            self._vertex_array = self.triangles.vertex_array(self.program)
-            self.vertices = 3 * self.triangles.count
+        if self.triangles is not None:
+            self.elements, self.vertices = self.triangles.buffer, 3 * self.triangles.count
+        self._vertex_array = self.gl.vertex_array(self.program.gl, [], self.elements)
         self._flags = (moderngl.BLEND if self.blend else 0) | (moderngl.DEPTH_TEST if self.depth else 0)
         self._flags |= moderngl.PROGRAM_POINT_SIZE if self.points else 0
         self._mode = moderngl.POINTS if self.points else moderngl.TRIANGLES

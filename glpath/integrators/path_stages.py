@@ -160,7 +160,7 @@ class PathStages(ABC):
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
         eye = self._eye_uniforms(sample.pixel)
         with self.stopwatch.stage("eye"):
-            self._eye_pass.run(eye)
+            self._eye_pass.run(self.scene.uniforms | eye)
         with self.stopwatch.stage("first vertex"):
             self._run_vertex(self._start_passes, index, 0, sample, eye | light, self._settings.max_depth == 1)
 
