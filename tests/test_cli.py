@@ -208,7 +208,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     options = (
         "--spp 32 --max-depth 3 --seed 9 --resolution 64x32 --crop 1,2,30,20 --camera-position -1,0,.5 "
         "--camera-fov 50 "
-        "--sampling random --directions sphere --ambient 0.5 --roulette 3 --backend egl --device 1 --require-gpu"
+        "--sampling random --directions sphere --light-resolution 128 --ambient 0.5 --roulette 3 "
+        "--backend egl --device 1 --require-gpu"
     )
     run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *options.split())
     (call,) = renderer.calls
@@ -227,6 +228,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "camera": {"position": (-1.0, 0.0, 0.5), "fov": 50.0},
         "sampling": "random",
         "directions": "sphere",
+        "light_resolution": 128,
         "ambient": (0.5, 0.5, 0.5),
         "roulette": 3,
         "count_tests": False,
