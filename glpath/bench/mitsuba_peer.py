@@ -234,7 +234,8 @@ def time_to_render(
 
 
 def _integrator(max_depth: int) -> dict[str, Any]:
-    return {"type": "path", "max_depth": max_depth + 1, "rr_depth": 1_000_000}
+    # Russian roulette from its default vertex on, as its users have it: none where depth is compared with depth 3.
+    return {"type": "path", "max_depth": max_depth + 1, "rr_depth": 5}
 
 
 def _diffuse(reflectance: Float64) -> dict[str, Any]:
