@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import moderngl
 
@@ -28,8 +28,6 @@ _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
     r"^\s*uniform (?P<type>float|u?int|[iu]?vec[234]) (?P<name>\w+)(?P<array>\[(?P<size>\w+)\])?;"
 )
-
-Rewrite = Callable[[str], str]
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
@@ -71,12 +69,14 @@ class HandedOn:
     """Uniforms of a fragment shader, handed on by the vertex shader as flat inputs.
 
     Rewrites the lines of the fragment shader and keeps what it found for `vertex`, which rewrites the text of the
-    other. Arrays are handed on where `defines` knows their size; where there are more than flat inputs may be, the
-    driver refuses to link.
+    other. Arrays are handed on where `defines` knows their size. What goes beyond `components`, as many as inputs
+    may have, stays a uniform: the driver does not refuse more, but overruns its stack. By a macro, so a uniform may
+    not be called as a field is; the compiler says so.
     """
 
-    def __init__(self, defines: Mapping[str, object]) -> None:
+    def __init__(self, defines: Mapping[str, object], components: int) -> None:
         self._defines = defines
+        self._left = components
         self._found: dict[str, tuple[str, str]] = {}
 
     def fragment(self, line: str) -> str:
@@ -84,6 +84,11 @@ class HandedOn:
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
         name, kind, array = uniform["name"], uniform["type"], uniform["array"] or ""
+        # An element of an array has a location of its own.
+        needed = 4 * int(str(self._defines[uniform["size"]])) if array else _components(kind)
+        if needed > self._left:
+            return line
+        self._left -= needed
         self._found[name] = (kind, array)
         return f"flat in {kind} {name}_handed_on{array};\n#define {name} {name}_handed_on"
 
@@ -104,3 +109,7 @@ class HandedOn:
                 "}",
             ]
         )
+
+
+def _components(kind: str) -> int:
+    return int(kind[-1]) if kind[-1].isdigit() else 1

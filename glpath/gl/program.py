@@ -186,58 +186,37 @@ def load_program(
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     stages = {stage: name for stage, name in stages.items() if name}
-    ways: tuple[_Sources, ...] = (_plain,)
+    generated = {"CONSTANTS": constants_glsl(), **(generated or {})}
     if llvmpipe.is_spoken(gl):
-        # The first may ask for more than the driver has.
-        ways = (_llvmpipe_handed_on, _llvmpipe) if vertex == llvmpipe.FULLSCREEN else (_llvmpipe,)
+        inputs = int(gl.info["GL_MAX_FRAGMENT_INPUT_COMPONENTS"]) if vertex == llvmpipe.FULLSCREEN else 0
+        sources = _for_llvmpipe(stages, generated, dict(defines or {}), inputs)
+    else:
+        sources = {stage: Source(name, generated, dict(defines or {})) for stage, name in stages.items()}
     compiled = _compiled.setdefault(gl, {})
-    for way in ways:
-        sources = way(stages, {"CONSTANTS": constants_glsl(), **(generated or {})}, dict(defines or {}))
-        key = tuple(source.text for source in sources.values())
-        if key not in compiled:
-            try:
-                compiled[key] = _compile(gl, sources)
-            except ShaderError:
-                if way is not ways[-1]:
-                    continue
-                raise
-        return compiled[key]
-    raise AssertionError("the last way compiles or raises")
+    key = tuple(source.text for source in sources.values())
+    if key not in compiled:
+        compiled[key] = _compile(gl, sources)
+    return compiled[key]
 
 
-_Sources = Callable[[Mapping[str, str], Mapping[str, str], Mapping[str, object]], dict[str, "Source"]]
-
-
-def _plain(
-    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
+def _for_llvmpipe(
+    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object], inputs: int
 ) -> dict[str, Source]:
-    return {stage: Source(name, generated, defines) for stage, name in stages.items()}
-
-
-def _llvmpipe(
-    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
-) -> dict[str, Source]:
+    """inputs : components of flat inputs that the vertex shader may hand on uniforms by"""
+    handed = llvmpipe.HandedOn(defines, inputs)
+    rewrites = {
+        "fragment_shader": (llvmpipe.image_texels, handed.fragment),
+        "compute_shader": (llvmpipe.image_texels, llvmpipe.fetch_at_start),
+    }
     images = {**defines, "TEXELS_ARE_IMAGES": 1}
-    sources = {}
-    for stage, name in stages.items():
-        if stage == "vertex_shader":  # it need not have images
-            sources[stage] = Source(name, generated, defines)
-        else:
-            early = (llvmpipe.fetch_at_start,) if stage == "compute_shader" else ()
-            sources[stage] = Source(name, generated, images, (llvmpipe.image_texels, *early))
+    # A vertex shader need not have images.
+    sources = {
+        stage: Source(name, generated, images if stage in rewrites else defines, rewrites.get(stage, ()))
+        for stage, name in stages.items()
+    }
+    if inputs:
+        sources["vertex_shader"].text = handed.vertex(sources["vertex_shader"].text)
     return sources
-
-
-def _llvmpipe_handed_on(
-    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object]
-) -> dict[str, Source]:
-    handed = llvmpipe.HandedOn(defines)
-    images = {**defines, "TEXELS_ARE_IMAGES": 1}
-    rewrites = (llvmpipe.image_texels, handed.fragment)
-    fragment = Source(stages["fragment_shader"], generated, images, rewrites)
-    vertex = Source(stages["vertex_shader"], generated, defines)
-    vertex.text = handed.vertex(vertex.text)
-    return {"vertex_shader": vertex, "fragment_shader": fragment}
 
 
 def _compile(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:

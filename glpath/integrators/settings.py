@@ -171,7 +171,7 @@ class GatherSettings(PathSetSettings):
 SecondaryRays = Annotated[
     Secondary,
     Meta(
-        description='reflections and shadow rays: by a "bvh" of boxes, or "classic", every object in turn, '
+        description='reflections and shadow rays: by a "bvh", a tree of boxes, or "classic", every object in turn, '
         "as in the paper"
     ),
 ]
