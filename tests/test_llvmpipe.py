@@ -15,6 +15,10 @@ from glpath.gl.context import get_context
 from glpath.gl.passes import Pass
 
 UNIFORMS = """// a.frag: every kind of uniform, in a branch.
+struct Fields {
+    float part;  // a field may be called as a uniform is
+    int i;
+};
 uniform int i;
 uniform float part;  // not i
 uniform uint u;
@@ -26,8 +30,9 @@ layout(location = 0) out vec4 o;
 void main()
 {
     o = vec4(0.0);
+    Fields fields = Fields(part, i);
     if (gl_FragCoord.x < 3.0 && b) {
-        o = vec4(float(i) + part, float(u - 4000000000u), float(v.z) + many[1].y, by_its_own_name[2]);
+        o = vec4(float(fields.i) + fields.part, float(u - 4000000000u), float(v.z) + many[1].y, by_its_own_name[2]);
     }
 }
 """

@@ -24,6 +24,8 @@ TEXELS = ("auto", "image", "fetch")
 FULLSCREEN = "fullscreen.vert"
 
 _IMAGE = "_as_image"
+#: The uniform, where the name is that of what the shader reads instead. No macro: fields may have such a name too.
+_GIVEN = "_given"
 _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
     r"^\s*uniform (?P<type>float|u?int|[iu]?vec[234]) (?P<name>\w+)(?P<array>\[(?P<size>\w+)\])?;"
@@ -42,8 +44,8 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """Of an image as the driver calls it, the name of the texels."""
-    return name.removesuffix(_IMAGE)
+    """Of a uniform as the driver calls it, the name that the shader's file has."""
+    return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 
 def image_texels(line: str) -> str:
@@ -62,7 +64,8 @@ def fetch_at_start(line: str) -> str:
         return line
     name, kind = uniform["name"], uniform["type"]
     least = "-2147483647" if kind.startswith("i") else "-3e38"
-    return f"{line}\n{kind} {name}_at_start = max({name}, {least});\n#define {name} {name}_at_start"
+    rest = line[uniform.end() :]
+    return f"uniform {kind} {name}{_GIVEN};\n{kind} {name} = max({name}{_GIVEN}, {least});{rest}"
 
 
 class HandedOn:
@@ -70,8 +73,7 @@ class HandedOn:
 
     Rewrites the lines of the fragment shader and keeps what it found for `vertex`, which rewrites the text of the
     other. Arrays are handed on where `defines` knows their size. What goes beyond `components`, as many as inputs
-    may have, stays a uniform: the driver does not refuse more, but overruns its stack. By a macro, so a uniform may
-    not be called as a field is; the compiler says so.
+    may have, stays a uniform: the driver does not refuse more, but overruns its stack.
     """
 
     def __init__(self, defines: Mapping[str, object], components: int) -> None:
@@ -90,14 +92,14 @@ class HandedOn:
             return line
         self._left -= needed
         self._found[name] = (kind, array)
-        return f"flat in {kind} {name}_handed_on{array};\n#define {name} {name}_handed_on"
+        return f"flat in {kind} {name}{array};{line[uniform.end() :]}"
 
     def vertex(self, text: str) -> str:
         outputs = [
-            f"uniform {kind} {name}{array};\nflat out {kind} {name}_handed_on{array};"
+            f"uniform {kind} {name}{_GIVEN}{array};\nflat out {kind} {name}{array};"
             for name, (kind, array) in self._found.items()
         ]
-        copies = [f"    {name}_handed_on = {name};" for name in self._found]
+        copies = [f"    {name} = {name}{_GIVEN};" for name in self._found]
         return "\n".join(
             [
                 text.replace("void main()", "void place()"),

@@ -127,12 +127,12 @@ class Program:
         self.images: dict[str, int] = {}
         self._uniforms: dict[str, moderngl.Uniform] = {}
         self._values: dict[str, object] = {}
-        for name in sorted(gl):
-            member = gl[name]
+        for spelt in sorted(gl):
+            member, name = gl[spelt], llvmpipe.uniform_name(spelt)
             if not isinstance(member, moderngl.Uniform):
                 continue
             if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
-                unit = self.images[llvmpipe.uniform_name(name)] = len(self.images)
+                unit = self.images[name] = len(self.images)
                 # moderngl can set the unit of an image of floats only; it is the same call.
                 member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
                 member.value = unit
