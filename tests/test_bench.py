@@ -106,6 +106,15 @@ def test_the_verdict_is_said_and_the_json_is_strict(calls, tmp_path: Path) -> No
     assert json.loads(run("t-buffer", "--json", "-").stdout) == written
 
 
+def test_a_table_shows_what_is_written(monkeypatch) -> None:
+    rows = [{"[kind]": "[red]x[/] :bell:"}]
+    report = Report("gather", "", {"[a]": 1.0}, None, rows, {"renderer": "[b]"}, {"glpath": "0"}, ["[note]"])
+    monkeypatch.setattr(gather, "bench_gather", lambda *_: report)
+    shown = run("gather").stdout
+    for text in ("[kind]", "[red]x[/] :bell:", "[a]", "[b]", "[note]"):
+        assert text in shown
+
+
 def test_a_file_that_cannot_be_written_is_told_before_the_work(calls, tmp_path: Path) -> None:
     result = run("t-buffer", "--json", tmp_path)
     assert (result.exit_code, calls) == (1, [])

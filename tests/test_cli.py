@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import typer
 from conftest import MakeFilm
 from typer.testing import CliRunner, Result
 
 import glpath
 from glpath import rendering
-from glpath.cli.main import app
+from glpath.cli.main import Commands, app
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film import Film, read_image
@@ -142,6 +144,53 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
     assert "130 interrupted" in " ".join(result.stdout.split())
     for command in ("render", "diff", "info", "validate", "schema", "scenes", "devices", "doctor", "bench"):
         assert command in result.stdout
+
+
+def test_help_says_what_is_written_in_brackets() -> None:
+    """rich would take [figures] for a style and leave it out."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    bracketed = 0
+    for name, command in commands.items():
+        said = "".join(run(name, "--help").stdout.replace("│", "").split())
+        written = re.findall(r"\S*\[[^\]]*\]\S*", command.callback.__doc__)
+        bracketed += len(written)
+        assert [word for word in written if word not in said] == [], name
+    assert bracketed >= 2
+    assert "glpath[figures]" in run("figure", "--help").stdout
+    assert "glpath[reference]" in run("bench", "--help").stdout
+
+
+def test_help_of_an_option_is_no_markup_either() -> None:
+    def own(value: Annotated[str, typer.Option(help="of [red] and [/]")] = "[a]") -> None:
+        """Of [bold]all[/bold] things.
+
+        And [more], too.
+        """
+
+    made = typer.Typer(cls=Commands, epilog="[end]")
+    made.command("own")(own)
+    made.command("other", help="the [other]")(lambda: None)
+    group = " ".join(CliRunner().invoke(made, ["--help"]).stdout.split())
+    said = " ".join(CliRunner().invoke(made, ["own", "--help"]).stdout.split())
+    for text in ("of [red] and [/]", "[default: [a]]", "Of [bold]all[/bold] things.", "And [more], too."):
+        assert text in said
+    for text in ("Of [bold]all[/bold] things.", "the [other]", "[end]"):
+        assert text in group
+
+
+def test_names_of_a_scene_are_no_markup(tmp_path: Path) -> None:
+    path = tmp_path / "a[red]:bell:.toml"
+    path.write_text(
+        'camera = { type = "perspective", position = [0, 0, 4], target = [0, 0, 0], fov = 40 }\n'
+        'materials = { "[bold]:bell:" = {} }\n'
+        '[[shapes]]\nname = "[/]:star:"\ntype = "sphere"\ncenter = [0, 0, 0]\nradius = 1\n'
+        'material = "[bold]:bell:"\n'
+    )
+    told = run("info", path)
+    assert told.exit_code == 0, told.output
+    for text in ("[bold]:bell:", "[/]:star:", "a[red]:bell:: 1 sphere"):
+        assert text in told.stdout
+    assert "a[red]:bell:.toml" in run("validate", path).stdout
 
 
 def test_python_dash_m_glpath_is_glpath() -> None:

@@ -128,15 +128,15 @@ def _show(report: Report, output: Path | None) -> None:
 
         with whole_file(output) as part:
             part.write_text(text)
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console.width = 200  # a table that is cut to a guessed screen has lost its numbers
     _print(console, report.measured, report.rows)
     if report.holds is not None:
-        console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}", markup=False)
+        console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}")
     for note in report.notes:
-        console.print(note, markup=False)
-    console.print(", ".join(f"{k} {v}" for k, v in {**report.machine, **report.versions}.items()), markup=False)
+        console.print(note)
+    console.print(", ".join(f"{k} {v}" for k, v in {**report.machine, **report.versions}.items()))
 
 
 def _print(console: object, measured: dict[str, float], rows: list[dict[str, object]]) -> None:

@@ -77,7 +77,7 @@ def _device_table(probes: list[DeviceProbe]) -> Table:
 def _print(table: Table) -> None:
     for column in table.columns:
         column.overflow = "fold"  # the end of a renderer's name is what tells two devices apart
-    Console(markup=False, highlight=False).print(table)
+    Console(markup=False, emoji=False, highlight=False).print(table)
 
 
 @dataclass(frozen=True)

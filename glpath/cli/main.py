@@ -10,6 +10,7 @@ import warnings
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
@@ -21,7 +22,18 @@ FAILED, WRONG_USAGE = 1, 2
 
 
 class Commands(TyperGroup):
-    """Turns exceptions and warnings of every subcommand into lines on stderr and an exit code."""
+    """Turns exceptions and warnings of every subcommand into lines on stderr and an exit code.
+
+    Texts of help are shown as they are written: typer hands them to rich, to which `glpath[figures]` is a style.
+    """
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        for command in (self, *self.commands.values()):
+            for part in (command, *command.params):
+                for name in ("help", "short_help", "epilog"):
+                    if text := getattr(part, name, None):
+                        setattr(part, name, escape(text))
 
     def invoke(self, ctx: Any) -> Any:
         with warnings.catch_warnings():

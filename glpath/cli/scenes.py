@@ -51,7 +51,7 @@ def info(
     if as_json:
         typer.echo(json.dumps(summary, indent=2, ensure_ascii=False))
         return
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, emoji=False)
     for table in _tables(summary):
         console.print(table)
     console.print(f"Content, which jobs and radiosity solutions go by: sha256:{summary['content_sha256']}")
@@ -65,7 +65,7 @@ def validate(
     strict: Annotated[bool, typer.Option("--strict", help="Take warnings for errors.")] = False,
 ) -> None:
     """Check scenes without rendering. Exits with 1 when one has an error."""
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(soft_wrap=True, highlight=False, emoji=False)
     values = parameters_from_options(parameters or [])
     failed = False
     for name in scenes:
@@ -102,7 +102,7 @@ def scenes() -> None:
     table = Table("scene", "what it shows", box=None, header_style="bold")
     for name, description in shipped_scenes().items():
         table.add_row(name, escape(description))
-    Console().print(table)
+    Console(emoji=False).print(table)
 
 
 def summarize(scene: Scene) -> dict[str, Any]:
