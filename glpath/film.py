@@ -20,15 +20,15 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from glpath import image
 from glpath.errors import ImageError, UsageError
 from glpath.files import open_npz, whole_file
-from glpath.image import encode_png, write_exr, write_png
+from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 
 Float64 = NDArray[np.float64]
@@ -66,6 +66,7 @@ class FilmMetadata:
     integrator      : for example "path_trace"
     seed, max_depth : of the random numbers; vertices of a path, as in the paper
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
+    exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
     noisy           : whether another seed is another image, so that comparisons have to look at the noise
     full_resolution : (width, height) of the whole image, pixels
     window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
@@ -89,6 +90,7 @@ class FilmMetadata:
     versions: Mapping[str, str] = field(default_factory=dict)
     elapsed_s: float = 0.0
     noisy: bool = True
+    exposure: float | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -227,10 +229,39 @@ class Film:
             return None
         return float(np.sqrt(np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))))
 
-    def save(self, path: str | Path, *, exposure: float = 0.0, tonemap: str = "srgb") -> None:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """`mean`, for `np.asarray(film)` and what takes arrays."""
+        if copy is False:
+            raise ValueError("a film holds sums, so that its image as an array is always a copy")
+        return self.mean.astype(dtype or np.float64, copy=False)
+
+    def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
+        """The stops that an exposure means for this image.
+
+        exposure : stops; "auto" as `image.auto_exposure` finds; None as the scene says, or else "auto"
+
+        Raises UsageError for another one, or an image of no path set.
+        """
+        check_exposure(exposure)
+        asked = self.metadata.exposure if exposure is None else exposure
+        return image.auto_exposure(self.mean) if asked is None or asked == "auto" else float(asked)
+
+    def to_srgb(self, *, exposure: float | Literal["auto"] | None = None, tonemap: str = "srgb") -> UInt8:
+        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png.
+
+        exposure : as of `exposure_stops`
+        tonemap  : one of `image.TONEMAPS`
+
+        Raises UsageError for another exposure or operator, or an image of no path set.
+        """
+        return tonemapped(self.mean, self.exposure_stops(exposure), tonemap)
+
+    def save(
+        self, path: str | Path, *, exposure: float | Literal["auto"] | None = None, tonemap: str = "srgb"
+    ) -> None:
         """Write the film; the suffix says how. The file appears whole or not at all.
 
-        .png : 8-bit sRGB after `exposure` (stops) and `tonemap` (one of `image.TONEMAPS`)
+        .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
         .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image
         .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
 
@@ -240,7 +271,9 @@ class Film:
         path = check_suffix(path)
         suffix = path.suffix.lower()
         if suffix == ".png":
-            write_png(path, tonemapped(self.mean, exposure, tonemap), self.provenance())
+            stops = self.exposure_stops(exposure)
+            text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
+            write_png(path, self.to_srgb(exposure=stops, tonemap=tonemap), self.provenance() | text)
         elif suffix == ".exr":
             window, full_resolution = self.metadata.window, self.metadata.full_resolution
             write_exr(path, self.mean, self.provenance(), window=window, full_resolution=full_resolution)
@@ -299,7 +332,7 @@ class Film:
         """What Jupyter shows: the image, at most 1024 pixels long, and a line of text."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
-            bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW)))
+            bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
         return bundle
 
     def provenance(self) -> dict[str, str]:

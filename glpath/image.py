@@ -31,6 +31,10 @@ REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 REINHARD_WHITE = 4.0
 
 
+# Log-average luminance that `auto_exposure` aims at: middle grey.
+MIDDLE_GREY = 0.18
+
+
 def luminance(radiance: Float64) -> Float64:
     """(...) relative luminance Y of (..., 3) linear Rec. 709."""
     y: Float64 = radiance @ LUMINANCE
@@ -87,6 +91,36 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
     check_tonemap(operator)
     light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
     return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def auto_exposure(radiance: ArrayLike) -> float:
+    """Stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002, equations 1 and 2].
+
+    Pixels without light do not count (what surrounds an object is no reason to brighten it), and none counts for
+    less than a thousandth of the median. A picture is darkened no further than until its 99th percentile is white,
+    so that a bright one stays bright. In quarters of a stop, as noise shall not change it; 0 where there is no
+    light.
+
+    radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
+
+    >>> auto_exposure([[[0.09, 0.09, 0.09], [0, 0, 0]]]), auto_exposure([[[0.5, 0.5, 0.5]]])
+    (1.0, 0.0)
+    """
+    y = luminance(np.asarray(radiance, np.float64))
+    lit = y[y > 0.0]
+    if not lit.size:
+        return 0.0
+    key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
+    wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(np.percentile(y, 99))
+    return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
+
+
+def check_exposure(exposure: object) -> None:
+    """Raise UsageError for what is neither a number of stops from -100 to 100, nor "auto" nor None."""
+    if exposure is None or exposure == "auto":
+        return
+    if isinstance(exposure, bool) or not isinstance(exposure, int | float) or not abs(exposure) <= 100:
+        raise UsageError(f'exposure is {exposure!r}; must be a number of stops from -100 to 100, or "auto".')
 
 
 def check_tonemap(operator: str) -> None:

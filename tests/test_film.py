@@ -15,6 +15,7 @@ from conftest import MakeFilm
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from glpath import image
 from glpath.errors import ImageError, UsageError
 from glpath.film import BATCHES, BLOCK, Film, FilmMetadata, batch_of, blocks
 
@@ -245,3 +246,31 @@ def test_metadata_is_plain_from_the_start(make_film: MakeFilm) -> None:
     metadata = make_film([]).metadata
     assert metadata.settings["ambient"] == [0.0, 0.0, 0.0]
     assert replace(metadata, elapsed_s=2.0).settings == metadata.settings
+
+
+def test_an_8_bit_picture_says_its_exposure_which_is_what_was_asked_or_the_scene_s_or_auto(
+    make_film: MakeFilm, tmp_path
+) -> None:
+    film = make_film([(0, 32)])
+    auto = image.auto_exposure(film.mean)
+    set_by_scene = replace(film, metadata=replace(film.metadata, exposure=-1.5))
+    for found, asked, stops in ((film, None, auto), (film, 1, 1.0), (set_by_scene, None, -1.5)):
+        found.save(tmp_path / "a.png", exposure=asked)
+        assert float(iio.immeta(tmp_path / "a.png")["glpath.exposure_stops"]) == stops
+        expected = image.tonemap(film.mean, stops)
+        assert np.array_equal(iio.imread(tmp_path / "a.png"), expected)
+        assert np.array_equal(found.to_srgb(exposure=asked), expected)
+    assert set_by_scene.exposure_stops("auto") == auto
+    set_by_scene.save(tmp_path / "a.npz")
+    assert Film.load(tmp_path / "a.npz").exposure_stops() == -1.5
+    assert make_film([(32, 40)]).merge(set_by_scene).path_sets == 40, "it does not decide the image"
+    for wrong in ("bright", float("nan"), 101, True):
+        with pytest.raises(UsageError, match="exposure"):
+            film.to_srgb(exposure=wrong)
+
+
+def test_a_film_is_an_array_of_its_image(make_film: MakeFilm) -> None:
+    film = make_film([(0, 32)])
+    assert np.array_equal(np.asarray(film), film.mean)
+    assert np.asarray(film, np.float32).dtype == np.float32
+    assert np.allclose(film, film.mean)

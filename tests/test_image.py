@@ -220,3 +220,25 @@ def test_whether_a_file_can_be_written_is_known_before(tmp_path: Path) -> None:
 def test_a_folder_that_refuses_files_is_known_before() -> None:
     with pytest.raises(ImageError, match=r"/proc/self/a.png: the folder .* cannot be written to"):
         files.check_writable("/proc/self/a.png")
+
+
+def test_auto_exposure_follows_its_rule() -> None:
+    grey = np.full((8, 8, 3), 0.18 / 4)
+    assert image.auto_exposure(grey) == 2.0
+    framed = np.zeros((16, 16, 3))
+    framed[4:12, 4:12] = grey
+    assert image.auto_exposure(framed) == 2.0, "what has no light does not count"
+    lamp = grey.copy()
+    lamp[0, 0] = 1e4
+    assert abs(image.auto_exposure(lamp) - 2.0) <= 0.25, "a lamp in view changes little"
+    assert image.auto_exposure(np.full((4, 4, 3), 0.9)) == 0.0, "a bright picture stays bright"
+    assert image.auto_exposure(np.full((4, 4, 3), 8.0)) == -3.0, "until its 99th percentile is white"
+    assert image.auto_exposure(np.zeros((4, 4, 3))) == 0.0
+
+
+def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
+    rng = np.random.default_rng(1)
+    radiance = rng.lognormal(-3, 1, (64, 64, 3))
+    noisy = radiance * rng.uniform(0.9, 1.1, radiance.shape)
+    assert image.auto_exposure(radiance / 8) == image.auto_exposure(radiance) + 3
+    assert abs(image.auto_exposure(noisy) - image.auto_exposure(radiance)) <= 0.25

@@ -190,3 +190,11 @@ def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
     )
     with pytest.warns(glpath.SceneWarning, match="lost the roulette"):
         glpath.render(scene, spp=4, max_depth=3)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")  # paths crowd into few cells
+@pytest.mark.parametrize("resolution", [(16384, 2), (2, 20000)])
+def test_a_picture_as_long_as_a_texture_may_be_or_longer_is_rendered_in_tiles(resolution: tuple[int, int]) -> None:
+    film = glpath.render("furnace", spp=1, max_depth=2, resolution=resolution)
+    assert film.mean.shape == (resolution[1], resolution[0], 3)
+    assert (film.mean > 0).all()

@@ -519,3 +519,16 @@ def test_a_good_scene_loads_without_a_warning(tmp_path: Path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(load_scene(str(tmp_path / "room.toml")).spheres) == 1
+
+
+def test_a_scene_may_say_its_exposure_which_is_no_part_of_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(SPHERE)
+    plain = load_scene(path)
+    assert plain.exposure is None
+    path.write_text(SPHERE + "[film]\nexposure = -1.5")
+    assert load_scene(path).exposure == -1.5
+    assert load_scene(path).digest() == plain.digest()
+    path.write_text(SPHERE + "[film]\nexposure = 200")
+    with pytest.raises(SceneError, match=r"film.exposure is 200.*at most 100"):
+        load_scene(path)

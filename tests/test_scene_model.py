@@ -49,6 +49,7 @@ def everything() -> Scene:
         lights=(Light("l", "point", np.ones(3)),),
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
+        exposure=1.0,
     )
 
 

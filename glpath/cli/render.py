@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from glpath.cli.options import FOR_ALL, option_values, with_integrator_options
 from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
+from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
 from glpath.files import check_writable
@@ -90,8 +91,15 @@ def render(
         typer.Option(metavar="X,Y,W,H", help="Only these pixels, from the top left.", rich_help_panel=_IMAGE),
     ] = None,
     exposure: Annotated[
-        float, typer.Option(metavar="STOPS", help="Brightness of a .png: 1 doubles it.", rich_help_panel=_IMAGE)
-    ] = 0.0,
+        str | None,
+        typer.Option(
+            metavar="STOPS|auto",
+            help="Brightness of a .png: 1 doubles it; default as the scene says, or else auto: log-average "
+            "luminance to middle grey.",
+            show_default=False,
+            rich_help_panel=_IMAGE,
+        ),
+    ] = None,
     tonemap: Annotated[
         str, typer.Option(metavar="|".join(TONEMAPS), help="Tone curve of a .png.", rich_help_panel=_IMAGE)
     ] = "srgb",
@@ -175,8 +183,7 @@ def render(
         if count is not None and count < low:
             raise UsageError(f"{option} {count}: must be at least {low}.")
     options = option_values(integrator, options)
-    if not abs(exposure) <= 100:
-        raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
+    stops = read_exposure(exposure)
     if job is None:
         assert scene is not None, "asked for above"
         start, spp = _described(
@@ -211,12 +218,12 @@ def render(
             film, interrupted = stop.film, True
         written = out if film.path_sets else []
         for path in written:
-            film.save(path, exposure=exposure, tonemap=tonemap)
+            film.save(path, exposure=stops, tonemap=tonemap)
 
     if progress == "json":
         typer.echo(json.dumps(_as_event(film, written, interrupted)), err=True)
     elif not quiet:
-        for line in _summary(film, written, verbose):
+        for line in _summary(film, written, stops, verbose):
             typer.echo(line, err=True)
     if interrupted:
         _say_interrupted(film, spp, written)
@@ -328,7 +335,9 @@ def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:
     typer.echo(f"glpath: interrupted: {text}", err=True)
 
 
-def _summary(film: Film, written: Sequence[Path], verbose: bool) -> Iterator[str]:
+def _summary(
+    film: Film, written: Sequence[Path], exposure: float | Literal["auto"] | None, verbose: bool
+) -> Iterator[str]:
     """What was rendered, on what, how fast and how well."""
     if not film.path_sets:
         return
@@ -358,7 +367,8 @@ def _summary(film: Film, written: Sequence[Path], verbose: bool) -> Iterator[str
         for stage, milliseconds in m.statistics.get("stage_ms", {}).items():
             yield f"  {stage}: {milliseconds / film.path_sets:.3g} ms per path set"
     for path in written:
-        yield f"wrote {path}"
+        shown = f", exposure {film.exposure_stops(exposure):+g} stops" if path.suffix.lower() == ".png" else ""
+        yield f"wrote {path}{shown}"
 
 
 def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[str, Any]:

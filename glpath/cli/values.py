@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from glpath.errors import UsageError
 
@@ -61,6 +61,19 @@ def crop(text: str) -> tuple[int, int, int, int]:
     if width < 1 or height < 1:
         raise UsageError(f"--crop {text}: both sides must be at least 1 pixel.")
     return x, y, width, height
+
+
+def exposure(text: str | None) -> float | Literal["auto"] | None:
+    """STOPS of --exposure, or the word auto."""
+    if text is None or text == "auto":
+        return text  # type: ignore[return-value]
+    try:
+        stops = float(text)
+    except ValueError:
+        stops = math.nan
+    if not abs(stops) <= 100:
+        raise UsageError(f"--exposure {text}: must be a number of stops from -100 to 100, or auto.")
+    return stops
 
 
 def check_inside(window: tuple[int, int, int, int], resolution: tuple[int, int]) -> None:

@@ -63,7 +63,8 @@ class Session:
             # The digest of a radiosity solution is known only now.
             film.metadata = replace(film.metadata, settings=self._recorded())
             clock.report("compiling shaders")
-            self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"])
+            # Half, as the two views of a scan lie side by side.
+            self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
         else:
             self._go_on(self._engine, job, scene)
@@ -106,6 +107,7 @@ class Session:
             full_resolution=job.sensor.resolution,
             window=job.window,
             noisy=job.integrator.noisy,
+            exposure=scene.exposure,
             device=info.renderer,
             versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
         )

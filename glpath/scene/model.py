@@ -119,6 +119,7 @@ class Scene:
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to the path tracer,
                    what lies beyond a path's last vertex
     sky          : None: black
+    exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     """
 
     name: str
@@ -130,6 +131,7 @@ class Scene:
     lights: tuple[Light, ...] = ()
     ambient: Float64 = field(default_factory=lambda: np.zeros(3))
     sky: Sky | None = None
+    exposure: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))

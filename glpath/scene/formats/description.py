@@ -80,6 +80,18 @@ class Film(Struct, forbid_unknown_fields=True, kw_only=True):
     """The picture."""
 
     resolution: Annotated[tuple[_Pixels, _Pixels], Meta(description="[width, height] in pixels.")] = (512, 512)
+    exposure: (
+        Annotated[
+            float,
+            Meta(
+                ge=-100,
+                le=100,
+                description="Stops by which an 8-bit picture is brightened: 1 doubles it. Without it the picture "
+                "decides (`glpath.image.auto_exposure`).",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
@@ -394,7 +406,9 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     )
     description: Annotated[str, Meta(description="What the scene shows, in one line.")] = ""
     camera: Annotated[Camera, Meta(description="The camera: position, target, up, fov.")]
-    film: Annotated[Film, Meta(description="The picture: resolution.")] = msgspec.field(default_factory=Film)
+    film: Annotated[Film, Meta(description="The picture: resolution, exposure.")] = msgspec.field(
+        default_factory=Film
+    )
     textures: Annotated[dict[str, AnyTexture], Meta(description="Textures by name.")] = {}
     materials: Annotated[dict[str, AnyMaterial], Meta(description="Materials by name.")] = {}
     shapes: Annotated[

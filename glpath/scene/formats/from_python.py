@@ -92,7 +92,12 @@ def _complete(data: Mapping[str, Any], place: Place, folder: Path) -> Scene:
     scene = scene_of({"camera": _NO_CAMERA, **given}, place, folder, str(given.get("name", place.source)))
     notes = []
     if "camera" not in given:
-        scene = replace(scene, camera=framing(scene, scene.camera.resolution if "film" in given else _RESOLUTION))
+        scene = replace(
+            scene,
+            camera=framing(
+                scene, scene.camera.resolution if "resolution" in given.get("film", {}) else _RESOLUTION
+            ),
+        )
         c = scene.camera
         notes.append(
             f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
