@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath import image
 from glpath.errors import GlpathError, SceneError
 from glpath.figures.candidates import ShaftScene
-from glpath.gl.context import Context, get_context
+from glpath.gl.context import Context, open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.interactive import in_notebook
 from glpath.radiosity import Strategy
@@ -101,8 +101,9 @@ def view(
     planned = plan_of(settings)
     traced = planned.traceable(loaded)
     planned = planned.prepared(traced, lambda stage: None)
-    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
-    engine = planned.engine(context, traced, (0, 0, *loaded.camera.resolution), False)
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with context:
+        engine = planned.engine(context, traced, (0, 0, *loaded.camera.resolution), False)
     return View(loaded, engine, context, spp, exposure, tonemap)
 
 
@@ -149,8 +150,14 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         return not self._moved and self.path_sets >= self.spp
 
     def get_frame(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 sRGB: as many path sets more as the time for a frame holds. Called by the widget."""
-        self._context.use()
+        """(H, W, 3) uint8 sRGB: as many path sets more as the time for a frame holds. Called by the widget.
+
+        In any thread: it waits while another one draws.
+        """
+        with self._context:
+            return self._frame()
+
+    def _frame(self) -> NDArray[np.uint8]:
         pace = "moving" if self._grip or self._moved else "still"
         if self._moved:
             self._engine.look_from(CameraSensor.of(self.scene.camera))

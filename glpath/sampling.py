@@ -10,7 +10,6 @@ Poor at: many dimensions. A Sobol sequence's later pairs are no better than rand
 from __future__ import annotations
 
 import hashlib
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -82,10 +81,7 @@ class PathSetSampler:
         sobol = qmc.Sobol(self.dimensions, scramble=False, bits=32)
         if start:
             sobol.fast_forward(start)
-        with warnings.catch_warnings():
-            # scipy warns of sample counts that are not powers of two; ours is, but starts anywhere.
-            warnings.simplefilter("ignore", UserWarning)
-            points = (sobol.random(self._CHUNK) * 2.0**32).astype(np.uint64).astype(np.uint32)
+        points = (sobol.random(self._CHUNK) * 2.0**32).astype(np.uint64).astype(np.uint32)
         keys = np.random.default_rng(self.seed).integers(0, 2**32, self.dimensions, dtype=np.uint32)
         return owen_scrambled(points, keys)
 

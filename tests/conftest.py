@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 
 import hypothesis
@@ -27,9 +26,10 @@ def no_gl_error() -> Iterator[None]:
     # Most tests make no context; asking for one would cost more than they do.
     module = sys.modules.get("glpath.gl.context")
     context = module._context if module else None
-    if context is None or (context.pid, context._thread) != (os.getpid(), threading.get_ident()):
+    if context is None or context.pid != os.getpid():
         return
-    error = context.gl.error
+    with context:
+        error = context.gl.error
     assert error == "GL_NO_ERROR", f"the test left {error} behind"
 
 

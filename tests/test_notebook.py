@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import subprocess
 import sys
+import time
 from io import BytesIO
 from typing import Any
 
@@ -194,7 +195,7 @@ def python(code: str) -> str:
 def test_in_a_kernel_a_driver_that_crashes_is_an_error_not_the_end() -> None:
     out = python(
         "c._open = lambda candidate: sys.exit('the driver was called')\n"
-        "c._start_probe = lambda candidate: subprocess.Popen(\n"
+        "c.start_probe = lambda candidate: subprocess.Popen(\n"
         "    [sys.executable, '-c', 'import os; os.kill(os.getpid(), 11)'],\n"
         "    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)\n"
         "try:\n"
@@ -249,3 +250,44 @@ def test_progress_outside_of_a_notebook_is_lines(capfd: pytest.CaptureFixture[st
     out, err = capfd.readouterr()
     assert out == ""
     assert "2/2 path sets (100 %)" in err
+
+
+def test_a_cell_keeps_the_context_and_between_cells_others_have_it() -> None:
+    """In a real kernel: by hand in a cell, a render in another thread between cells, by hand again in the next."""
+    from jupyter_client.manager import start_new_kernel
+
+    manager, client = start_new_kernel()
+    out: list[str] = []
+
+    def run(cell: str) -> str:
+        out.clear()
+        reply = client.execute_interactive(cell, timeout=120, output_hook=collect)
+        assert reply["content"]["status"] == "ok", "\n".join(reply["content"]["traceback"])
+        return "".join(out)
+
+    def collect(message: dict[str, Any]) -> None:
+        out.append(message["content"].get("text", ""))
+
+    try:
+        found = run(
+            "import glpath, threading\n"
+            "from glpath.gl.context import get_context\n"
+            "context = get_context(); texture = context.gl.texture((2, 2), 1, data=b'abcd')\n"
+            "def work():\n"
+            "    asked.wait(); films.append(glpath.render('furnace', spp=1, resolution=(4, 4))); done.set()\n"
+            "films, asked, done = [], threading.Event(), threading.Event()\n"
+            "threading.Thread(target=work).start()\n"
+            "asked.set()\n"
+            "print(done.wait(0.5), context._turns.mine)"
+        )
+        assert found == "False True\n"  # the thread waits for the end of the cell
+        until = time.monotonic() + 60
+        while run("print(len(films), texture.read())") == "0 b'abcd'\n":
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        assert run("print(len(films), texture.read(), context._turns.mine)") == "1 b'abcd' True\n"
+        assert run("context.leave(); print(context._turns.thread)") == "None\n"
+        assert run("print(context._turns.thread)") == "None\n"
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)

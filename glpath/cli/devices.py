@@ -18,14 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from glpath.errors import ContextError, ShaderError
-from glpath.gl.context import (
-    EGL_LIBRARY,
-    GL_LIBRARIES,
-    REQUIRED_VERSION,
-    DeviceProbe,
-    get_context,
-    list_devices,
-)
+from glpath.gl.context import REQUIRED_VERSION, open_context
+from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, list_devices
 from glpath.gl.limits import device_limits
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
@@ -248,7 +242,7 @@ def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
 def _limits() -> Iterator[Finding]:
     # Only after a probe has shown that the device does not kill its process.
     try:
-        limits = device_limits(get_context())
+        limits = device_limits(open_context())
     except ContextError as error:
         yield Finding("limits", "missing", error.message, error.remedy)
         return

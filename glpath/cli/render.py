@@ -299,9 +299,9 @@ def _of_file(path: Path) -> tuple[Start, int]:
     job = rendering.RenderJob.load(path)
 
     def start(device: dict[str, Any], progress: dict[str, Any]) -> Film:
-        from glpath.gl.context import get_context
+        from glpath.gl.context import open_context
 
-        return rendering.run(job, get_context(**device), **progress)
+        return rendering.run(job, open_context(**device), **progress)
 
     return start, job.spp
 

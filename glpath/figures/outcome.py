@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from glpath.experiments.verdict import Condition, Report, judge, machine
 from glpath.files import whole_file
-from glpath.gl.context import get_context
+from glpath.gl.context import open_context
 from glpath.image import encode_png
 from glpath.versions import versions
 
@@ -49,7 +49,7 @@ def judged(
     said, holds = judge(claim, rule, measured)
     where, programs = "none; on the CPU", versions("glpath", "numpy", "numba", "matplotlib")
     if with_gl:
-        info = get_context().info
+        info = open_context().info
         where = info.renderer
         programs = versions("glpath", "moderngl", "numpy", "matplotlib") | {"driver": info.driver}
     return Outcome(Report(name, said, measured, holds, rows, machine(where), programs, list(notes)), picture)

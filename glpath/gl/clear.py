@@ -10,7 +10,7 @@ import ctypes
 
 import moderngl
 
-from glpath.gl.context import get_context
+from glpath.gl.context import context_of
 
 _COLOR, _DEPTH = 0x1800, 0x1801
 
@@ -23,7 +23,7 @@ def holds_integers(target: moderngl.Framebuffer) -> bool:
 
 def clear_integers(target: moderngl.Framebuffer, area: tuple[int, int, int, int]) -> None:
     """Set all colours of an area (x, y, width, height) to 0 and its depth to 1. The target is bound afterwards."""
-    context = get_context()
+    context = context_of(target.ctx)
     unsigned = context.function("glClearBufferuiv", ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
     floats = context.function("glClearBufferfv", ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_float))
     target.scissor = area

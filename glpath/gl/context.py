@@ -1,22 +1,36 @@
 """The OpenGL context: one per process, made when first asked for, on the best device there is.
 
-In order: EGL on a hardware device, EGL on a software device (Mesa's llvmpipe), OSMesa. None needs a display. Which
-device, in order: the arguments of `get_context`, the environment (GLPATH_BACKEND = auto | egl | osmesa,
-GLPATH_DEVICE = the index that `glpath devices` shows), the order above. glcontext's own variables
-(GLCONTEXT_DEVICE_INDEX and others) are not looked at, as they would beat an explicit choice.
+In order: EGL on a hardware device, EGL on a software device (Mesa's llvmpipe), OSMesa. None needs a display;
+`devices` says how one is chosen. glcontext's own variables (GLCONTEXT_DEVICE_INDEX and others) are not looked at,
+as they would beat an explicit choice.
 
 One per process, because GL names its objects by small numbers that mean other objects in another context: an object
 of the first, collected while the second is current, deletes the second's object of the same number, and moderngl
 does not guard against it. Who needs two devices starts two processes. No display is ever terminated (eglTerminate):
 EGL shares one per device with everybody in the process.
 
+Threads. A context is current in one thread at a time, and only that thread can let go of it. So whoever draws has
+it no longer than needed, in one of two ways:
+
+    with open_context() as context: ...    # waits its turn, and lets go at the end
+    context = get_context()                # to draw by hand: this thread keeps it until `leave`, or its end
+
+Renders take the first way: while the engine is made, then for each step of half a second, so that a live view moves
+while a render goes on in another thread. Between the frames of `render_frames`, and outside of all calls, nobody
+has it. One render at a time is on the device (`rendering`), as each fills its memory.
+
+The second way is for programs of one thread and for exploring. It waits for renders under way; then others who ask
+are refused, as they might wait for ever. In a notebook they wait for the end of the cell instead, and the next cell
+has the context again. What Python collects in a thread that has not got the context is deleted by whoever has it
+next (`_Collecting`). An exception, Ctrl-C too, leaves `with` as always.
+
 Whoever asks may have each device tried in a process of its own first, as a broken driver can end the process that
 asks it: renders do so in the kernel of a notebook.
 
 Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, a Python start more where that is tried
           first; nothing when cached.
-Poor at:  threads (a context belongs to one at a time, see `Context.leave`) and fork (see `Context.check`).
-Source:   EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_MESA_device_software.
+Poor at:  fork (see `Context.check`); being quicker by threads, as they take turns: start processes.
+Source:   EGL 1.5, 3.7.3; EGL_EXT_platform_device.
 """
 
 from __future__ import annotations
@@ -24,77 +38,76 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import signal
-import subprocess
-import sys
 import threading
+import weakref
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import moderngl
 from glcontext import egl
 
 from glpath.errors import ContextError
-from glpath.gl.osmesa import OSMesaLoader, load_osmesa
+from glpath.gl.devices import (
+    EGL_LIBRARY,
+    GL_LIBRARIES,
+    INSTALL,
+    Candidate,
+    DeviceInfo,
+    chosen,
+    egl_candidates,
+    finish_probe,
+    start_probe,
+)
+from glpath.gl.osmesa import OSMesaLoader
 from glpath.gl.program import forget_programs
+from glpath.gl.signals import SignalsWait
+from glpath.gl.turns import Turns
+from glpath.interactive import around_cells, in_cell
 
 REQUIRED_VERSION = 430
-BACKENDS = ("auto", "egl", "osmesa")
-
-# Sonames, as the names without a number belong to development packages. libegl1 alone brings no libGL.so.1, and
-# needs none: the functions can be had from libEGL itself.
-EGL_LIBRARY = "libEGL.so.1"
-GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", EGL_LIBRARY)
-
-INSTALL = "Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri; `glpath doctor` says what is missing."
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "lavapipe")
-_PROBE_SECONDS = 60
 
-_EGL_EXTENSIONS = 0x3055
-_EGL_DRM_DEVICE_FILE = 0x3233
+_EGL_OPENGL_API = 0x30A2
 
 
-@dataclass(frozen=True)
-class DeviceInfo:
-    """A device that renders, as its driver names itself.
+class _Collecting(moderngl.Context):
+    """moderngl's context, with objects that free what they have on the device when Python collects them.
 
-    backend      : egl or osmesa
-    index        : number among the devices of the backend, what `device=` takes
-    renderer     : GL_RENDERER
-    vendor       : GL_VENDOR
-    gl_version   : GL_VERSION, in which most drivers name their own version too
-    version_code : 450 for OpenGL 4.5
-    hardware     : False where the CPU does the work
+    Python does so in any thread. In the one where the context is current they are deleted at once; in another the
+    calls would reach no context, so they queue up in `objects`, and whoever has the context next deletes them.
+
+    holder : the thread where the context is current
     """
 
-    backend: str
-    index: int
-    renderer: str
-    vendor: str
-    gl_version: str
-    version_code: int
-    hardware: bool
+    holder: int | None
+    _this_thread = staticmethod(threading.get_ident)  # when the last objects die, modules are gone
 
-    @property
-    def driver(self) -> str:
-        """Name and version of the driver: `Mesa 22.3.6`, `NVIDIA 550.54`."""
-        words = [w for w in self.gl_version.replace("(Core Profile)", "").split()[1:] if w]
-        return " ".join(words) or self.vendor
+    @property  # type: ignore[override]  # whose type there leaves out None
+    def gc_mode(self) -> str | None:
+        if self._gc_mode is None:
+            return None
+        return "auto" if self.holder == self._this_thread() else "context_gc"
 
-    def __str__(self) -> str:
-        version = f"{self.version_code // 100}.{self.version_code // 10 % 10}"
-        kind = "hardware" if self.hardware else "software"
-        return f"{self.renderer}, OpenGL {version}, {self.driver}, {self.backend} device {self.index}, {kind}"
+    @gc_mode.setter
+    def gc_mode(self, mode: str | None) -> None:
+        self._gc_mode = mode
+
+
+class _Kept:
+    """What a thread has while it keeps the context: it is gone with the thread, and collected there."""
 
 
 @dataclass
 class Context:
     """The process's moderngl context and what is known of its device.
 
-    gl   : the moderngl context, with gc_mode "auto": a collected object frees what it had on the GPU
+    `with context:` makes it current in this thread until the end of the block, where the thread does not keep it;
+    blocks may lie within each other. A thread waits for its turn; see the top of this module.
+
+    gl   : the moderngl context; a collected object frees what it had on the device
     info : the device
     pid  : the process that made it
     """
@@ -103,13 +116,23 @@ class Context:
     info: DeviceInfo
     pid: int
     _loader: Any = field(repr=False)
-    _thread: int | None = field(default_factory=threading.get_ident, repr=False)
+    _destroyed: bool = field(default=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._turns = Turns(_kept_elsewhere)
+        self._here = threading.local()
+        self._renders = threading.RLock()
+        self._signals = SignalsWait(Context.__exit__.__code__)
+        # In a notebook: the thread whose cells have it, how many of them run, one within another.
+        self._cell_thread: int | None = None
+        self._cells = 0
+        self._watches_cells = False
 
     def check(self) -> None:
-        """Refuse use after a fork and from a second thread.
+        """Refuse use after a fork, and of a context that was released.
 
         The driver's threads, locks and connection to the device do not survive a fork; the calls would hang or
-        crash. From another thread they would reach no context at all.
+        crash.
 
         Raises
         ------
@@ -121,44 +144,149 @@ class Context:
                 'Start the child with spawn (multiprocessing.get_context("spawn")), '
                 "or create the context after the fork.",
             )
-        if self._thread is not None and self._thread != threading.get_ident():
+        if self._destroyed:
             raise ContextError(
-                f"OpenGL context in use by thread {self._thread}, used in thread {threading.get_ident()}",
-                "Render in one thread, or call Context.leave() in the first before the second goes on.",
+                f"OpenGL context on {self.info.renderer}: it was released", "get_context() makes another one."
             )
 
-    def use(self) -> None:
-        """Make the context current in this thread; call it before a render, as others may have changed it."""
+    def __enter__(self) -> Context:
         self.check()
-        self._loader.__enter__()
-        self._thread = threading.get_ident()
+        before = self._turns.depth
+        if not before:
+            self._signals.begin()
+        try:
+            self._turns.enter()
+            self.check()  # another thread may have released it meanwhile
+            if not before:
+                self._make_current()
+            elif self.gl.objects:
+                self.gl.gc()
+        except BaseException:
+            if self._turns.depth > before:
+                self.__exit__()
+            elif not before:
+                self._signals.end()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if os.getpid() != self.pid:
+            return  # a fork within the block
+        outermost = self._turns.depth == 1
+        try:
+            if self._turns.last and not self._destroyed:
+                self._make_free()
+        finally:
+            self._turns.exit()
+            if outermost:
+                self._signals.end()
+
+    def use(self) -> None:
+        """Make it current in this thread, which keeps it until it calls `leave`, or ends.
+
+        In a notebook the thread has it while a cell runs. Raises ContextError as `check`, and where another thread
+        keeps it.
+        """
+        self.check()
+        if in_cell():
+            with self:
+                self._keep_in_cells()
+            return
+        # A render that has begun would be refused its next step.
+        with self.rendering(), self:
+            if not self._turns.kept:
+                self._here.kept = kept = _Kept()
+                weakref.finalize(kept, self._let_go).atexit = False
+                self._turns.keep()
 
     def leave(self) -> None:
-        """Let go of it in this thread, so that another thread may `use` it."""
-        self.check()
-        self._loader.__exit__(None, None, None)
-        self._thread = None
+        """No longer keep it: others may have it, from the end of a `with` on where this is within one.
+
+        Nothing to do in a thread that does not keep it.
+        """
+        if self._turns.mine and self._cells:
+            self._cell_thread, self._cells = None, 0
+            self.__exit__()
+        self._let_go()
+
+    def rendering(self) -> AbstractContextManager[object]:
+        """For a render, from its engine to its last step: one at a time. The context itself is had step by step."""
+        # Who has the context does not wait for a render that waits for the context.
+        return nullcontext() if self._turns.mine else self._renders
 
     def function(self, name: str, *arguments: type) -> Callable[..., None]:
         """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
         return ctypes.CFUNCTYPE(None, *arguments)(self._loader.load_opengl_function(name))
 
-    def _release(self) -> None:
+    def _make_current(self) -> None:
+        self._loader.__enter__()
+        self.gl.holder = threading.get_ident()  # type: ignore[attr-defined]
+        self.gl.gc()
+
+    def _make_free(self) -> None:
+        self.gl.holder = None  # type: ignore[attr-defined]
+        self._loader.__exit__(None, None, None)
+
+    def _keep_in_cells(self) -> None:
+        """Have it until the present cell ends, and in each later one: others wait, as a cell ends."""
+        if self._cells or self._turns.kept:
+            return
+        self.__enter__()
+        self._cell_thread, self._cells = threading.get_ident(), 1
+        if not self._watches_cells:
+            self._watches_cells = True
+            around_cells(self._begin_cell, self._end_cell)
+
+    def _begin_cell(self) -> None:
+        if self._cell_thread == threading.get_ident() and os.getpid() == self.pid and not self._destroyed:
+            if not self._cells:
+                self.__enter__()
+            self._cells += 1
+
+    def _end_cell(self) -> None:
+        if self._cells and self._cell_thread == threading.get_ident() and os.getpid() == self.pid:
+            self._cells -= 1
+            if not self._cells:
+                self.__exit__()
+
+    def _let_go(self) -> None:
+        if os.getpid() != self.pid or not (self._turns.mine and self._turns.kept):
+            return
+        try:
+            if not self._turns.depth and not self._destroyed:
+                self._make_free()
+        finally:
+            self._turns.drop()
+
+    def _destroy(self) -> None:
         # Destroying the context frees all it holds. From here on its Python objects must not touch GL any more:
         # their numbers may be another context's.
         self.gl.gc_mode = None  # type: ignore[assignment]
+        self._destroyed = True
         self._loader.__exit__(None, None, None)
         self.gl.release()
+
+
+def _kept_elsewhere(thread: int) -> ContextError:
+    names = {one.ident: one.name for one in threading.enumerate()}
+    return ContextError(
+        f"OpenGL context: thread {names.get(thread, thread)!r} keeps it since it called get_context(), and "
+        f"{threading.current_thread().name!r} asks for it",
+        "There, call get_context().leave() when nothing is drawn by hand any more; or have it for a while only:\n"
+        "with glpath.gl.context.open_context() as context: ...",
+    )
 
 
 _lock = threading.RLock()
 _context: Context | None = None
 
 
-def get_context(
+def open_context(
     backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
 ) -> Context:
-    """The context of this process, made at the first call, current in the calling thread.
+    """The context of this process, made at the first call, to be had by `with`:
+
+        with open_context() as context: ...
 
     Parameters
     ----------
@@ -170,33 +298,52 @@ def get_context(
     Raises
     ------
     ContextError : no such backend or device, no OpenGL 4.3, software where a GPU is required, another device than
-                   the one this process renders on already, a forked process, a second thread
+                   the one this process renders on already, a forked process; in `with`: another thread keeps it
     """
     global _context
     with _lock:
         if _context is None:
-            _context = _create(*_chosen(backend, device), require_gpu, probe_first)
+            _context = _create(*chosen(backend, device), require_gpu, probe_first)
         else:
             _context.check()
             _refuse_another(_context.info, backend, device)
             if require_gpu and not _context.info.hardware:
                 raise _no_gpu([str(_context.info)])
-        _context.use()
         return _context
+
+
+def get_context(
+    backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
+) -> Context:
+    """As `open_context`, and current in this thread from here on, to draw by hand: see `Context.use`."""
+    context = open_context(backend, device, require_gpu, probe_first=probe_first)
+    context.use()
+    return context
+
+
+def context_of(gl: moderngl.Context) -> Context:
+    """The process's context, whose moderngl context `gl` is."""
+    assert _context is not None, "there is no context"
+    assert _context.gl is gl, "the process has one context"
+    return _context
 
 
 def release_context() -> None:
     """Destroy the process's context, so that the next `get_context` may take another device.
 
-    Everything made in it is gone with it. Objects that are still referred to must not be used or released by hand
-    any more: their numbers may name objects of the next context.
+    Waits for other threads as `open_context` does. Everything made in it is gone with it. Objects that are still
+    referred to must not be used or released by hand any more: their numbers may name objects of the next context.
     """
     global _context
+    context = _context
+    if context is None:
+        return
+    with context:
+        forget_programs(context.gl)
+        context.leave()
+        context._destroy()
     with _lock:
-        if _context is not None:
-            _context.check()
-            forget_programs(_context.gl)
-            _context._release()
+        if _context is context:
             _context = None
 
 
@@ -214,7 +361,7 @@ os.register_at_fork(after_in_child=_forget_after_fork)
 def _refuse_another(info: DeviceInfo, backend: str, device: int | None) -> None:
     if backend == "auto" and device is None:
         return
-    backend, device = _chosen(backend, device)
+    backend, device = chosen(backend, device)
     if backend != info.backend or device not in (None, info.index):
         asked = backend if device is None else f"{backend} device {device}"
         raise ContextError(
@@ -224,38 +371,17 @@ def _refuse_another(info: DeviceInfo, backend: str, device: int | None) -> None:
         )
 
 
-def _chosen(backend: str, device: int | None) -> tuple[str, int | None]:
-    """Backend and device after the environment has been asked; a device number always means EGL or OSMesa."""
-    source = "backend"
-    if backend == "auto" and device is None:
-        backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
-    if backend not in BACKENDS:
-        raise ContextError(f"{source}: no backend is named {backend!r}; allowed are {', '.join(BACKENDS)}")
-    text = os.environ.get("GLPATH_DEVICE")
-    # The variable counts EGL's devices; OSMesa has but one.
-    if device is None and text and backend != "osmesa":
-        try:
-            device = int(text)
-        except ValueError:
-            raise ContextError(
-                f"GLPATH_DEVICE: {text!r} is not a device number", "`glpath devices` lists them."
-            ) from None
-    if device is not None and backend == "auto":
-        backend = "egl"
-    return backend, device
-
-
 def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Context:
     """The first candidate that works: hardware, then software, then OSMesa."""
     failures: list[str] = []
-    candidates: list[_Candidate] = []
+    candidates: list[Candidate] = []
     if backend != "osmesa":
         try:
             candidates += egl_candidates()
         except ContextError as error:
             failures.append(error.message)
     if backend == "osmesa" or (backend == "auto" and not require_gpu):
-        candidates.append(_Candidate("osmesa", 0, software=True))
+        candidates.append(Candidate("osmesa", 0, software=True))
     if device is not None:
         candidates = _only(device, backend, candidates, failures)
 
@@ -269,7 +395,7 @@ def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bo
         if context.info.hardware:
             return context
         # A graphics card without its driver is handed out as llvmpipe: no better than the software devices.
-        context._release()
+        context._destroy()
         demoted.append(candidate)
         failures.append(str(context.info))
     software = demoted + [candidate for candidate in candidates if candidate.software]
@@ -282,7 +408,7 @@ def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bo
     raise _none_works(failures)
 
 
-def _only(device: int, backend: str, candidates: list[_Candidate], failures: list[str]) -> list[_Candidate]:
+def _only(device: int, backend: str, candidates: list[Candidate], failures: list[str]) -> list[Candidate]:
     chosen = [c for c in candidates if c.index == device and c.backend == backend]
     if not chosen:
         if failures:
@@ -309,61 +435,9 @@ def _no_gpu(found: list[str]) -> ContextError:
     )
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A device before anything was created on it.
-
-    software : what the device says of itself; its renderer's name may tell more
-    node     : its file, /dev/dri/..., where it has one
-    """
-
-    backend: str
-    index: int
-    software: bool
-    node: str = ""
-
-
-def egl_candidates() -> list[_Candidate]:
-    """EGL's devices, hardware or not. No display is opened for it.
-
-    Raises
-    ------
-    ContextError : no libEGL, one that cannot enumerate devices, or not one device
-    """
-    try:
-        library = ctypes.CDLL(EGL_LIBRARY)
-    except OSError as error:
-        raise ContextError(f"egl: {EGL_LIBRARY} cannot be loaded ({error})", INSTALL) from None
-    library.eglGetProcAddress.restype = ctypes.c_void_p
-    library.eglGetProcAddress.argtypes = [ctypes.c_char_p]
-    query_devices = library.eglGetProcAddress(b"eglQueryDevicesEXT")
-    query_string = library.eglGetProcAddress(b"eglQueryDeviceStringEXT")
-    if not query_devices or not query_string:
-        raise ContextError(f"egl: {EGL_LIBRARY} has no EGL_EXT_device_enumeration", INSTALL)
-    pointers = ctypes.POINTER(ctypes.c_void_p)
-    devices_of = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, pointers, ctypes.POINTER(ctypes.c_int))(
-        query_devices
-    )
-    string_of = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(query_string)
-
-    count = ctypes.c_int(0)
-    devices_of(0, None, ctypes.byref(count))
-    if count.value < 1:
-        raise ContextError(f"egl: {EGL_LIBRARY} knows no device, as no driver (ICD) is installed for it", INSTALL)
-    devices = (ctypes.c_void_p * count.value)()
-    devices_of(count.value, devices, ctypes.byref(count))
-    found = []
-    for index, device in enumerate(devices[: count.value]):
-        extensions = (string_of(device, _EGL_EXTENSIONS) or b"").decode(errors="replace").split()
-        node = string_of(device, _EGL_DRM_DEVICE_FILE) if "EGL_EXT_device_drm" in extensions else b""
-        software = "EGL_MESA_device_software" in extensions
-        found.append(_Candidate("egl", index, software, (node or b"").decode(errors="replace")))
-    return found
-
-
-def _attempt(candidate: _Candidate, failures: list[str], probe_first: bool) -> Context | None:
+def _attempt(candidate: Candidate, failures: list[str], probe_first: bool) -> Context | None:
     if probe_first:
-        probe = _finish_probe(candidate, _start_probe(candidate))
+        probe = finish_probe(candidate, start_probe(candidate))
         if probe.info is None:
             failures.append(probe.error)
             return None
@@ -374,19 +448,22 @@ def _attempt(candidate: _Candidate, failures: list[str], probe_first: bool) -> C
         return None
 
 
-def _open(candidate: _Candidate) -> Context:
-    """A context on this device, current, or a ContextError that names it."""
+def _open(candidate: Candidate) -> Context:
+    """A context on this device, current nowhere, or a ContextError that names it."""
     place = f"{candidate.backend} device {candidate.index}"
-    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _egl_loader(candidate.index, place)
+    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, place)
     try:
         gl = moderngl.create_context(standalone=True, require=REQUIRED_VERSION, context=loader)
     except Exception as error:  # moderngl raises bare Exception, ValueError and its own
         loader.__exit__(None, None, None)
         loader.release()
         raise ContextError(f"{place}: {error}", INSTALL) from error
+    gl.__class__ = _Collecting
+    gl.holder = None  # type: ignore[attr-defined]
     gl.gc_mode = "auto"
     names = gl.info
     gl.clear_errors()  # asking for all limits asks some drivers too much
+    loader.__exit__(None, None, None)
     renderer = str(names["GL_RENDERER"])
     by_name = any(word in renderer.lower() for word in _SOFTWARE_RENDERERS)
     info = DeviceInfo(
@@ -401,7 +478,42 @@ def _open(candidate: _Candidate) -> Context:
     return Context(gl, info, os.getpid(), loader)
 
 
-def _egl_loader(index: int, place: str) -> Any:
+class _EGLLoader:
+    """glcontext's EGL context, current when made, which says when it could not be made current."""
+
+    def __init__(self, index: int, place: str) -> None:
+        self._place = place
+        self._loader = _egl_context(index, place)
+        library = ctypes.CDLL(EGL_LIBRARY)
+        self._bind_api, self._current, self._error = (
+            library.eglBindAPI,
+            library.eglGetCurrentContext,
+            library.eglGetError,
+        )
+        self._current.restype = ctypes.c_void_p
+        self._handle = self._current()
+
+    def load_opengl_function(self, name: str) -> int:
+        """The address of a GL function, 0 where there is none."""
+        return int(self._loader.load_opengl_function(name))
+
+    def __enter__(self) -> _EGLLoader:
+        self._bind_api(_EGL_OPENGL_API)  # each thread has its own, OpenGL ES at first
+        self._loader.__enter__()
+        if self._handle is not None and self._current() != self._handle:
+            raise ContextError(f"{self._place}: cannot be made current in this thread (EGL {self._error():#x})")
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._loader.__exit__(*exception)
+
+    def release(self) -> None:
+        """Destroy the context and all that lives in it."""
+        self._handle = None
+        self._loader.release()
+
+
+def _egl_context(index: int, place: str) -> Any:
     """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
     gl_library = next(name for name in GL_LIBRARIES if _loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
@@ -431,90 +543,10 @@ def _loads(library: str) -> bool:
     return True
 
 
-@dataclass(frozen=True)
-class DeviceProbe:
-    """One line of `glpath devices`.
-
-    info  : what renders there, None where nothing does
-    error : why not, empty where it does
-    auto  : this is the one that `get_context()` takes, the environment considered
-    """
-
-    backend: str
-    index: int
-    node: str
-    info: DeviceInfo | None
-    error: str
-    auto: bool = False
-
-
-def list_devices() -> list[DeviceProbe]:
-    """Every device of the machine, each tried in a process of its own, as a broken driver can kill its process.
-
-    Cost: a Python start for each device, at the same time. Makes no context in this process.
-
-    Raises
-    ------
-    ContextError : GLPATH_BACKEND or GLPATH_DEVICE says what does not exist; never for a device that fails
-    """
-    backend, device = _chosen("auto", None)
-    probes: list[DeviceProbe] = []
-    candidates: list[_Candidate] = []
-    try:
-        candidates += egl_candidates()
-    except ContextError as error:
-        probes.append(DeviceProbe("egl", 0, "", None, error.message))
-    if load_osmesa() is not None:
-        candidates.append(_Candidate("osmesa", 0, software=True))
-    running = [(candidate, _start_probe(candidate)) for candidate in candidates]
-    probes += [_finish_probe(candidate, process) for candidate, process in running]
-
-    able = [p for p in probes if p.info and backend in ("auto", p.backend) and device in (None, p.index)]
-    taken = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
-    return [replace(p, auto=True) if p is taken else p for p in probes]
-
-
-def _start_probe(candidate: _Candidate) -> subprocess.Popen[str]:
-    code = "import sys; from glpath.gl.context import _probe; _probe(sys.argv[1], int(sys.argv[2]), sys.argv[3])"
-    package = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
-    return subprocess.Popen(
-        [sys.executable, "-c", code, candidate.backend, str(candidate.index), "software" * candidate.software],
-        env={**os.environ, "PYTHONPATH": path},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-    )
-
-
-def _probe(backend: str, index: int, software: str) -> None:
+def probed(backend: str, index: int, software: str) -> None:
     """The child of `list_devices`: one line of JSON about one device."""
     try:
-        answer: dict[str, Any] = {"info": asdict(_open(_Candidate(backend, index, bool(software))).info)}
+        answer: dict[str, Any] = {"info": asdict(_open(Candidate(backend, index, bool(software))).info)}
     except ContextError as error:
         answer = {"error": error.message}
     print("\n" + json.dumps(answer), flush=True)
-
-
-def _finish_probe(candidate: _Candidate, process: subprocess.Popen[str]) -> DeviceProbe:
-    info, error, place = None, "", f"{candidate.backend} device {candidate.index}"
-    try:
-        output, log = process.communicate(timeout=_PROBE_SECONDS)
-        answer = json.loads(output.splitlines()[-1]) if process.returncode == 0 else {}
-        info = DeviceInfo(**answer["info"]) if "info" in answer else None
-        error = answer.get("error", "")
-        if not answer:
-            how = f"exit code {process.returncode}"
-            if process.returncode < 0:
-                how = f"signal {signal.Signals(-process.returncode).name}"
-            last = (log.strip().splitlines() or [""])[-1]
-            error = f"{place}: its driver ended the process that tried it ({how}) {last}".strip()
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        error = f"{place}: no answer in {_PROBE_SECONDS} s"
-    except (ValueError, IndexError) as problem:
-        error = f"{place}: an answer that cannot be read ({problem})"
-    return DeviceProbe(candidate.backend, candidate.index, candidate.node, info, error)

@@ -10,7 +10,7 @@ import ctypes
 
 import moderngl
 
-from glpath.gl.context import get_context
+from glpath.gl.context import context_of
 
 _TEXTURE_2D = 0x0DE1
 _DEPTH_COMPONENT = 0x1902
@@ -25,9 +25,7 @@ def float_depth_texture(gl: moderngl.Context, size: tuple[int, int]) -> moderngl
     """A depth texture for a framebuffer's depth attachment, GL_DEPTH_COMPONENT32F."""
     texture = gl.depth_texture(size)
     texture.use(0)
-    context = get_context()
-    assert context.gl is gl, "the process has one context"
-    define = context.function(
+    define = context_of(gl).function(
         "glTexImage2D",
         ctypes.c_uint,  # target
         ctypes.c_int,  # level

@@ -62,16 +62,16 @@ class Found(NamedTuple):
 
 def device_limits(context: Context) -> dict[str, Found]:
     """Those limits of the device that rendering runs into, by their GL names."""
-    context.use()
-    get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
-    found = {}
-    for name, limit in (LIMITS | (IMAGE_LIMITS if llvmpipe.is_spoken(context.gl) else {})).items():
-        value = ctypes.c_int(0)
-        get(limit.number, ctypes.byref(value))
-        found[name] = Found(value.value, limit.needed, limit.use)
-    info = context.gl.info
-    groups, point = int(info["GL_MAX_COMPUTE_WORK_GROUP_COUNT"][0]), int(info["GL_POINT_SIZE_RANGE"][1])
-    found["GL_MAX_COMPUTE_WORK_GROUP_COUNT"] = Found(groups, 1 << 15, "small primitives of a T-buffer")
-    found["GL_POINT_SIZE_RANGE"] = Found(point, 1, "spheres; larger points are quicker, up to 32")
-    context.gl.clear_errors()
+    with context:
+        get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
+        found = {}
+        for name, limit in (LIMITS | (IMAGE_LIMITS if llvmpipe.is_spoken(context.gl) else {})).items():
+            value = ctypes.c_int(0)
+            get(limit.number, ctypes.byref(value))
+            found[name] = Found(value.value, limit.needed, limit.use)
+        info = context.gl.info
+        groups, point = int(info["GL_MAX_COMPUTE_WORK_GROUP_COUNT"][0]), int(info["GL_POINT_SIZE_RANGE"][1])
+        found["GL_MAX_COMPUTE_WORK_GROUP_COUNT"] = Found(groups, 1 << 15, "small primitives of a T-buffer")
+        found["GL_POINT_SIZE_RANGE"] = Found(point, 1, "spheres; larger points are quicker, up to 32")
+        context.gl.clear_errors()
     return found

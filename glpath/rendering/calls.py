@@ -6,13 +6,13 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
 from glpath.errors import SceneWarning
 from glpath.film import Film
-from glpath.gl.context import Context, get_context
+from glpath.gl.context import Context, open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.interactive import in_notebook
 from glpath.progress import Progress, Report, reporting
@@ -63,7 +63,7 @@ def render(
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees)
     parameters     : of a generated scene
-    backend, device, require_gpu : see `glpath.gl.context.get_context`
+    backend, device, require_gpu : see `glpath.gl.context.open_context`
     timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
     progress       : show how far it is: in a notebook the image itself as it converges, else a line on stderr
     on_progress    : called about twice a second, with a `Progress`
@@ -99,8 +99,8 @@ def render(
         **options,
     )
     session = Session(job, loaded, stacklevel=2)
-    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
-    with _reporting(progress, on_progress) as report:
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with session, _reporting(progress, on_progress) as report:
         film = session.render(job, loaded, context, timings=timings, on_progress=report)
     for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
@@ -119,7 +119,7 @@ def run(
 
     Parameters
     ----------
-    context : None: the one of this process, see `glpath.gl.context.get_context`
+    context : None: the one of this process, see `glpath.gl.context.open_context`
     scene   : what the job describes, where that was made in memory, or has been loaded already
     timings, on_progress : as of `render`
 
@@ -135,8 +135,9 @@ def run(
     """
     loaded = job.sensor.seen(job.scene.load(scene))
     session = Session(job, loaded, stacklevel=2)
-    context = get_context(probe_first=in_notebook()) if context is None else context
-    film = session.render(job, loaded, context, timings=timings, on_progress=on_progress)
+    context = open_context(probe_first=in_notebook()) if context is None else context
+    with session:
+        film = session.render(job, loaded, context, timings=timings, on_progress=on_progress)
     for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film
@@ -181,20 +182,21 @@ def render_frames(
     job, base = describe(
         scene, integrator=integrator, spp=spp, resolution=resolution, parameters=parameters, **options
     )
-    context = get_context(backend, device, require_gpu, probe_first=in_notebook())
-    session: Session | None = None
-    for frame in frames:
-        started = time.perf_counter()
-        shown = _frame_scene(base, frame)
-        job = replace(
-            job,
-            scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
-            sensor=CameraSensor.of(shown.camera),
-            window=(0, 0, *shown.camera.resolution),
-        )
-        if session is None:
-            session = Session(job, shown, stacklevel=2)
-        yield session.render(job, shown, context, timings=timings, started=started)
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with ExitStack() as until_done:
+        session: Session | None = None
+        for frame in frames:
+            started = time.perf_counter()
+            shown = _frame_scene(base, frame)
+            job = replace(
+                job,
+                scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
+                sensor=CameraSensor.of(shown.camera),
+                window=(0, 0, *shown.camera.resolution),
+            )
+            if session is None:
+                session = until_done.enter_context(Session(job, shown, stacklevel=2))
+            yield session.render(job, shown, context, timings=timings, started=started)
 
 
 def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scene:

@@ -38,6 +38,7 @@ from glpath.rendering.options import (
     with_options,
 )
 from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene.formats.convert import decode_json
 from glpath.sensors import CameraSensor
 
 Window = tuple[int, int, int, int]
@@ -168,7 +169,7 @@ class RenderJob:
     def from_json(cls, text: str, place: str = "job") -> RenderJob:
         """The job that `to_json` wrote; `place` is how errors name it. Raises UsageError."""
         try:
-            data = msgspec.json.decode(text, type=_JobFile)
+            data: _JobFile = decode_json(text, _JobFile)
         except msgspec.DecodeError as error:
             raise UsageError(f"{place}: is not a render job: {error}.", "RenderJob.save writes one.") from error
         if data.format != _FORMAT or data.version != _VERSION:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from glpath.film import BLOCK, Film, blocks
+from glpath.gl.context import Context
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
@@ -19,14 +20,19 @@ from glpath.rendering.tiles import Tile
 _STEP_SECONDS = 0.5
 
 
-def trace(engine: Engine, tiles: list[Tile], clock: Clock, first: int) -> None:
-    """Fill the clock's film with its path sets, in steps. Raises RenderInterrupted."""
+def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, first: int) -> None:
+    """Fill the clock's film with its path sets, in steps between which the context is free.
+
+    Raises RenderInterrupted.
+    """
     film = clock.film
     with interrupt_as_flag() as interrupted:
         try:
             for start, stop in blocks(first, first + clock.total):
                 while start < stop and not interrupted:
-                    count = _step(engine, tiles, film, start, min(stop - start, clock.step), interrupted)
+                    with context:
+                        clock.begin_step()
+                        count = _step(engine, tiles, film, start, min(stop - start, clock.step), interrupted)
                     start += count
                     clock.stepped(count)
                 if interrupted:
@@ -67,12 +73,14 @@ class Clock:
         # The estimate reads the whole film, an image has to be encoded; that must not be what the time goes into.
         self._last_report = now + 5 * (time.perf_counter() - now)
 
+    def begin_step(self) -> None:
+        """A step begins: what went by since the last one was spent waiting, or in who is told of the progress."""
+        self._last_step = time.perf_counter()
+
     def stepped(self, count: int) -> None:
         """A step of so many path sets is done; the next is as long as fits into the time for one."""
-        now = time.perf_counter()
-        each = (now - self._last_step) / count
+        each = (time.perf_counter() - self._last_step) / count
         self.step = max(1, min(BLOCK, int(_STEP_SECONDS / max(each, 1e-9))))
-        self._last_step = now
         self.report("rendering")
 
     def finish(self, engine: Engine) -> Film:

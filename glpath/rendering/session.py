@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import ContextError, SceneWarning, UsageError
 from glpath.film import Film, FilmMetadata
 from glpath.gl.context import Context
 from glpath.progress import Progress
@@ -22,7 +23,8 @@ from glpath.versions import versions
 
 
 class Session:
-    """Renders jobs one after another. What one of them leaves on the device, shadow-buffers too, serves the next.
+    """Renders jobs one after another. What one of them leaves on the device, shadow-buffers too, serves the next,
+    until the end of `with session:`. Sessions in several threads take turns, job by job.
 
     Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
     context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
@@ -37,6 +39,18 @@ class Session:
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
+        self._context: Context | None = None
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Free what is on the device."""
+        if self._engine is not None and self._context is not None:
+            # Where another thread keeps the context, it will do so: no reason to lose a film.
+            with suppress(ContextError), self._context:
+                self._engine = None
+        self._engine = None
 
     def render(
         self,
@@ -56,20 +70,26 @@ class Session:
         Raises RenderInterrupted, and UsageError for another resolution.
         """
         started = time.perf_counter() if started is None else started
+        context.check()
+        self._context = context
         film = Film.empty(self._metadata(job, scene, context))
         clock = Clock(film, job.spp, context.info.renderer, on_progress, started=started)
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
             # The digest of a radiosity solution is known only now.
             film.metadata = replace(film.metadata, settings=self._recorded())
-            clock.report("compiling shaders")
-            # Half, as the two views of a scan lie side by side.
-            self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
-            self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
-        else:
-            self._go_on(self._engine, job, scene)
-        self._job = job
-        trace(self._engine, self._tiles, clock, job.path_sets[0])
+        with context.rendering():
+            if self._engine is None:
+                clock.report("compiling shaders")
+                # Half, as the two views of a scan lie side by side.
+                self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
+                with context:
+                    self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
+            else:
+                with context:
+                    self._go_on(self._engine, job, scene)
+            self._job = job
+            trace(self._engine, context, self._tiles, clock, job.path_sets[0])
         return film
 
     def remarks(self, film: Film) -> list[str]:

@@ -1,4 +1,4 @@
-"""`msgspec.convert` for any number of threads: its first call for a type prepares tables without a lock."""
+"""msgspec's conversions for any number of threads: the first one to a type prepares tables without a lock."""
 
 from __future__ import annotations
 
@@ -17,3 +17,9 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
     """
     with _LOCK:
         return msgspec.convert(value, kind, strict=strict)
+
+
+def decode_json(text: str, kind: Any) -> Any:
+    """JSON as `kind`, with the same lock. Raises msgspec.DecodeError."""
+    with _LOCK:
+        return msgspec.json.decode(text, type=kind)

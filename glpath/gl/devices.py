@@ -1,0 +1,221 @@
+"""The devices that OpenGL could be had on: what EGL and OSMesa offer, and each tried in a process of its own.
+
+Which of them a process takes, in order: the arguments of `get_context`, the environment (GLPATH_BACKEND = auto |
+egl | osmesa, GLPATH_DEVICE = the index that `glpath devices` shows), hardware before software before OSMesa.
+
+Source:   EGL_EXT_device_enumeration, EGL_EXT_device_drm, EGL_MESA_device_software.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from glpath.errors import ContextError
+from glpath.gl.osmesa import load_osmesa
+
+BACKENDS = ("auto", "egl", "osmesa")
+
+# Sonames, as the names without a number belong to development packages. libegl1 alone brings no libGL.so.1, and
+# needs none: the functions can be had from libEGL itself.
+EGL_LIBRARY = "libEGL.so.1"
+GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", EGL_LIBRARY)
+
+INSTALL = "Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri; `glpath doctor` says what is missing."
+
+_PROBE_SECONDS = 60
+
+_EGL_EXTENSIONS = 0x3055
+_EGL_DRM_DEVICE_FILE = 0x3233
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """A device that renders, as its driver names itself.
+
+    backend      : egl or osmesa
+    index        : number among the devices of the backend, what `device=` takes
+    renderer     : GL_RENDERER
+    vendor       : GL_VENDOR
+    gl_version   : GL_VERSION, in which most drivers name their own version too
+    version_code : 450 for OpenGL 4.5
+    hardware     : False where the CPU does the work
+    """
+
+    backend: str
+    index: int
+    renderer: str
+    vendor: str
+    gl_version: str
+    version_code: int
+    hardware: bool
+
+    @property
+    def driver(self) -> str:
+        """Name and version of the driver: `Mesa 22.3.6`, `NVIDIA 550.54`."""
+        words = [w for w in self.gl_version.replace("(Core Profile)", "").split()[1:] if w]
+        return " ".join(words) or self.vendor
+
+    def __str__(self) -> str:
+        version = f"{self.version_code // 100}.{self.version_code // 10 % 10}"
+        kind = "hardware" if self.hardware else "software"
+        return f"{self.renderer}, OpenGL {version}, {self.driver}, {self.backend} device {self.index}, {kind}"
+
+
+def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
+    """Backend and device after the environment has been asked; a device number always means EGL or OSMesa."""
+    source = "backend"
+    if backend == "auto" and device is None:
+        backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
+    if backend not in BACKENDS:
+        raise ContextError(f"{source}: no backend is named {backend!r}; allowed are {', '.join(BACKENDS)}")
+    text = os.environ.get("GLPATH_DEVICE")
+    # The variable counts EGL's devices; OSMesa has but one.
+    if device is None and text and backend != "osmesa":
+        try:
+            device = int(text)
+        except ValueError:
+            raise ContextError(
+                f"GLPATH_DEVICE: {text!r} is not a device number", "`glpath devices` lists them."
+            ) from None
+    if device is not None and backend == "auto":
+        backend = "egl"
+    return backend, device
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A device before anything was created on it.
+
+    software : what the device says of itself; its renderer's name may tell more
+    node     : its file, /dev/dri/..., where it has one
+    """
+
+    backend: str
+    index: int
+    software: bool
+    node: str = ""
+
+
+def egl_candidates() -> list[Candidate]:
+    """EGL's devices, hardware or not. No display is opened for it.
+
+    Raises
+    ------
+    ContextError : no libEGL, one that cannot enumerate devices, or not one device
+    """
+    try:
+        library = ctypes.CDLL(EGL_LIBRARY)
+    except OSError as error:
+        raise ContextError(f"egl: {EGL_LIBRARY} cannot be loaded ({error})", INSTALL) from None
+    library.eglGetProcAddress.restype = ctypes.c_void_p
+    library.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+    query_devices = library.eglGetProcAddress(b"eglQueryDevicesEXT")
+    query_string = library.eglGetProcAddress(b"eglQueryDeviceStringEXT")
+    if not query_devices or not query_string:
+        raise ContextError(f"egl: {EGL_LIBRARY} has no EGL_EXT_device_enumeration", INSTALL)
+    pointers = ctypes.POINTER(ctypes.c_void_p)
+    devices_of = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, pointers, ctypes.POINTER(ctypes.c_int))(
+        query_devices
+    )
+    string_of = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(query_string)
+
+    count = ctypes.c_int(0)
+    devices_of(0, None, ctypes.byref(count))
+    if count.value < 1:
+        raise ContextError(f"egl: {EGL_LIBRARY} knows no device, as no driver (ICD) is installed for it", INSTALL)
+    devices = (ctypes.c_void_p * count.value)()
+    devices_of(count.value, devices, ctypes.byref(count))
+    found = []
+    for index, device in enumerate(devices[: count.value]):
+        extensions = (string_of(device, _EGL_EXTENSIONS) or b"").decode(errors="replace").split()
+        node = string_of(device, _EGL_DRM_DEVICE_FILE) if "EGL_EXT_device_drm" in extensions else b""
+        software = "EGL_MESA_device_software" in extensions
+        found.append(Candidate("egl", index, software, (node or b"").decode(errors="replace")))
+    return found
+
+
+@dataclass(frozen=True)
+class DeviceProbe:
+    """One line of `glpath devices`.
+
+    info  : what renders there, None where nothing does
+    error : why not, empty where it does
+    auto  : this is the one that `get_context()` takes, the environment considered
+    """
+
+    backend: str
+    index: int
+    node: str
+    info: DeviceInfo | None
+    error: str
+    auto: bool = False
+
+
+def list_devices() -> list[DeviceProbe]:
+    """Every device of the machine, each tried in a process of its own, as a broken driver can kill its process.
+
+    Cost: a Python start for each device, at the same time. Makes no context in this process.
+
+    Raises
+    ------
+    ContextError : GLPATH_BACKEND or GLPATH_DEVICE says what does not exist; never for a device that fails
+    """
+    backend, device = chosen("auto", None)
+    probes: list[DeviceProbe] = []
+    candidates: list[Candidate] = []
+    try:
+        candidates += egl_candidates()
+    except ContextError as error:
+        probes.append(DeviceProbe("egl", 0, "", None, error.message))
+    if load_osmesa() is not None:
+        candidates.append(Candidate("osmesa", 0, software=True))
+    running = [(candidate, start_probe(candidate)) for candidate in candidates]
+    probes += [finish_probe(candidate, process) for candidate, process in running]
+
+    able = [p for p in probes if p.info and backend in ("auto", p.backend) and device in (None, p.index)]
+    taken = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
+    return [replace(p, auto=True) if p is taken else p for p in probes]
+
+
+def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
+    code = "import sys; from glpath.gl.context import probed; probed(sys.argv[1], int(sys.argv[2]), sys.argv[3])"
+    package = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, candidate.backend, str(candidate.index), "software" * candidate.software],
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+    )
+
+
+def finish_probe(candidate: Candidate, process: subprocess.Popen[str]) -> DeviceProbe:
+    info, error, place = None, "", f"{candidate.backend} device {candidate.index}"
+    try:
+        output, log = process.communicate(timeout=_PROBE_SECONDS)
+        answer = json.loads(output.splitlines()[-1]) if process.returncode == 0 else {}
+        info = DeviceInfo(**answer["info"]) if "info" in answer else None
+        error = answer.get("error", "")
+        if not answer:
+            how = f"exit code {process.returncode}"
+            if process.returncode < 0:
+                how = f"signal {signal.Signals(-process.returncode).name}"
+            last = (log.strip().splitlines() or [""])[-1]
+            error = f"{place}: its driver ended the process that tried it ({how}) {last}".strip()
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        error = f"{place}: no answer in {_PROBE_SECONDS} s"
+    except (ValueError, IndexError) as problem:
+        error = f"{place}: an answer that cannot be read ({problem})"
+    return DeviceProbe(candidate.backend, candidate.index, candidate.node, info, error)

@@ -1,0 +1,54 @@
+"""Ctrl-C at the end of a `with` block: it waits until the block has let go.
+
+Python looks for signals where a function begins, so an `__exit__` written in Python can be broken off before its
+first line, and what it should let go is held for ever. While such a block is open in the main thread, the only one
+that gets signals, handlers of SIGINT and SIGTERM wait for the end of the `__exit__` where they come in one.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from types import CodeType, FrameType
+from typing import Any
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class SignalsWait:
+    """From `begin` to `end`, signals wait that come while a function of this code runs."""
+
+    def __init__(self, code: CodeType) -> None:
+        self._code = code
+        self._before: dict[signal.Signals, Callable[[int, FrameType | None], Any]] = {}
+        self._came: list[int] = []
+
+    def begin(self) -> None:
+        if threading.current_thread() is not threading.main_thread():
+            return
+        for number in _SIGNALS:
+            handler = signal.getsignal(number)
+            if callable(handler):
+                self._before[number] = handler
+                signal.signal(number, self._handle)
+
+    def end(self) -> None:
+        """Back to the handlers of before; they are called for what came meanwhile. In any thread."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before.clear()
+        came, self._came[:] = self._came[:], []
+        for each in came:
+            signal.raise_signal(each)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        within = frame
+        while within is not None:
+            if within.f_code is self._code:
+                self._came.append(number)
+                return
+            within = within.f_back
+        self._before[signal.Signals(number)](number, frame)
