@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from rooms import with_triangles
 
 import glpath
 from glpath.compare import Noise, Picture, compare
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.film import BATCHES, Film
 from glpath.scene import Scene
 
@@ -70,8 +71,9 @@ def test_a_change_of_a_percent_is_found_batch_by_batch_in_noise_that_hides_it_ot
     assert together.measured["image"]["relative_difference"] == pytest.approx(-0.01)
     assert together.measured["smallest_bias"] < 0.01
     apart = compare(picture_of(0.99 * batches, 1), reference, "stat")
-    assert apart.passed
-    assert apart.measured["smallest_bias"] > 0.01  # and it says so
+    assert apart.measured["smallest_bias"] > 0.05  # and so it does not pass
+    assert not apart.passed
+    assert compare(picture_of(0.99 * batches, 1), reference, "stat", sees=0.5).passed
 
 
 @pytest.mark.parametrize("same_seed", [False, True])
@@ -86,6 +88,117 @@ def test_a_bias_of_the_size_that_is_called_visible_is_found(same_seed: bool) -> 
         assert 0.002 < smallest < 0.1
         found += not compare(picture_of((1 - 1.2 * smallest) * after, seed), reference, "stat").passed
     assert found >= 48
+
+
+def gamma(rng: np.random.Generator, noise: float, path_sets: int = 64, common: float = 1.0) -> np.ndarray:
+    """Batches of a grey picture whose light is never negative.
+
+    Of 8 path sets each pixel has the relative `noise`, and all together `common` times that.
+    """
+    own, shared = (8 * noise**2 * factor**2 / path_sets * BATCHES for factor in (1.0, common))
+    pixels = rng.gamma(1 / own, own, (BATCHES, 16, 16, 3))
+    return 0.5 * pixels * rng.gamma(1 / shared, shared, (BATCHES, 1, 1, 1))
+
+
+@pytest.mark.parametrize("same_seed", [False, True])
+def test_a_bias_of_what_it_sees_hardly_ever_passes_whatever_the_noise(same_seed: bool) -> None:
+    """1 of 100 is promised; where noise hides the bias the comparison fails for that."""
+    rng = np.random.default_rng(6)
+    runs, sees = 150, 0.05
+    passed = {noise: 0 for noise in (0.005, 0.01, 0.015, 0.03, 0.06)}
+    reasons = set()
+    for noise in passed:
+        for i in range(runs):
+            before = gamma(rng, 2 * noise if same_seed else noise)
+            after = before * gamma(rng, noise) / 0.5 if same_seed else gamma(rng, noise)
+            biased = picture_of((1 + sees * (-1) ** i) * after, 0 if same_seed else 1)
+            verdict = compare(biased, picture_of(before, 0), "stat", sees=sees)
+            assert verdict.measured["paired"] == same_seed
+            passed[noise] += verdict.passed
+            reasons.add(verdict.summary[:15])
+    assert reasons >= {"more than noise", "noise hides too"}
+    assert max(passed.values()) <= 0.01 * runs + 3 * np.sqrt(0.01 * runs), passed
+
+
+def test_the_path_sets_that_it_asks_for_are_enough() -> None:
+    rng = np.random.default_rng(7)
+    enough = asked = 0
+    for _ in range(100):
+        a, b = (picture_of(gamma(rng, 0.03), seed) for seed in range(2))
+        verdict = compare(a, b, "stat")
+        if verdict.passed:
+            continue
+        needed = verdict.measured["path_sets_needed"]
+        assert needed > 64
+        assert needed % 64 == 0
+        assert f"render both with {needed} path sets" in verdict.summary
+        asked += 1
+        c, d = (picture_of(gamma(rng, 0.03, needed), seed) for seed in range(2))
+        enough += compare(c, d, "stat").passed
+    assert asked > 50
+    assert enough / asked > 0.9 - 3 * np.sqrt(0.09 / asked)
+
+
+def test_noise_that_hides_everything_fails_and_says_so() -> None:
+    rng = np.random.default_rng(8)
+    a, b = (picture_of(gamma(rng, 1.0), seed) for seed in range(2))
+    verdict = compare(a, b, "stat")
+    assert not verdict.passed
+    assert verdict.severity > 1
+    assert "noise hides too much to compare (as independent renders): of the whole picture" in verdict.summary
+    assert "5 % asked" in verdict.summary
+    assert verdict.measured["smallest_bias"] is None
+    a, b = (picture_of(gamma(rng, 0.03), seed) for seed in range(2))
+    assert not compare(a, b, "stat", sees=0.05).passed
+    assert compare(a, b, "stat", sees=0.5).passed
+    black = picture_of(np.zeros((BATCHES, 16, 16, 3)), 0)
+    assert compare(black, black, "stat").passed
+    assert not compare(a, black, "stat").passed
+
+
+def damaged(picture: Picture, what: str) -> Picture:
+    variance, blocks, counts = (np.array(x) for x in vars(picture.noise).values())
+    if what.startswith("variance"):
+        variance[3, 4, 1] = float(what.split()[1])
+    elif what.startswith("batch"):
+        blocks[2, 0, 0, 1] = float(what.split()[1])
+    elif what == "counts":
+        counts[1] = 0
+    elif what == "other batches":
+        blocks *= 1.5
+    elif what == "other size":
+        variance = variance[:8]
+    return replace(picture, noise=Noise(variance, blocks, counts))
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("variance nan", "1 of 768 variances are NaN, infinite or negative"),
+        ("variance inf", "1 of 768 variances are NaN, infinite or negative"),
+        ("variance -1", "1 of 768 variances are NaN, infinite or negative"),
+        ("variance 0.4", "1 of 768 variances are larger than those of any radiance of this mean"),
+        ("batch nan", "1 of 24 means of batches are NaN, infinite or negative"),
+        ("batch -1", "1 of 24 means of batches are NaN, infinite or negative"),
+        ("counts", r"its batches are of \[8, 0, 8, 8, 8, 8, 8, 8\] path sets"),
+        ("other batches", "its batches are not those of the picture"),
+        ("other size", r"it is of another size than the picture \(16 x 16\)"),
+    ],
+)
+def test_noise_that_cannot_be_is_refused(what: str, message: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    good, wrong = (picture_of(gamma(rng, 0.01), seed) for seed in range(2))
+    wrong = damaged(wrong, what)
+    wildly_other = replace(good, mean=3 * good.mean, noise=damaged(good, "").noise)
+    for picture, reference, which in ((good, wrong, "reference"), (wrong, good, "picture")):
+        with pytest.raises(ImageError, match=f"the noise of the {which} cannot be: {message}"):
+            compare(picture, reference, "stat")
+    with pytest.raises(ImageError, match="its batches are not those of the picture"):
+        compare(wildly_other, good, "stat")
+    if "size" not in what:
+        wrong.save(tmp_path / "a.exr")
+        with pytest.raises(ImageError, match=f"a.exr: its noise cannot be: {message}"):
+            Picture.load(tmp_path / "a.exr")
 
 
 def test_a_wrong_pixel_and_a_wrong_block_are_named() -> None:
@@ -122,7 +235,12 @@ def test_too_few_batches_and_limits_out_of_range_are_refused(make_film: MakeFilm
         compare(short, film, "stat")
     with pytest.raises(UsageError, match="the reference has no path sets"):
         compare(film, Picture.of_array(film.mean), "stat")
-    for limits, message in (({"alpha": 0}, "alpha: found 0"), ({"tolerance": -1}, "tolerance: found -1")):
+    for limits, message in (
+        ({"alpha": 0}, "alpha: found 0"),
+        ({"tolerance": -1}, "tolerance: found -1"),
+        ({"sees": 0.001}, "sees: found 0.001, expected a share above the tolerance"),
+        ({"sees": float("nan")}, "sees: found nan"),
+    ):
         with pytest.raises(UsageError, match=message):
             compare(film, film, "stat", **limits)
 

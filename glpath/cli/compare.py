@@ -42,7 +42,11 @@ def diff(
     ] = False,
     limit: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=X", help="A limit of the mode, for example tolerance=0.01; may be repeated."),
+        typer.Option(
+            metavar="NAME=X",
+            help="A limit of the mode; may be repeated. fuzzy: threshold, edge, failpercent. stat: alpha, "
+            "tolerance, sees (the bias of the whole picture that noise must not hide, 0.05). flip: mean, ppd.",
+        ),
     ] = None,
     fail: Annotated[
         float | None,

@@ -25,7 +25,7 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
     mode   : "exact", "fuzzy", "stat" or "flip"; None: `default_mode` of the reference
     limits : of the mode, see the function of its name: `threshold`, `edge`, `failpercent` of fuzzy; `alpha`,
-             `tolerance` of stat; `mean`, `ppd` of flip
+             `tolerance`, `sees` of stat; `mean`, `ppd` of flip
 
     Raises ImageError for pictures that cannot be compared (shapes, NaN); UsageError for a mode or a limit that is
     not there, or a mode that this picture does not allow.

@@ -31,6 +31,9 @@ Float64 = NDArray[np.float64]
 #: Pixels along the side of a block.
 BLOCK_SIDE = 16
 
+# Of float32, in which noise is stored, with much to spare.
+_ROUNDING = 1e-4
+
 _FORMAT = "glpath.baseline"
 _VERSION = "1"
 
@@ -142,10 +145,13 @@ class Picture:
                 counts = np.array(json.loads(header["glpath.batch_counts"]), np.int64)
                 blocks = [_layer(channels, f"batch{i}.")[::BLOCK_SIDE, ::BLOCK_SIDE] for i in range(len(counts))]
                 noise = Noise(_layer(channels, "variance."), np.stack(blocks), counts)
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, TypeError, OverflowError) as error:
             raise ImageError(f"{path}: is a baseline of which something is missing: {error}.") from error
         if not np.isfinite(mean).all():
             raise ImageError(f"{path}: holds pixels that are NaN or infinite.", "Make it again.")
+        wrong = "" if noise is None else unusable_noise(mean, noise)
+        if wrong:
+            raise ImageError(f"{path}: its noise cannot be: {wrong}.", "Make it again.")
         return cls(mean, noise, {key: value for key, value in header.items() if key.startswith("glpath.")})
 
     @staticmethod
@@ -214,3 +220,30 @@ def spread_blocks(blocks: Float64, shape: tuple[int, ...]) -> Float64:
     """(H, W, ...) with each value of (h, w, ...) all over its block."""
     height, width = shape[:2]
     return np.repeat(np.repeat(blocks, BLOCK_SIDE, axis=0), BLOCK_SIDE, axis=1)[:height, :width]
+
+
+def unusable_noise(mean: Float64, noise: Noise) -> str:
+    """Why this cannot be the noise of a picture of this mean; "" where it can.
+
+    Radiance is never negative, so that no variance of a mean of batches is beyond the one of a single batch that
+    holds all the light: mean² (1 - w) / w / (batches - 1), with w the batch's share of the path sets. What is
+    larger would hide every change.
+    """
+    counts, blocks = noise.batch_counts, noise.block_batches
+    if counts.ndim != 1 or len(counts) < 2 or (counts <= 0).any():
+        return f"its batches are of {counts.tolist()} path sets"
+    if noise.variance.shape != mean.shape or blocks.shape != (len(counts), *block_pixels(mean.shape).shape, 3):
+        return f"it is of another size than the picture ({mean.shape[1]} x {mean.shape[0]})"
+    for name, values in (("variances", noise.variance), ("means of batches", blocks)):
+        wrong = int(np.count_nonzero(~(np.isfinite(values) & (values >= 0))))
+        if wrong:
+            return f"{wrong} of {values.size} {name} are NaN, infinite or negative"
+    share = counts / counts.sum()
+    largest = mean**2 * (1 - share.min()) / share.min() / (len(counts) - 1)
+    wrong = int(np.count_nonzero(noise.variance > largest * (1 + _ROUNDING) + np.finfo(np.float32).tiny))
+    if wrong:
+        return f"{wrong} of {mean.size} variances are larger than those of any radiance of this mean"
+    whole = np.tensordot(share, blocks, axes=1)
+    if not np.allclose(whole, _over_blocks(mean), rtol=_ROUNDING, atol=_ROUNDING * float(np.abs(mean).mean())):
+        return "its batches are not those of the picture"
+    return ""

@@ -7,8 +7,18 @@ comparison.
 
 Two renders of other random numbers are compared by Welch's test. Of the same random numbers (seed and path sets
 equal) blocks and the whole picture are compared batch by batch: noise that both share cancels, so that a bias of 1
-% is seen after 64 path sets. Between pictures of other seeds it is seen when noise allows; `smallest_bias` says
-what was.
+% is seen after 64 path sets. Between pictures of other seeds it is seen when noise allows.
+
+A test that could not see a bias of `sees` does not pass. The test of the whole picture rejects beyond `limit`
+standard errors s, so a bias b of its mean m is counted as visible where
+
+    b m - tolerance m >= (limit + z) s,   Phi(z) = 0.99
+
+(batch by batch s grows by what a bias in proportion to the picture adds to it). Then a picture that is too bright
+or too dark by `sees`, in all its pixels alike, passes in at most 1 of 100 cases, whatever its noise: where the true
+error is at most m (sees - tolerance) / (limit + z), the t-test lets it pass with a chance below 1 - Phi(z); where
+it is larger, s would have to be underrated first. `smallest_bias` says what each scale sees; of pixels and blocks
+it is the median. The number of path sets in the message is enough in 9 of 10 cases, as s itself is an estimate.
 
 The tests hold for independent batches. Batches of one Sobol sequence complement each other: their spread overstates
 the error (see `Film.variance_of_mean`), and `smallest_bias` is larger than it could be. Pixels that err together
@@ -18,8 +28,10 @@ failed at 0.05.
 
 Poor at:  differences that cancel within a block and drown in the noise of each pixel. Render more path sets.
 
-Sources: Welch 1947, "The generalization of Student's problem"; Šidák 1967, "Rectangular confidence regions"; Subr &
-Arvo 2007, "Statistical hypothesis testing for assessing Monte Carlo estimators"; the tests of Mitsuba 3 do alike.
+Sources: Welch 1947, "The generalization of Student's problem"; Šidák 1967, "Rectangular confidence regions";
+Guenther 1981, "Sample size formulas for normal theory t tests"; Stein 1945, "A two-sample test for a linear
+hypothesis whose power is independent of the variance"; Subr & Arvo 2007, "Statistical hypothesis testing for
+assessing Monte Carlo estimators"; the tests of Mitsuba 3 do alike.
 """
 
 from __future__ import annotations
@@ -31,24 +43,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels
+from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, unusable_noise
 from glpath.compare.verdict import Verdict
-from glpath.errors import UsageError
-from glpath.film import BLOCK
+from glpath.errors import ImageError, UsageError
+from glpath.film import BATCHES, BLOCK
 from glpath.image import luminance
 
 Float64 = NDArray[np.float64]
 
-#: Chance that two pictures that differ by noise alone fail, and the share of the radiance that is let pass as
-#: rounding of another device.
+#: Chance that two pictures that differ by noise alone fail; the share of the radiance that is let pass as rounding
+#: of another device; and the bias of the whole picture that a test must be able to see.
 ALPHA = 1e-3
 TOLERANCE = 0.002
+SEES = 0.05
 
 #: Below this many batches a spread says too little.
 LEAST_BATCHES = 4
 
-# A bias is called found when it would be in 99 of 100 pairs: so many standard errors above the limit.
-_MARGIN = 2.33
+# A bias is called visible when it is found in 99 of 100 pairs, and path sets are called enough when they are in 9
+# of 10 cases.
+_MARGIN = float(stats.norm.ppf(0.99))
+_ENOUGH = 0.9
 
 # Stands for infinity, which JSON does not have.
 _ENDLESS = 1e6
@@ -56,12 +71,15 @@ _ENDLESS = 1e6
 
 @dataclass(frozen=True)
 class _Scale:
-    """The tests of one scale.
+    """The tests of one scale; all but the name are (..., 3) float64.
 
-    difference : (..., 3) picture - reference
-    error      : (..., 3) standard error of the difference
-    dof        : (..., 3) degrees of freedom of that error
-    level      : (..., 3) radiance that relative numbers refer to
+    difference : picture - reference
+    error      : standard error of the difference
+    dof        : degrees of freedom of that error
+    level      : radiance that the tolerance refers to
+    reference  : radiance of the reference
+    spread     : what a bias of 1 would add to the error; 0 where pictures are compared as independent
+    per_set    : variance of the difference, times path sets, if both had as many
     """
 
     name: str
@@ -69,27 +87,45 @@ class _Scale:
     error: Float64
     dof: Float64
     level: Float64
+    reference: Float64
+    spread: Float64
+    per_set: Float64
 
 
-def stat(picture: Picture, reference: Picture, *, alpha: float = ALPHA, tolerance: float = TOLERANCE) -> Verdict:
+def stat(
+    picture: Picture,
+    reference: Picture,
+    *,
+    alpha: float = ALPHA,
+    tolerance: float = TOLERANCE,
+    sees: float = SEES,
+) -> Verdict:
     """Compare two pictures with noise.
 
     alpha     : chance of a false alarm
     tolerance : relative difference that never fails, of a pixel's radiance or of the picture's mean, the larger one
+    sees      : share by which the whole picture could be too bright or too dark and would be found out in 99 of 100
+                cases; where noise hides more than that, the comparison fails and says how many path sets it needs
 
-    Raises UsageError for a picture without noise, or of too few batches.
+    Raises UsageError for a picture without noise or of too few batches, and for limits out of range; ImageError for
+    noise that cannot be.
     """
     if not 0 < alpha < 1:
         raise UsageError(f"alpha: found {alpha}, expected a probability between 0 and 1.")
     if not 0 <= tolerance < math.inf:
         raise UsageError(f"tolerance: found {tolerance}, expected a number of at least 0.")
+    if not tolerance < sees <= 1:
+        raise UsageError(
+            f"sees: found {sees}, expected a share above the tolerance ({tolerance:g}), at most 1.",
+            "0.05 asks that a picture 5 % too dark would be found out.",
+        )
     ours, theirs = _noise(picture, "picture"), _noise(reference, "reference")
     paired = picture.shares_samples_with(reference)
     typical = luminance(reference.mean).mean()
     scales = _scales(picture, reference, ours, theirs, paired, typical)
     alpha_scale = -math.expm1(math.log1p(-alpha) / len(scales))
     found: dict[str, object] = {"paired": paired}
-    severity, sentences = 0.0, []
+    severity, sentences, visible = 0.0, [], {}
     for scale in scales:
         alpha_test = -math.expm1(math.log1p(-alpha_scale) / scale.difference.size)
         limit = stats.t.isf(alpha_test / 2, scale.dof)
@@ -98,11 +134,12 @@ def stat(picture: Picture, reference: Picture, *, alpha: float = ALPHA, toleranc
             errors = np.where(excess > 0, excess / scale.error, 0.0)
         ratio = np.minimum(errors / limit, _ENDLESS)
         worst = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-        severity = max(severity, float(ratio[worst]))
-        failing = int(np.count_nonzero(ratio > 1))
+        severity = float(np.maximum(severity, ratio[worst]))  # a NaN stays one, and fails
+        failing = int(np.count_nonzero(~(ratio <= 1)))
         # Relative to what is there, not to the picture's mean: this number is for people.
-        there = float(max(abs(_radiance(scale, worst, reference)), 1e-3 * scale.level[worst]))
+        there = float(max(abs(scale.reference[worst]), 1e-3 * scale.level[worst]))
         relative = float(scale.difference[worst]) / there if there else 0.0
+        visible[scale.name] = _visible_bias(scale, limit, tolerance)
         found[scale.name] = {
             "tests": scale.difference.size,
             "failing": failing,
@@ -111,19 +148,25 @@ def stat(picture: Picture, reference: Picture, *, alpha: float = ALPHA, toleranc
             "relative_difference": relative,
             "standard_errors": min(float(errors[worst]), _ENDLESS),
             "limit": float(limit[worst]),
+            "smallest_bias": _below_one(visible[scale.name]),
         }
         if failing:
             sentences.append(_sentence(scale.name, found[scale.name], scale.difference.size))
-    smallest = _smallest_bias(scales[-1], ours, picture, paired, alpha_scale, tolerance)
-    found["smallest_bias"] = smallest
-    passed = severity <= 1
+    found["smallest_bias"] = _below_one(visible["image"])
+    limits = {"alpha": alpha, "tolerance": tolerance, "sees": sees}
     way = "batch by batch" if paired else "as independent renders"
-    if passed:
-        sees = "no bias, however large" if smallest is None else f"a bias of {100 * smallest:.2g} %"
-        summary = f"the difference is within noise (compared {way}, which sees {sees})"
-    else:
-        summary = f"more than noise ({way}): " + "; ".join(sentences)
-    return Verdict("stat", passed, severity, summary, found, {"alpha": alpha, "tolerance": tolerance})
+    if not severity <= 1:
+        return Verdict("stat", False, severity, f"more than noise ({way}): " + "; ".join(sentences), found, limits)
+    seen = _shown_bias(visible["image"])
+    if visible["image"] > sees:
+        found["path_sets_needed"] = needed = _path_sets_needed(scales[-1], ours, alpha_test, tolerance, sees)
+        severity = min(visible["image"] / sees, _ENDLESS)
+        remedy = "; no number of path sets would do" if needed is None else f"; render both with {needed} path sets"
+        summary = f"noise hides too much to compare ({way}): of the whole picture {seen}, {100 * sees:g} % asked"
+        return Verdict("stat", False, severity, summary + remedy, found, limits)
+    block = _shown_bias(visible["block"])
+    summary = f"the difference is within noise (compared {way}; of the whole picture {seen}, of a block {block})"
+    return Verdict("stat", True, severity, summary, found, limits)
 
 
 def _scales(
@@ -131,15 +174,7 @@ def _scales(
 ) -> list[_Scale]:
     """Pixels, blocks, the whole: in this order."""
     scales = [
-        _welch(
-            "pixel",
-            picture.mean - reference.mean,
-            ours.variance,
-            theirs.variance,
-            len(ours.batch_counts),
-            len(theirs.batch_counts),
-            np.maximum(np.abs(reference.mean), typical),
-        )
+        _welch("pixel", (picture.mean, ours.variance, ours), (reference.mean, theirs.variance, theirs), typical)
     ]
     weights = block_pixels(reference.mean.shape)
     weights /= weights.sum()
@@ -147,26 +182,34 @@ def _scales(
         a, b = ours.block_batches, theirs.block_batches
         if name == "image":
             a, b = (np.einsum("bhwc,hw->bc", batches, weights) for batches in (a, b))
-        mean_a, variance_a = _mean_and_variance(a, ours.batch_counts)
-        mean_b, variance_b = _mean_and_variance(b, theirs.batch_counts)
-        level = np.maximum(np.abs(mean_b), typical)
+        mean, variance = _mean_and_variance(b, theirs.batch_counts)
         if paired:
-            difference, variance = _mean_and_variance(a - b, ours.batch_counts)
+            difference, squared_error = _mean_and_variance(a - b, ours.batch_counts)
             dof = np.full(difference.shape, len(ours.batch_counts) - 1.0)
-            scales.append(_Scale(name, difference, np.sqrt(variance), dof, level))
+            level = np.maximum(np.abs(mean), typical)
+            per_set = squared_error * ours.batch_counts.sum()
+            error, spread = np.sqrt(squared_error), np.sqrt(variance)
+            scales.append(_Scale(name, difference, error, dof, level, mean, spread, per_set))
         else:
-            counts = len(ours.batch_counts), len(theirs.batch_counts)
-            scales.append(_welch(name, mean_a - mean_b, variance_a, variance_b, *counts, level))
+            here = _mean_and_variance(a, ours.batch_counts)
+            scales.append(_welch(name, (*here, ours), (mean, variance, theirs), typical))
     return scales
 
 
-def _welch(name: str, difference: Float64, va: Float64, vb: Float64, na: int, nb: int, level: Float64) -> _Scale:
-    """Welch 1947: `va` and `vb` are variances of the means, from `na` and `nb` batches."""
+def _welch(
+    name: str, a: tuple[Float64, Float64, Noise], b: tuple[Float64, Float64, Noise], typical: float
+) -> _Scale:
+    """Welch 1947: of each side its mean, the variance of that mean, and the batches that both come from."""
+    (mean_a, va, ours), (mean_b, vb, theirs) = a, b
+    na, nb = len(ours.batch_counts), len(theirs.batch_counts)
     total = va + vb
     with np.errstate(divide="ignore", invalid="ignore"):
         dof = total**2 / (va**2 / (na - 1) + vb**2 / (nb - 1))
     # Without any noise on either side every difference is beyond chance, whatever the freedom.
-    return _Scale(name, difference, np.sqrt(total), np.where(total > 0, dof, na + nb - 2.0), level)
+    dof = np.where(total > 0, dof, na + nb - 2.0)
+    level = np.maximum(np.abs(mean_b), typical)
+    per_set = va * ours.batch_counts.sum() + vb * theirs.batch_counts.sum()
+    return _Scale(name, mean_a - mean_b, np.sqrt(total), dof, level, mean_b, np.zeros_like(total), per_set)
 
 
 def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Float64, Float64]:
@@ -185,38 +228,44 @@ def _noise(picture: Picture, which: str) -> Noise:
             f"stat: the {which} {found}; noise is told from a change with {LEAST_BATCHES * BLOCK} or more.",
             "Render more of them, and compare films (.npz) or baselines (.exr); or take the mode fuzzy.",
         )
+    wrong = unusable_noise(picture.mean, picture.noise)
+    if wrong:
+        raise ImageError(f"stat: the noise of the {which} cannot be: {wrong}.", "Make it again.")
     return picture.noise
 
 
-def _smallest_bias(
-    image: _Scale, ours: Noise, picture: Picture, paired: bool, alpha_scale: float, tolerance: float
-) -> float | None:
-    """The share by which all of the picture may be darker and be found out, in the channel that sees most; None
-    where there is no such share below 1."""
-    alpha_test = -math.expm1(math.log1p(-alpha_scale) / image.difference.size)
-    reach = (stats.t.isf(alpha_test / 2, image.dof) + _MARGIN) * image.error
-    brightness = picture.mean.mean(axis=(0, 1))
-    room = brightness.copy()
-    if paired:
-        # A bias in proportion to the picture is as noisy as the picture itself.
-        weights = block_pixels(picture.mean.shape)
-        batches = np.einsum("bhwc,hw->bc", ours.block_batches, weights / weights.sum())
-        _, variance = _mean_and_variance(batches, ours.batch_counts)
-        room -= reach / np.maximum(image.error, 1e-300) * np.sqrt(variance) if np.any(image.error > 0) else 0.0
+def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
+    """The share by which a picture may be too bright or too dark and be found out, in the channel that sees most;
+    the median over places."""
+    errors = limit + _MARGIN
+    hidden = tolerance * scale.level + errors * scale.error
+    room = np.abs(scale.reference) - errors * scale.spread
     with np.errstate(divide="ignore", invalid="ignore"):
-        bias = np.where(room > 0, (tolerance * image.level + reach) / room, np.inf)
-    smallest = float(bias.min())
-    return smallest if smallest < 1 else None
+        bias = np.where(hidden == 0, 0.0, np.where(room > 0, hidden / room, np.inf))
+    return float(np.median(bias.min(axis=-1)))
 
 
-def _radiance(scale: _Scale, where: tuple[np.intp, ...], reference: Picture) -> float:
-    channel = where[-1]
-    if scale.name == "pixel":
-        return float(reference.mean[where])
-    if scale.name == "image":
-        return float(reference.mean[..., channel].mean())
-    y, x = (int(i) * BLOCK_SIDE for i in where[:2])
-    return float(reference.mean[y : y + BLOCK_SIDE, x : x + BLOCK_SIDE, channel].mean())
+def _path_sets_needed(image: _Scale, noise: Noise, alpha_test: float, tolerance: float, sees: float) -> int | None:
+    """How many path sets show a bias of `sees`, in whole rounds of all batches; None if no number does.
+
+    The error of the picture to come is an estimate like the one at hand, so that their squares differ by an F.
+    """
+    dof = image.dof * (BATCHES - 1) / (len(noise.batch_counts) - 1)
+    errors = stats.t.isf(alpha_test / 2, dof) + _MARGIN
+    signal = sees * np.abs(image.reference) - tolerance * image.level
+    one_set = np.sqrt(image.per_set) + sees * image.spread * math.sqrt(noise.batch_counts.sum())
+    chance = stats.f.ppf(_ENOUGH, dof, image.dof)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(signal > 0, chance * (errors * one_set / signal) ** 2, np.inf).min()
+    return math.ceil(needed / (BLOCK * BATCHES)) * BLOCK * BATCHES if needed < 2**31 else None
+
+
+def _below_one(bias: float) -> float | None:
+    return bias if bias < 1 else None
+
+
+def _shown_bias(bias: float) -> str:
+    return f"a bias of {100 * bias:.2g} % is seen" if bias < 1 else "no bias is seen, however large"
 
 
 def _pixel(name: str, where: tuple[np.intp, ...]) -> list[int] | None:

@@ -131,15 +131,11 @@ class RenderRegression:
                 record |= {"outcome": "missing", "severity": _INCOMPARABLE, "summary": "there is no baseline"}
                 record["files"] = _keep(results, picture, None, record)
                 self._fail(record, results, limits, f"there is no baseline {shown_path(baseline)}")
-            compare(
-                picture, picture, mode, **limits
-            )  # a test that can never be compared does not begin with a pass
-            _write_baseline(baseline, picture)
+            _write_baseline(baseline, picture, mode, limits)
             record |= {"outcome": "written"}
             return None
         if update == "all":
-            compare(picture, picture, mode, **limits)
-            _write_baseline(baseline, picture)
+            _write_baseline(baseline, picture, mode, limits)
             record |= {"outcome": "updated"}
             return None
 
@@ -166,7 +162,7 @@ class RenderRegression:
             _forget(results)
             return verdict
         if update == "failed":
-            _write_baseline(baseline, picture)
+            _write_baseline(baseline, picture, mode, limits)
             record["outcome"] = "updated"
             _forget(results)
             return verdict
@@ -220,8 +216,14 @@ def _as_array(subject: object) -> ArrayLike:
     return array
 
 
-def _write_baseline(path: Path, picture: Picture) -> None:
-    """The PNG first: should it fail, the old baseline, which counts, is still whole."""
+def _write_baseline(path: Path, picture: Picture, mode: Mode | None, limits: Mapping[str, float]) -> None:
+    """The PNG first: should it fail, the old baseline, which counts, is still whole.
+
+    What does not even pass beside itself, as it is too noisy, never becomes a baseline: UsageError.
+    """
+    verdict = compare(picture, picture, mode, **limits)
+    if not verdict.passed:
+        raise UsageError(f"{path.stem}: cannot be a baseline: {verdict.summary}.")
     write_png(path.with_suffix(".png"), tonemap(picture.mean))
     picture.save(path)
 
