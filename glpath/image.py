@@ -130,7 +130,7 @@ def check_tonemap(operator: str) -> None:
 
 
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
-    """(H, W, 3) uint8 sRGB as the bytes of a PNG; `metadata` becomes its text chunks."""
+    """(H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, as the bytes of a PNG; `metadata` becomes its text chunks."""
     import imageio.v3 as iio
     from PIL.PngImagePlugin import PngInfo
 
@@ -142,7 +142,7 @@ def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> byt
 
 
 def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB, row 0 at the top. Raises ImageError."""
+    """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top. Raises ImageError."""
     with whole_file(path) as temporary:
         temporary.write_bytes(encode_png(picture, metadata))
 
@@ -155,6 +155,7 @@ def write_exr(
     window: tuple[int, int, int, int] | None = None,
     full_resolution: tuple[int, int] | None = None,
     layers: Mapping[str, Float64] | None = None,
+    alpha: Float64 | None = None,
 ) -> None:
     """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
 
@@ -162,6 +163,7 @@ def write_exr(
     window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
     full_resolution : (width, height) of the whole image: the display window
     layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B
+    alpha           : (H, W) opacity, as channel A; the colours are written as they are
 
     Raises ImageError.
     """
@@ -180,6 +182,8 @@ def write_exr(
         **(metadata or {}),
     }
     channels = {"RGB": pixels}
+    if alpha is not None:
+        channels["A"] = np.ascontiguousarray(alpha, np.float32)
     for name, layer in (layers or {}).items():
         for i, colour in enumerate("RGB"):
             channels[f"{name}.{colour}"] = np.ascontiguousarray(layer[..., i], np.float32)

@@ -653,7 +653,7 @@ def test_diff_tells_noise_from_a_change(make_film: MakeFilm, tmp_path: Path) -> 
     film.save(tmp_path / "a.npz")
     other.save(tmp_path / "b.npz")
     result = run("diff", tmp_path / "a.npz", tmp_path / "b.npz", "--stat")
-    assert result.exit_code == 0
+    assert result.exit_code == 0, result.output
     assert "the same: the difference is within noise (compared as independent renders" in result.stdout
     other.radiance_sums *= 1.1
     Picture.of_film(other).save(tmp_path / "c.exr")

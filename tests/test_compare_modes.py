@@ -11,7 +11,7 @@ from conftest import MakeFilm
 
 from glpath.compare import BLOCK_SIDE, Picture, compare, default_mode, flip_map, flip_picture, read_limits
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.image import read_exr_channels, read_image
+from glpath.image import decode_srgb, read_exr_channels, read_image
 
 GREY = np.full((20, 24, 3), 0.5)
 
@@ -157,6 +157,7 @@ def test_limits_are_checked() -> None:
         ("fuzzy", {"threshold": -1}, "threshold: found -1"),
         ("fuzzy", {"edge": "a"}, "edge: found 'a', expected a number"),
         ("flip", {"mean": 2}, "mean: found 2"),
+        ("flip", {"local": -1}, "local: found -1"),
         ("flip", {"ppd": 0}, "ppd: found 0"),
         ("best", {}, "there is no 'best'. Allowed: exact, fuzzy, stat, flip"),
     ):
@@ -184,6 +185,41 @@ def test_flip_is_small_for_what_cannot_be_seen() -> None:
     assert found.shape == (20, 24)
     assert np.unravel_index(found.argmax(), found.shape) == (3, 5)
     assert flip_picture(GREY, GREY).max() <= 4  # the dark end of its colours
+
+
+@pytest.mark.parametrize(("side", "levels"), [(20, 8), (8, 8), (5, 16), (3, 32), (2, 127)])
+def test_flip_misses_nothing_that_vanishes_from_a_large_picture(side: int, levels: int) -> None:
+    pytest.importorskip("flip_evaluator")
+    empty = np.full((256, 256, 3), 128, np.uint8)
+    full = empty.copy()
+    full[100 : 100 + side, 60 : 60 + side] -= np.uint8(levels)
+    verdict = compare(Picture.of_array(empty), Picture.of_array(full), "flip")
+    assert not verdict.passed
+    assert verdict.measured["mean"] < 0.01  # which alone would let it pass
+    x, y = verdict.measured["worst_at"]
+    assert 58 <= x <= 61 + side
+    assert 98 <= y <= 101 + side
+    assert f"{verdict.measured['local']:.3g}, 0.1 allowed" in verdict.summary
+    assert compare(Picture.of_array(empty), Picture.of_array(full), "flip", local=1).passed
+
+
+def test_flip_lets_pass_what_is_not_a_change() -> None:
+    """Rounding, noise, and edges a tenth of a pixel off: where the mean lets them pass, so does every spot."""
+    pytest.importorskip("flip_evaluator")
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:128, :128]
+    discs = sum(np.clip(r + 0.5 - np.hypot(x - a, y - b), 0, 1) for a, b, r in ((40, 50, 20), (90, 80, 12)))
+    levels = (60 + 60 * discs + 0.4 * x)[..., None] * np.ones(3)
+    moved = 0.9 * levels + 0.1 * np.roll(levels, 1, axis=1)
+    moved[:, 0] = levels[:, 0]
+    for name, other in (
+        ("rounding", np.round(levels)),
+        ("noise of 2 levels", levels + rng.normal(0, 2, levels.shape)),
+        ("a tenth of a pixel", moved),
+    ):
+        a, b = (Picture.of_array(decode_srgb(side / 255)) for side in (other, levels))
+        verdict = compare(a, b, "flip", mean=0.03)
+        assert verdict.passed, f"{name}: {verdict.summary}"
 
 
 def test_flip_neither_prints_nor_leaves_the_process(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

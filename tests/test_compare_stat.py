@@ -55,7 +55,7 @@ def test_false_alarms_of_independent_batches_are_as_rare_as_alpha_says(same_seed
     for _ in range(runs):
         for common in alarms:
             a, b = (picture_of(noisy(rng, common=common), 0 if same_seed else i) for i in range(2))
-            alarms[common] += not compare(a, b, "stat", alpha=alpha, tolerance=0).passed
+            alarms[common] += not compare(a, b, "stat", alpha=alpha, tolerance=0, sees=1).passed
     three_errors = 3 * np.sqrt(alpha * (1 - alpha) / runs)
     assert alarms[0.0] / runs == pytest.approx(alpha, abs=three_errors)
     # Pixels that err together make false alarms rarer.
@@ -294,10 +294,13 @@ def test_renders_of_other_seeds_pass() -> None:
     scene = glpath.load_scene("cornell-box")
     pictures = [render(scene, seed) for seed in range(6)]
     for a, b in pairwise(pictures):
-        verdict = compare(a, b)
+        verdict = compare(a, b, sees=0.5)
         assert verdict.mode == "stat"
         assert not verdict.measured["paired"]
         assert verdict.passed, verdict.summary
+        hidden = compare(a, b)  # 64 path sets of other random numbers do not show 5 %
+        assert not hidden.passed
+        assert hidden.measured["path_sets_needed"] > SPP
 
 
 def test_planted_changes_are_found_with_the_same_seed() -> None:
@@ -315,8 +318,8 @@ def test_a_thousand_renders_of_other_seeds_pass() -> None:
     severities, at_a_twentieth = [], 0
     for seed in range(1, 1001):
         now = render(scene, seed)
-        severities.append(compare(now, before).severity)
-        at_a_twentieth += not compare(now, before, alpha=0.05).passed
+        severities.append(compare(now, before, sees=1).severity)
+        at_a_twentieth += not compare(now, before, alpha=0.05, sees=1).passed
         before = now
     print(
         f"\n{sum(s > 1 for s in severities)} false alarms in 1000, at alpha 0.05 {at_a_twentieth}; "
@@ -324,6 +327,15 @@ def test_a_thousand_renders_of_other_seeds_pass() -> None:
     )
     assert max(severities) <= 1
     assert at_a_twentieth <= 50
+
+
+@pytest.mark.evidence
+def test_the_path_sets_that_renders_are_asked_for_are_enough() -> None:
+    scene = glpath.load_scene("cornell-box")
+    needed = compare(*(render(scene, seed) for seed in range(2))).measured["path_sets_needed"]
+    more = compare(*(render(scene, seed, spp=needed) for seed in range(2, 4)))
+    print(f"\n{needed} path sets asked for, which see {100 * more.measured['smallest_bias']:.2g} %")
+    assert more.passed, more.summary
 
 
 @pytest.mark.evidence
@@ -336,7 +348,7 @@ def test_planted_changes_are_found_in_all_of_forty_seeds() -> None:
     for name, changed, options in changes():
         pictures = [render(changed, seed, **options) for seed in seeds]
         same = [compare(p, r).severity for p, r in zip(pictures, references, strict=True)]
-        other = [compare(p, r).severity for p, r in zip(pictures, others, strict=True)]
+        other = [compare(p, r, sees=1).severity for p, r in zip(pictures, others, strict=True)]
         found = sum(s > 1 for s in same)
         print(
             f"{name}: same seed {found} of 40 (least {min(same):.2f}), other seed {sum(s > 1 for s in other)} of 40"

@@ -9,70 +9,17 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from image_suite import GREY, LOADED, Run
 
-# Loaded here once: pytester unloads what a run of its own has loaded.
-import glpath.pytest_plugin.report
-import glpath.rendering.calls  # noqa: F401
-from glpath.bvh import build_bvh
 from glpath.compare import Picture
 from glpath.image import read_image, write_exr
 
-pytest_plugins = ["pytester"]
-
-Run = Callable[..., pytest.RunResult]
-
-# Where glpath is installed pytest finds the plugin by itself.
-LOADED = (
-    ()
-    if any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11"))
-    else (
-        "-p",
-        "glpath.pytest_plugin",
-    )
-)
-
-GREY = """
-import numpy as np
-
-def test_grey(render_regression):
-    render_regression(np.full((8, 8, 3), {level}))
-"""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _numba_is_loaded() -> None:
-    """It loads parts of itself late, and none of them twice."""
-    build_bvh(np.zeros((2, 3)), np.ones((2, 3)))
-
-
-@pytest.fixture
-def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the suite in pytester's folder, by default not as CI."""
-    monkeypatch.delenv("CI", raising=False)
-    pytester.makeini("[pytest]")
-
-    def run_with(*options: str | Path) -> pytest.RunResult:
-        return pytester.runpytest_inprocess(*LOADED, *map(str, options))
-
-    return run_with
-
-
-@pytest.fixture
-def suite(pytester: pytest.Pytester) -> Callable[[str], Path]:
-    """Write test_a.py."""
-
-    def write(text: str) -> Path:
-        (pytester.path / "test_a.py").write_text(text)
-        shutil.rmtree(pytester.path / "__pycache__", ignore_errors=True)
-        return pytester.path / "baseline" / "test_a"
-
-    return write
+pytest_plugins = ["pytester", "image_suite"]
 
 
 def test_the_first_run_writes_the_baseline_and_the_second_compares(run: Run, suite) -> None:
@@ -99,17 +46,18 @@ def test_a_difference_fails_and_leaves_what_a_person_wants_to_see(
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         [
-            "glpath: test_grey differs from its baseline (fuzzy)",
-            "  64 of 64 pixels (100 %) are off by more than 2 of 255 levels, 0 % allowed; the worst at (0, 0) by *",
-            "  baseline    baseline/test_a/test_grey.exr",
-            "  result      glpath-results/test_a/test_grey/result.png",
-            "  difference  glpath-results/test_a/test_grey/difference.png",
-            "  flip        glpath-results/test_a/test_grey/flip.png",
-            "  again       glpath diff --mode fuzzy glpath-results/test_a/test_grey/result.exr baseline/*",
-            "  accept      pytest --glpath-update failed test_a.py::test_grey",
+            "E  *glpath: test_grey differs from its baseline (fuzzy)",
+            "E    *64 of 64 pixels (100 %) are off by more than 2 of 255 levels, 0 % allowed; the worst at *",
+            "E    *baseline    baseline/test_a/test_grey.exr",
+            "E    *result      glpath-results/test_a/test_grey/result.png",
+            "E    *difference  glpath-results/test_a/test_grey/difference.png",
+            "E    *flip        glpath-results/test_a/test_grey/flip.png",
+            "E    *again       glpath diff --mode fuzzy glpath-results/test_a/test_grey/result.exr baseline/*",
+            "E    *accept      pytest --glpath-update failed test_a.py::test_grey",
             "report: glpath-results/report.html",
         ]
     )
+    result.stdout.fnmatch_lines([">*render_regression(np.full((8, 8, 3), 0.55))", "test_a.py:5: Failed"])
     assert "Traceback" not in result.stdout.str()
     assert "regression.py" not in result.stdout.str()
     folder = pytester.path / "glpath-results"
@@ -129,7 +77,7 @@ def test_a_missing_baseline_fails_in_ci(run: Run, suite, monkeypatch: pytest.Mon
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         [
-            "glpath: there is no baseline baseline/test_a/test_grey.exr",
+            "E  *glpath: there is no baseline baseline/test_a/test_grey.exr",
             "*--glpath-update missing test_a.py::test_grey",
         ]
     )
@@ -174,7 +122,7 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
         ("np.full((4, 4, 3), np.nan)", "16 of its 16 pixels are NaN or infinite"),
         ("'no-such-scene'", "no-such-scene"),
         ("np.zeros((4, 4, 7))", "expected (H, W, 3)"),
-        ("object()", "found object, expected a scene, a Film, an array or a function"),
+        ("object()", "found object, expected a scene, a Film, an array, an image or its file"),
         ("np.zeros((4, 4)), spp=4", "spp: options of a render, but this is a picture already"),
         ("np.zeros((4, 4)), mode='fuzy'", "there is no 'fuzy'. Allowed: exact, fuzzy, stat, flip"),
         ("np.zeros((4, 4)), limits={'thresh': 1}, mode='fuzzy'", "has no limit 'thresh'. Allowed: threshold, edge"),
@@ -243,9 +191,9 @@ def test_a_scene_is_rendered_and_a_missing_bounce_is_found_by_stat(run: Run, sui
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         [
-            "glpath: test_box differs from its baseline (stat)",
-            "  more than noise (batch by batch): *the whole picture is darker by *",
-            "  made otherwise: max_depth is 2 here and 3 in the reference",
+            "E  *glpath: test_box differs from its baseline (stat)",
+            "E    *more than noise (batch by batch): *the whole picture is darker by *",
+            "E    *made otherwise: max_depth is 2 here and 3 in the reference",
             "*glpath diff --mode stat glpath-results/test_a/test_box/result.exr baseline/test_a/test_box.exr",
         ]
     )
@@ -314,7 +262,7 @@ def test_results_that_cannot_be_written_do_not_hide_the_difference(run: Run, sui
     result = run(f"--glpath-results-path={tmp_path / 'file' / 'results'}")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
-        ["*64 of 64 pixels*", "  the pictures are not kept: *", "the report is not written: *"]
+        ["*64 of 64 pixels*", "E  *the pictures are not kept: *", "the report is not written: *"]
     )
 
 
@@ -406,10 +354,10 @@ def test_without_flip_evaluator_all_else_works(run: Run, suite, monkeypatch: pyt
     suite(GREY.format(level=0.6))
     result = run()
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["  difference  *"])
-    result.stdout.no_fnmatch_line("  flip  *")
+    result.stdout.fnmatch_lines(["E    *difference  *"])
+    result.stdout.no_fnmatch_line("E  *flip  *")
     suite(GREY.format(level=0.5).replace("})", "").replace("0.5))", "0.5), mode='flip')"))
-    run().stdout.fnmatch_lines(["glpath: flip: the package flip-evaluator is not installed.", "*glpath?flip?*"])
+    run().stdout.fnmatch_lines(["E  *glpath: flip: the package flip-evaluator is not installed.", "*glpath?flip?*"])
 
 
 def test_the_example_project_passes_and_finds_a_change(run: Run, pytester: pytest.Pytester) -> None:
@@ -420,7 +368,7 @@ def test_the_example_project_passes_and_finds_a_change(run: Run, pytester: pytes
     scene.write_text(scene.read_text().replace("min = [-0.6, 0, -0.5]", "min = [-0.5, 0, -0.5]"))
     result = run()
     result.assert_outcomes(passed=1, failed=3)
-    result.stdout.fnmatch_lines(["  made otherwise: the scene's content * is another one"])
+    result.stdout.fnmatch_lines(["E    *made otherwise: the scene's content * is another one"])
 
 
 # ---- the page

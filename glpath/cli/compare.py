@@ -13,7 +13,7 @@ import typer
 from glpath.errors import UsageError
 
 if TYPE_CHECKING:
-    from glpath.compare import Picture, Verdict
+    from glpath.compare import Verdict
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
 
 
 def diff(
-    image: Annotated[Path, typer.Argument(metavar="A", help=".exr, .npz, .npy or .png.")],
+    image: Annotated[Path, typer.Argument(metavar="A", help=".exr, .npz, .npy, .png, .jpg ...")],
     reference: Annotated[Path, typer.Argument(metavar="B", help="What A is measured against.")],
     out: Annotated[
         Path | None,
@@ -45,7 +45,7 @@ def diff(
         typer.Option(
             metavar="NAME=X",
             help="A limit of the mode; may be repeated. fuzzy: threshold, edge, failpercent. stat: alpha, "
-            "tolerance, sees (the bias of the whole picture that noise must not hide, 0.05). flip: mean, ppd.",
+            "tolerance, sees (bias of the whole picture that noise must not hide, 0.05). flip: mean, local, ppd.",
         ),
     ] = None,
     fail: Annotated[
@@ -63,7 +63,8 @@ def diff(
     """Compare two pictures of one size.
 
     relMSE is mean((A - B)² / (B² + 0.01)); the mean ratio, mean(A) / mean(B), shows energy lost or gained. Radiance
-    files compare radiance; a .png has been through the tone map. --stat needs the noise: films (.npz) or baselines
+    files compare radiance; a .png has been through the tone map. Pictures with alpha are compared over black or
+    white, wherever they differ more. --stat needs the noise: films (.npz) or baselines
     and results of image tests (.exr).
     """
     from glpath import compare
@@ -87,8 +88,8 @@ def diff(
     if limit and mode is None:
         raise UsageError("--limit: belongs to a --mode.")
     limits = compare.read_limits(mode, limit or []) if mode is not None else {}
-    ours, theirs = _read(image), _read(reference)
-    a, b = ours.mean, theirs.mean
+    ours, theirs = compare.read_picture(image), compare.read_picture(reference)
+    a, b = (side.mean for side in compare.most_different(ours, theirs))
     verdict = None if mode is None else compare.compare(ours, theirs, mode, **limits)
     measured = {
         "relMSE": compare.relative_mse(a, b),
@@ -132,23 +133,6 @@ def diff(
         typer.echo(f"glpath: {reason}", err=True)
     if reasons:
         raise typer.Exit(1)
-
-
-def _read(path: Path) -> Picture:
-    """With noise where the file has it: a film, or a baseline. Raises ImageError."""
-    from glpath.compare import Picture
-    from glpath.files import open_npz
-    from glpath.film import Film, read_image
-    from glpath.image import read_exr_channels
-
-    image = read_image(path)
-    if path.suffix.lower() == ".npz":
-        with open_npz(path) as stored:
-            if "radiance_sums" in stored:
-                return Picture.of_film(Film.load(path))
-    elif path.suffix.lower() == ".exr" and Picture.is_baseline(read_exr_channels(path)[1]):
-        return Picture.load(path)
-    return Picture(image)
 
 
 def _said(verdict: Verdict, made_otherwise: Sequence[str]) -> list[str]:

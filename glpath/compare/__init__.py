@@ -2,6 +2,7 @@
 
 measures   relative_mse, psnr ...: how far apart, as numbers; the difference in false colours
 picture    a picture with its noise and its provenance, to and from one EXR
+reading    pictures from files of any kind, and from Pillow
 modes      exact, fuzzy, stat, flip: whether two pictures count as the same
 """
 
@@ -17,15 +18,17 @@ from glpath.compare.measures import (
     psnr,
     relative_mse,
 )
-from glpath.compare.modes import MODES, Mode, compare, default_mode, read_limits
+from glpath.compare.modes import MODES, Mode, compare, default_mode, most_different, read_limits
 from glpath.compare.perceptual import flip_map, flip_picture
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture
+from glpath.compare.reading import SUFFIXES, is_pillow, picture_from_bytes, picture_of_pillow, read_picture
 from glpath.compare.verdict import Verdict
 
 __all__ = [
     "BLOCK_SIDE",
     "EPSILON",
     "MODES",
+    "SUFFIXES",
     "Mode",
     "Noise",
     "Picture",
@@ -35,11 +38,16 @@ __all__ = [
     "difference_image",
     "flip_map",
     "flip_picture",
+    "is_pillow",
     "max_difference",
     "mean_ratio",
+    "most_different",
     "mse",
     "percent_beyond",
+    "picture_from_bytes",
+    "picture_of_pillow",
     "psnr",
     "read_limits",
+    "read_picture",
     "relative_mse",
 ]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, get_args
+
+import numpy as np
 
 from glpath.compare.measures import matching_pair
 from glpath.compare.perceptual import flip
@@ -17,6 +20,9 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
+# What is behind a picture with alpha.
+_GROUNDS = {"over black": 0.0, "over white": 1.0}
+
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
 
 
@@ -25,7 +31,10 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
     mode   : "exact", "fuzzy", "stat" or "flip"; None: `default_mode` of the reference
     limits : of the mode, see the function of its name: `threshold`, `edge`, `failpercent` of fuzzy; `alpha`,
-             `tolerance`, `sees` of stat; `mean`, `ppd` of flip
+             `tolerance`, `sees` of stat; `mean`, `local`, `ppd` of flip
+
+    Where one of them has alpha, `exact` compares it as well, and `fuzzy` and `flip` compare what is seen over black
+    and over white: the worse one counts.
 
     Raises ImageError for pictures that cannot be compared (shapes, NaN); UsageError for a mode or a limit that is
     not there, or a mode that this picture does not allow.
@@ -33,7 +42,25 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
     matching_pair(picture.mean, reference.mean)
     mode = default_mode(picture, reference) if mode is None else mode
     _check_limits(mode, limits)
-    return _COMPARISONS[mode](picture, reference, **limits)
+    if picture.alpha is None and reference.alpha is None:
+        return _COMPARISONS[mode](picture, reference, **limits)
+    if mode == "exact":
+        pairs = {"colour": (picture, reference), "alpha": (picture.opacity(), reference.opacity())}
+    else:
+        pairs = {name: (picture.over(ground), reference.over(ground)) for name, ground in _GROUNDS.items()}
+    verdicts = {name: _COMPARISONS[mode](*pair, **limits) for name, pair in pairs.items()}
+    worst = max(verdicts, key=lambda name: (not verdicts[name].passed, verdicts[name].severity))
+    return replace(verdicts[worst], summary=f"{worst}: {verdicts[worst].summary}")
+
+
+def most_different(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
+    """Both as they are; with alpha, over black or white, wherever they differ more. Raises ImageError for shapes
+    that differ."""
+    matching_pair(picture.mean, reference.mean)
+    if picture.alpha is None and reference.alpha is None:
+        return picture, reference
+    pairs = [(picture.over(ground), reference.over(ground)) for ground in _GROUNDS.values()]
+    return max(pairs, key=lambda pair: float(np.abs(pair[0].mean - pair[1].mean).mean()))
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:

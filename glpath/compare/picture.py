@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError
 from glpath.film import Film
-from glpath.image import decode_srgb, read_exr_channels, write_exr
+from glpath.image import decode_srgb, encode_srgb, read_exr_channels, tonemap, write_exr, write_png
 
 Float64 = NDArray[np.float64]
 
@@ -73,11 +73,15 @@ class Picture:
     mean       : (H, W, 3) float64, linear Rec. 709, row 0 at the top
     noise      : None where nothing is known of it: arrays, and films of one batch
     provenance : what made it, name to text, as in the header of an EXR
+    alpha      : (H, W) float64, opacity from 0 to 1, by which `mean` is not multiplied; None where all is opaque
+    eight_bit  : whether it was 8-bit sRGB, so that a PNG holds all of it
     """
 
     mean: Float64
     noise: Noise | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
+    alpha: Float64 | None = None
+    eight_bit: bool = False
 
     @classmethod
     def of_film(cls, film: Film) -> Picture:
@@ -92,7 +96,7 @@ class Picture:
 
     @classmethod
     def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
-        """Radiance, or sRGB where it is uint8: (H, W, 3), (H, W), or (H, W, 4), of which alpha is left out.
+        """Radiance, or sRGB where it is uint8, uint16 or bool: (H, W, 3), (H, W), or (H, W, 4) with alpha.
 
         Raises ImageError.
         """
@@ -101,18 +105,47 @@ class Picture:
             raise ImageError(
                 f"picture: found an array of shape {given.shape} of {given.dtype}, expected numbers (H, W, 3)."
             )
-        values = decode_srgb(given / 255) if given.dtype == np.uint8 else given.astype(np.float64)
+        white = {"bool": 1, "uint8": 255, "uint16": 65535}.get(given.dtype.name)
+        values = given.astype(np.float64) / (white or 1)
         if values.ndim == 2:
             values = values[..., None]
         if values.shape[2] not in (1, 3, 4):
             raise ImageError(f"picture: found an array of shape {given.shape}, expected (H, W, 3).")
-        mean = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values[..., :3]
-        broken = int(np.count_nonzero(~np.isfinite(mean).all(axis=-1)))
+        broken = int(np.count_nonzero(~np.isfinite(values).all(axis=-1)))
         if broken:
             raise ImageError(
-                f"picture: {broken} of its {mean.shape[0] * mean.shape[1]} pixels are NaN or infinite."
+                f"picture: {broken} of its {values.shape[0] * values.shape[1]} pixels are NaN or infinite."
             )
-        return cls(mean, None, {"glpath.kind": "array", **(provenance or {})})
+        mean = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values[..., :3]
+        alpha = values[..., 3] if values.shape[2] == 4 and (values[..., 3] != 1).any() else None
+        if alpha is not None and not (alpha.min() >= 0 and alpha.max() <= 1):
+            raise ImageError(
+                f"picture: found alpha from {alpha.min():g} to {alpha.max():g}, expected 0 to 1.",
+                "The fourth channel is opacity; leave out what is not.",
+            )
+        return cls(
+            decode_srgb(mean) if white else mean,
+            None,
+            {"glpath.kind": "array", **(provenance or {})},
+            alpha,
+            eight_bit=white in (1, 255),
+        )
+
+    def over(self, ground: float) -> Picture:
+        """As it is seen over sRGB's `ground`, 0 black to 1 white: as browsers do, sRGB values are mixed."""
+        if self.alpha is None:
+            return replace(self, eight_bit=False)
+        opacity = self.alpha[..., None]
+        above = 1.055 * (np.maximum(self.mean, 1.0) ** (1 / 2.4) - 1.0)  # the curve goes on above white
+        mixed = opacity * (encode_srgb(self.mean) + above) + (1 - opacity) * ground
+        return replace(
+            self, mean=np.where(opacity == 1, self.mean, decode_srgb(mixed)), alpha=None, eight_bit=False
+        )
+
+    def opacity(self) -> Picture:
+        """Its alpha as a picture of greys."""
+        alpha = np.ones(self.mean.shape[:2]) if self.alpha is None else self.alpha
+        return replace(self, mean=np.repeat(alpha[..., None], 3, axis=2), alpha=None, eight_bit=False)
 
     def save(self, path: str | Path) -> None:
         """Write the EXR; it appears whole or not at all. Raises ImageError."""
@@ -124,11 +157,23 @@ class Picture:
             shape = self.mean.shape[:2]
             for i, blocks in enumerate(self.noise.block_batches):
                 layers[f"batch{i}"] = spread_blocks(blocks, shape)
-        write_exr(path, self.mean, header, layers=layers)
+        write_exr(path, self.mean, header, layers=layers, alpha=self.alpha)
+
+    def save_png(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
+        """Write it as 8-bit sRGB, with its alpha; it appears whole or not at all. Raises ImageError."""
+        colour = tonemap(self.mean)
+        if self.alpha is not None:
+            colour = np.dstack([colour, np.round(255 * self.alpha).astype(np.uint8)])
+        write_png(path, colour, metadata)
+
+    def save_8_bit(self, path: str | Path) -> None:
+        """Write the PNG that holds all of an 8-bit picture. Raises ImageError."""
+        assert self.eight_bit
+        self.save_png(path, {_FORMAT: _VERSION, **self.provenance})
 
     @classmethod
     def load(cls, path: str | Path) -> Picture:
-        """Read what `save` has written. Raises ImageError."""
+        """Read the EXR that `save` has written. Raises ImageError."""
         channels, header = read_exr_channels(path)
         if header.get(_FORMAT) != _VERSION:
             found = (
@@ -152,7 +197,10 @@ class Picture:
         wrong = "" if noise is None else unusable_noise(mean, noise)
         if wrong:
             raise ImageError(f"{path}: its noise cannot be: {wrong}.", "Make it again.")
-        return cls(mean, noise, {key: value for key, value in header.items() if key.startswith("glpath.")})
+        alpha = channels["A"].astype(np.float64) if "A" in channels else None
+        if alpha is not None and not (alpha.min() >= 0 and alpha.max() <= 1):
+            raise ImageError(f"{path}: holds alpha that is not from 0 to 1.", "Make it again.")
+        return cls(mean, noise, glpath_texts(header), alpha)
 
     @staticmethod
     def is_baseline(header: Mapping[str, str]) -> bool:
@@ -186,6 +234,11 @@ class Picture:
         return found
 
 
+def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
+    """What glpath has written into the header of a file."""
+    return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
+
+
 def _differing_settings(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
     names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
     return [
@@ -207,19 +260,6 @@ def _over_blocks(image: Float64) -> Float64:
     sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
     means: Float64 = sums / block_pixels(image.shape[:2])[..., None]
     return means
-
-
-def block_pixels(shape: tuple[int, ...]) -> Float64:
-    """(h, w) how many pixels each block of a picture of `shape` (H, W) has."""
-    sides = [np.minimum(BLOCK_SIDE, side - np.arange(0, side, BLOCK_SIDE)) for side in shape[:2]]
-    counts: Float64 = np.multiply.outer(sides[0], sides[1]).astype(np.float64)
-    return counts
-
-
-def spread_blocks(blocks: Float64, shape: tuple[int, ...]) -> Float64:
-    """(H, W, ...) with each value of (h, w, ...) all over its block."""
-    height, width = shape[:2]
-    return np.repeat(np.repeat(blocks, BLOCK_SIDE, axis=0), BLOCK_SIDE, axis=1)[:height, :width]
 
 
 def unusable_noise(mean: Float64, noise: Noise) -> str:
@@ -247,3 +287,16 @@ def unusable_noise(mean: Float64, noise: Noise) -> str:
     if not np.allclose(whole, _over_blocks(mean), rtol=_ROUNDING, atol=_ROUNDING * float(np.abs(mean).mean())):
         return "its batches are not those of the picture"
     return ""
+
+
+def block_pixels(shape: tuple[int, ...]) -> Float64:
+    """(h, w) how many pixels each block of a picture of `shape` (H, W) has."""
+    sides = [np.minimum(BLOCK_SIDE, side - np.arange(0, side, BLOCK_SIDE)) for side in shape[:2]]
+    counts: Float64 = np.multiply.outer(sides[0], sides[1]).astype(np.float64)
+    return counts
+
+
+def spread_blocks(blocks: Float64, shape: tuple[int, ...]) -> Float64:
+    """(H, W, ...) with each value of (h, w, ...) all over its block."""
+    height, width = shape[:2]
+    return np.repeat(np.repeat(blocks, BLOCK_SIDE, axis=0), BLOCK_SIDE, axis=1)[:height, :width]

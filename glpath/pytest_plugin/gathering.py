@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_root
+from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_root
+from glpath.pytest_plugin.settings import chosen
 
 # Outcomes of a comparison that the summary counts one by one, and what it calls them.
-_SAID = {"written": "baseline written", "updated": "baseline replaced"}
+_SAID = {"written": "baseline written", "updated": "baseline replaced", "missing": "baseline missing"}
 
 
 class Gathering:
@@ -44,7 +46,8 @@ class Gathering:
         self.partly.update(str(item.path) for item in items)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.records += getattr(report, "glpath", [])
+        if str(report.outcome) != "rerun":  # of pytest-rerunfailures: another attempt follows
+            self.records += getattr(report, "glpath", [])
         if report.when == "call" and report.passed:
             self.passed.add(report.nodeid)
         elif not report.passed:
@@ -57,12 +60,15 @@ class Gathering:
         self.partly.update(told.get("partly", ()))
 
     @pytest.hookimpl(trylast=True)
-    def pytest_sessionfinish(self) -> None:
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
         output = getattr(self.config, "workeroutput", None)
         if output is not None:
             output["glpath"] = {"collected": self.collected, "partly": sorted(self.partly)}
         elif not self.config.option.collectonly:
-            self._finish()
+            unused = self._unused()
+            self._finish(unused)
+            if unused and chosen(self.config, "unused") == "fail" and session.exitstatus == pytest.ExitCode.OK:
+                session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         if self.lines:
@@ -70,9 +76,8 @@ class Gathering:
             for line in self.lines:
                 terminalreporter.write_line(line)
 
-    def _finish(self) -> None:
-        unused = self._unused()
-        asked = self.config.getoption("--glpath-report")
+    def _finish(self, unused: list[Path]) -> None:
+        asked = chosen(self.config, "report")
         if not (self.records or unused or asked):
             return
         # Not before: a run without pictures is to load nothing more.
@@ -82,13 +87,14 @@ class Gathering:
 
         results = results_root(self.config)
         failures = [record for record in self.records if record["outcome"] in ("failed", "missing")]
+        expected = sum(record["outcome"] == "xfailed" for record in self.records)
         if self.records:
-            self.lines.append(f"{_count(len(self.records), 'picture')} compared, {len(failures)} failed")
+            line = f"{_count(len(self.records), 'picture')} compared, {len(failures)} failed"
+            self.lines.append(f"{line}, {expected} expected to" if expected else line)
         for outcome, words in _SAID.items():
             files = [record["baseline"] for record in self.records if record["outcome"] == outcome]
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]
-        for file in unused:
-            self.lines.append(f"no test uses this baseline: {shown_path(file)}")
+        self.lines += list(self._told_of_unused(unused))
         kinds = {asked} if asked else {"html"} if failures else set()
         if (results / "report.html").exists():
             kinds.add("html")  # left standing it would speak of failures that are gone
@@ -99,22 +105,52 @@ class Gathering:
             except GlpathError as error:
                 self.lines.append(f"the report is not written: {error}")
 
+    def _told_of_unused(self, unused: list[Path]) -> Iterator[str]:
+        """A line for each, which is deleted where that is asked for."""
+        from glpath.pytest_plugin.regression import delete_baseline, shown_path
+
+        delete = chosen(self.config, "unused") == "delete"
+        for file in unused:
+            try:
+                if delete:
+                    delete_baseline(file)
+                yield f"{'unused baseline deleted' if delete else 'no test uses this baseline'}: {shown_path(file)}"
+            except OSError as error:
+                yield f"{shown_path(file)}: cannot be deleted: {error.strerror}"
+        if unused and not delete:
+            yield "to delete what no test uses: pytest --glpath-unused delete"
+
     def _unused(self) -> list[Path]:
-        """Baselines of files whose tests all ran, which none of them asked for.
+        """Baselines of files whose tests all ran, which none of them asked for; and those of files that are gone.
 
         A test that did not pass may have ended before it came to its picture: its baselines are not counted.
         """
-        used = {record["baseline"] for record in self.records}
-        found: list[Path] = []
+        used = {record["baseline"].rpartition(".")[0] for record in self.records}
+        folders: dict[Path, list[str]] = {}  # to the names that may be asked for by tests that did not pass
         for test_file, ids in self.collected.items():
-            if test_file in self.partly or not set(ids) <= self.passed | self.others:
-                continue
-            folder = baseline_folder(self.config, Path(test_file))
-            unsure = [baseline_name(nodeid) for nodeid in ids if nodeid in self.others]
-            for file in sorted(folder.glob("*.exr")):
-                if str(file) not in used and not any(file.stem.startswith(name) for name in unsure):
-                    found.append(file)
-        return found
+            places = {baseline_folder(self.config, Path(test_file))}
+            places |= {Path(record["baseline"]).parent for record in self.records if record["file"] == test_file}
+            unsure = [baseline_name(id_in_file(nodeid)) for nodeid in ids if nodeid in self.others]
+            complete = test_file not in self.partly and set(ids) <= self.passed | self.others
+            for folder in places:
+                folders[folder] = unsure if complete else [""]
+        # The folder of a file of tests is named after it.
+        for test_file in self.collected:
+            root = baseline_folder(self.config, Path(test_file)).parent
+            for folder in root.iterdir() if root.is_dir() else ():
+                if folder.is_dir() and not Path(test_file).with_name(f"{folder.name}.py").exists():
+                    folders.setdefault(folder, [])
+        found: dict[str, Path] = {}
+        for folder, unsure in folders.items():
+            for file in sorted((*folder.glob("*.exr"), *folder.glob("*.png"))):  # .exr before .png
+                stem = str(file).rpartition(".")[0]
+                if stem not in used and not any(file.name.startswith(name) for name in unsure):
+                    found.setdefault(stem, file)
+        if not found:
+            return []
+        from glpath.pytest_plugin.regression import is_baseline
+
+        return [file for _, file in sorted(found.items()) if is_baseline(file)]
 
 
 def _count(n: int, word: str) -> str:

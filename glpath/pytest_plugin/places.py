@@ -9,28 +9,34 @@ from pathlib import Path
 
 import pytest
 
+from glpath.pytest_plugin.settings import chosen, is_from_command_line
+
 # Beyond this many characters a name is cut: file systems allow 255 bytes, and a suffix comes to it.
 _LONGEST = 120
 
+# A test's id, of which the file name is made without a loss: classes, then what has no letter of two cases. File
+# systems of macOS and Windows take Test_a and test_A for one name.
+_PLAIN = re.compile(r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?", re.ASCII)
 
-def baseline_folder(config: pytest.Config, test_file: Path) -> Path:
+
+def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
     """The folder of the baselines of a file of tests: `baseline/<its name>/` beside it.
 
-    --glpath-baseline-path: a relative one takes the place of `baseline`; under an absolute one stands the path that
-    the file has in pytest's rootdir.
+    given : by the test itself, else by --glpath-baseline-path or the ini-file: a relative one takes the place of
+            `baseline`; under an absolute one stands the path that the file has in pytest's rootdir
     """
-    root = Path(config.getoption("--glpath-baseline-path") or "baseline")
+    root = Path(given or chosen(config, "baseline-path") or "baseline")
     if not root.is_absolute():
         return test_file.parent / root / test_file.stem
     return root / _inside(config.rootpath, test_file.parent) / test_file.stem
 
 
 def results_root(config: pytest.Config) -> Path:
-    """Where pictures of failures and the report go; a relative option counts from where pytest began."""
-    given = config.getoption("--glpath-results-path")
-    if given is None:
-        return config.rootpath / "glpath-results"
-    return Path(os.path.abspath(config.invocation_params.dir / given))
+    """Where pictures of failures and the report go. A relative path counts from where pytest began, the ini-file's
+    from pytest's rootdir."""
+    given = chosen(config, "results-path") or "glpath-results"
+    from_here = is_from_command_line(config, "results-path")
+    return Path(os.path.abspath((config.invocation_params.dir if from_here else config.rootpath) / given))
 
 
 def results_folder(config: pytest.Config, test_file: Path, stem: str) -> Path:
@@ -38,16 +44,19 @@ def results_folder(config: pytest.Config, test_file: Path, stem: str) -> Path:
     return results_root(config) / _inside(config.rootpath, test_file.parent) / test_file.stem / stem
 
 
-def baseline_name(nodeid: str, name: str = "") -> str:
+def id_in_file(nodeid: str) -> str:
+    """The part of a test's id after its file: classes, name and parameters."""
+    return ".".join(nodeid.split("::")[1:])
+
+
+def baseline_name(test: str, name: str = "") -> str:
     """The stem of a baseline's file: the test's class, name and parameters, and the picture's own name.
 
-    Signs that a file name had better not have become "-"; where parameters have such, a checksum keeps apart what
-    would look alike.
+    Signs that a file name had better not have become "-". Where that, a cut or capital letters in parameters could
+    make two tests look alike, a checksum keeps them apart.
     """
-    test = ".".join(nodeid.split("::")[1:])
-    plain = re.sub(r"[^\w.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
-    unusual = re.search(r"[^\w.=+\[\]-]", test) is not None
-    if unusual or len(plain) > _LONGEST:
+    plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
+    if not _PLAIN.fullmatch(test) or len(plain) > _LONGEST:
         plain = f"{plain[:_LONGEST]}-{zlib.crc32(test.encode()):08x}"
     return f"{plain}.{name}" if name else plain
 

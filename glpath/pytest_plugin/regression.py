@@ -1,7 +1,8 @@
 """The fixture's work: make the picture, find its baseline, compare, keep what a person needs to see.
 
-A baseline is replaced by a file written whole beside it and moved, after the new picture is there: a render that
-fails, or a full disk, leaves the old one.
+A baseline is a PNG where the picture is 8-bit sRGB, else an EXR with the noise in it and a PNG to look at. It is
+replaced by a file written whole beside it and moved, after the new picture is there: a render that fails, or a full
+disk, leaves the old one.
 """
 
 from __future__ import annotations
@@ -10,37 +11,56 @@ import contextlib
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
-from glpath.compare import Mode, Picture, Verdict, compare, difference_image, flip_picture
+from glpath.compare import (
+    Mode,
+    Picture,
+    Verdict,
+    compare,
+    default_mode,
+    difference_image,
+    flip_picture,
+    most_different,
+    read_limits,
+    read_picture,
+)
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.film import Film
-from glpath.image import tonemap, write_png
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, results_folder
+from glpath.image import read_exr_channels, write_png
+from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_folder
 from glpath.pytest_plugin.settings import Settings
-from glpath.scene import AnyScene, Scene
-from glpath.scene.formats.from_python import is_made_in_python
-
-Subject = AnyScene | Film | ArrayLike | Callable[[], Any]
+from glpath.pytest_plugin.subjects import Subject, picture_of
 
 # Severity of what could not be compared at all: in a report it stands first.
 _INCOMPARABLE = 1e9
 
+_MARKER = "render_regression"
+
+# What a PNG that stands beside an EXR has in its header, and what a baseline says of whose it is.
+PREVIEW = "glpath.preview"
+_TEST, _NAME = "glpath.test", "glpath.picture"
+
 
 class RenderRegression:
-    """What the fixture `render_regression` is: call it with a picture, and it fails the test or does not."""
+    """What the fixture `render_regression` is: call it with a picture, and it fails the test or does not.
+
+    figures : matplotlib's, as they came, to be closed after the test
+    """
 
     def __init__(self, item: pytest.Item, settings: Settings, records: list[dict[str, Any]]) -> None:
+        self.figures: list[Any] = []
         self._item = item
         self._settings = settings
         self._records = records
-        self._stems: set[str] = set()
+        self._names: dict[str, str] = {}
+
+    def __repr__(self) -> str:
+        return f"<render_regression of {self._item.name}>"
 
     def __call__(
         self,
@@ -56,11 +76,15 @@ class RenderRegression:
         Parameters
         ----------
         subject : a scene (the name of a shipped one, a file, also one beside the test, or a `Scene`), which is
-                  rendered; a `Film`; an array (H, W), (H, W, 3) or (H, W, 4), radiance in linear Rec. 709, or sRGB
-                  where it is uint8; or a function without parameters that returns one of these
+                  rendered; a `Film`; an array (H, W), (H, W, 3) or (H, W, 4) with alpha, radiance in linear Rec.
+                  709, or sRGB where it is uint8 or uint16; an image of Pillow; a figure of matplotlib; the path
+                  or the bytes of an image file; or a function without parameters that returns one of these
         name    : of the picture, where a test has several
-        mode    : "exact", "fuzzy", "stat" or "flip"; by itself "stat" for path-traced films, "fuzzy" for all else
-        limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`
+        mode    : "exact", "fuzzy", "stat" or "flip"; by itself what the marker `render_regression` of the test, its
+                  class or its module says, else what `glpath_mode` says, else "stat" for path-traced films and
+                  "fuzzy" for all else
+        limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Those that are not given come
+                  from the marker, else from `glpath_limits`
         render_options : of `glpath.render`, where a scene is rendered. The seed is 0 unless it is among them; a
                   fixed one lets "stat" see small changes
 
@@ -68,111 +92,122 @@ class RenderRegression:
         """
         __tracebackhide__ = True
         try:
+            marked = self._marked()
             stem = self._stem(name)
-            picture = self._picture(subject, render_options)
-            return self._check(picture, stem, mode, dict(limits or {}))
+            folder = self._item.path.parent
+            picture = picture_of(subject, folder, self._settings.device, render_options, self.figures)
+            made = {_TEST: id_in_file(self._item.nodeid), _NAME: name}
+            picture = replace(picture, provenance={**picture.provenance, **made})
+            return self._check(picture, stem, marked, mode, dict(limits or {}))
         except GlpathError as error:
-            pytest.fail(f"glpath: {error}", pytrace=False)
+            reason = f"glpath: {error}"
+        # Not while the other is handled: pytest would show both.
+        pytest.fail(reason)
+
+    def _marked(self) -> dict[str, Any]:
+        """What the markers of the test, its class and its module say, the nearest last and foremost."""
+        found: dict[str, Any] = {"mode": None, "limits": {}, "baseline_path": None}
+        for marker in reversed(list(self._item.iter_markers(_MARKER))):
+            unknown = [repr(value) for value in marker.args] + [key for key in marker.kwargs if key not in found]
+            if unknown:
+                raise UsageError(
+                    f"the marker {_MARKER}: has no {', '.join(unknown)}. Allowed: {', '.join(found)}, by name."
+                )
+            given = {key: value for key, value in marker.kwargs.items() if value is not None}
+            # Limits belong to a mode, and go with it.
+            limits = {} if given.get("mode", found["mode"]) != found["mode"] and found["mode"] else found["limits"]
+            found |= {**given, "limits": {**limits, **given.get("limits", {})}}
+        return found
 
     def _stem(self, name: str) -> str:
-        if not re.fullmatch(r"[\w.+=-]*", name):
+        if not re.fullmatch(r"[A-Za-z0-9_.+=-]*", name):
             raise UsageError(f"name: found {name!r}, expected letters, digits and . _ - + = only.")
-        stem = baseline_name(self._item.nodeid, name)
-        if stem in self._stems:
+        # File systems of macOS and Windows take names for one that differ in case alone.
+        before = self._names.get(name.lower())
+        if before is not None:
+            which = f"picture {name!r}" if name else "picture without a name"
             raise UsageError(
-                f"render_regression: a second picture {name!r} in {self._item.nodeid}."
-                if name
-                else f"render_regression: a second picture without a name in {self._item.nodeid}.",
+                f"render_regression: a second {which} in {self._item.nodeid}."
+                if before == name
+                else f"render_regression: {before!r} and {name!r} in {self._item.nodeid} differ in case alone.",
                 'Name each: render_regression(..., name="left").',
             )
-        self._stems.add(stem)
-        return stem
+        self._names[name.lower()] = name
+        return baseline_name(id_in_file(self._item.nodeid), name)
 
-    def _picture(self, subject: Subject, options: Mapping[str, Any]) -> Picture:
-        while callable(subject):
-            subject = subject()
-        if isinstance(subject, str | Path | Scene) or is_made_in_python(subject):
-            from glpath.rendering import render
-
-            beside = self._item.path.parent / subject if isinstance(subject, str | Path) else None
-            scene: Any = beside if beside is not None and beside.is_file() else subject
-            subject = render(scene, **{**self._settings.device, **options})
-        elif options:
-            raise UsageError(
-                f"render_regression: {', '.join(options)}: options of a render, but this is a picture already.",
-                "Render with them, or hand in the scene.",
-            )
-        if isinstance(subject, Film):
-            return Picture.of_film(subject)
-        return Picture.of_array(_as_array(subject))
-
-    def _check(self, picture: Picture, stem: str, mode: Mode | None, limits: dict[str, float]) -> Verdict | None:
+    def _check(
+        self, picture: Picture, stem: str, marked: Mapping[str, Any], mode: str | None, limits: dict[str, float]
+    ) -> Verdict | None:
         __tracebackhide__ = True
         config = self._item.config
-        baseline = baseline_folder(config, self._item.path) / f"{stem}.exr"
+        baseline = _existing(baseline_folder(config, self._item.path, marked["baseline_path"]), stem, picture)
+        missing = not baseline.exists()
         results = results_folder(config, self._item.path, stem)
-        update = self._settings.update
+        # A test that is expected to fail has a baseline that it does not meet, and keeps it.
+        update = "none" if _is_expected_to_fail(self._item) else self._settings.update
         record: dict[str, Any] = {
             "test": self._item.nodeid,
+            "file": str(self._item.path),
             "picture": stem,
             "baseline": str(baseline),
-            "outcome": "failed",
+            "outcome": "missing" if missing else "failed",
             "mode": mode or "",
-            "severity": 0.0,
-            "summary": "",
+            "severity": _INCOMPARABLE,
+            "summary": "there is no baseline" if missing else "",
             "made_otherwise": [],
             "measured": {},
             "limits": {},
             "files": {},
         }
         self._records.append(record)
-        if not baseline.exists():
-            if update == "none":
-                record |= {"outcome": "missing", "severity": _INCOMPARABLE, "summary": "there is no baseline"}
-                record["files"] = _keep(results, picture, None, record)
-                self._fail(record, results, limits, f"there is no baseline {shown_path(baseline)}")
-            _write_baseline(baseline, picture, mode, limits)
-            record |= {"outcome": "written"}
-            return None
-        if update == "all":
-            _write_baseline(baseline, picture, mode, limits)
-            record |= {"outcome": "updated"}
-            return None
-
         reference: Picture | None = None
         verdict: Verdict | None = None
+        write = update == "all" or (missing and update != "none")
         try:
-            reference = Picture.load(baseline)
-            record["made_otherwise"] = picture.differences_in_making(reference)
-            verdict = compare(picture, reference, mode, **limits)
-            record |= {
-                "mode": verdict.mode,
-                "severity": verdict.severity,
-                "summary": verdict.summary,
-                "measured": dict(verdict.measured),
-                "limits": dict(verdict.limits),
-            }
-        except GlpathError as error:
-            record |= {"severity": _INCOMPARABLE, "summary": str(error)}
-            if not isinstance(error, ImageError):
-                raise
-            # A broken baseline, or one of another size: a failure like any other, which an update may end.
-        if verdict is not None and verdict.passed:
-            record["outcome"] = "passed"
-            _forget(results)
-            return verdict
-        if update == "failed":
-            _write_baseline(baseline, picture, mode, limits)
-            record["outcome"] = "updated"
-            _forget(results)
-            return verdict
+            if not (missing or write):
+                reference = _load(baseline, picture, record)
+            mode, limits = self._mode_and_limits(picture, reference or picture, marked, mode, limits)
+            record["mode"] = mode
+            if reference is not None:
+                verdict = _verdict(picture, reference, mode, limits, record)
+                if verdict is not None and verdict.passed:
+                    record["outcome"] = "passed"
+                    _forget(results)
+                    return verdict
+            if write or update == "failed":
+                record["baseline"] = str(_write_baseline(baseline, picture, mode, limits))
+                record |= {"outcome": "written" if missing else "updated"}
+                if verdict is None:
+                    record |= {"severity": 0.0, "summary": ""}
+                _forget(results)
+                return verdict
+        except UsageError as error:
+            record |= {"outcome": "failed", "severity": _INCOMPARABLE, "summary": str(error)}
+            raise
         record["files"] = _keep(results, picture, reference, record)
-        self._fail(
-            record, results, limits, f"{stem} differs from its baseline" + (f" ({verdict.mode})" if verdict else "")
-        )
-        return verdict
+        if missing:
+            headline = f"there is no baseline {shown_path(baseline)}"
+        else:
+            headline = f"{stem} differs from its baseline" + (f" ({verdict.mode})" if verdict else "")
+        return self._fail(record, results, limits, headline)
 
-    def _fail(self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float], headline: str) -> None:
+    def _mode_and_limits(
+        self,
+        picture: Picture,
+        reference: Picture,
+        marked: Mapping[str, Any],
+        mode: str | None,
+        limits: Mapping[str, float],
+    ) -> tuple[str, dict[str, float]]:
+        """The call says more than the marker, the marker more than the options of the run."""
+        of_the_run = {name: read_limits(name, texts) for name, texts in self._settings.limits.items()}
+        known = marked["limits"] if mode is None or marked["mode"] in (None, mode) else {}
+        mode = mode or marked["mode"] or self._settings.mode or default_mode(picture, reference)
+        return mode, {**of_the_run.get(mode, {}), **known, **limits}
+
+    def _fail(
+        self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float], headline: str
+    ) -> NoReturn:
         """Fail the test with all that a person needs to look, to repeat it and to accept it."""
         __tracebackhide__ = True
         lines = [f"glpath: {headline}"]
@@ -184,17 +219,16 @@ class RenderRegression:
         for kind in ("result", "difference", "flip"):
             if kind in record["files"]:
                 lines.append(f"  {kind:<10}  {shown_path(record['files'][kind])}")
-        if record["mode"] and not missing:
+        if not missing:
             given = "".join(f" --limit {name}={value:g}" for name, value in limits.items())
-            files = (
-                f"{shlex.quote(shown_path(results / 'result.exr'))} {shlex.quote(shown_path(record['baseline']))}"
-            )
+            result = next(filter(Path.exists, (results / "result.exr", results / "result.png")), results)
+            files = f"{shlex.quote(shown_path(result))} {shlex.quote(shown_path(record['baseline']))}"
             lines.append(f"  again       glpath diff --mode {record['mode']}{given} {files}")
         wanted = "missing" if missing else "failed"
         # Ids count from pytest's rootdir, but a path on its command line from here.
         test = "::".join([shown_path(self._item.path), *record["test"].split("::")[1:]])
         lines.append(f"  accept      pytest --glpath-update {wanted} {shlex.quote(test)}")
-        pytest.fail("\n".join(lines), pytrace=False)
+        pytest.fail("\n".join(lines))
 
 
 def shown_path(path: str | Path) -> str:
@@ -203,29 +237,83 @@ def shown_path(path: str | Path) -> str:
     return str(path) if relative.startswith(os.pardir) else relative
 
 
-def _as_array(subject: object) -> ArrayLike:
+def _is_expected_to_fail(item: pytest.Item) -> bool:
+    """Whether a marker xfail holds for the test, as pytest itself sees it; its public interface does not tell."""
+    from _pytest.skipping import evaluate_xfail_marks
+
+    return not item.config.getoption("runxfail") and evaluate_xfail_marks(item) is not None
+
+
+def _existing(folder: Path, stem: str, picture: Picture) -> Path:
+    """The baseline that is there, or the one to be."""
+    exr, png = folder / f"{stem}.exr", folder / f"{stem}.png"
+    if exr.exists():
+        return exr
+    if png.exists():
+        with contextlib.suppress(ImageError):
+            if PREVIEW in read_picture(png).provenance:
+                return exr
+        return png
+    return png if picture.eight_bit else exr
+
+
+def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture | None:
+    """None for what cannot be read: a failure like any other, which an update may end; the record says why.
+
+    Raises UsageError for the baseline of another test, whose name makes the same file name: with a picture's name
+    behind it, or on file systems that do not know upper from lower case.
+    """
     try:
-        array = np.asarray(subject)
-    except (ValueError, TypeError):
-        array = None
-    if array is None or array.dtype.kind not in "biuf":
+        reference = read_picture(baseline) if baseline.suffix == ".png" else Picture.load(baseline)
+    except ImageError as error:
+        record["summary"] = str(error)
+        return None
+    ours, theirs = ((p.provenance.get(_TEST), p.provenance.get(_NAME, "")) for p in (picture, reference))
+    stems = [baseline_name(test or "", name).lower() for test, name in (ours, theirs)]
+    if theirs[0] is not None and theirs != ours and stems[0] == stems[1]:
+        said = [f"{test}, picture {name!r}" if name else test for test, name in (theirs, ours)]
         raise UsageError(
-            f"render_regression: found {type(subject).__name__}, expected a scene, a Film, an array or a function "
-            "that returns one of these."
+            f"{shown_path(baseline)}: is the baseline of {said[0]}; {said[1]} has the same file name.",
+            "Rename one of them.",
         )
-    return array
+    return reference
 
 
-def _write_baseline(path: Path, picture: Picture, mode: Mode | None, limits: Mapping[str, float]) -> None:
-    """The PNG first: should it fail, the old baseline, which counts, is still whole.
+def _verdict(
+    picture: Picture, reference: Picture, mode: str, limits: Mapping[str, float], record: dict[str, Any]
+) -> Verdict | None:
+    """None for pictures that cannot be compared, such as those of two sizes. The record has it all."""
+    record["made_otherwise"] = picture.differences_in_making(reference)
+    try:
+        verdict = compare(picture, reference, mode, **limits)
+    except ImageError as error:
+        record["summary"] = str(error)
+        return None
+    record |= {
+        "severity": verdict.severity,
+        "summary": verdict.summary,
+        "measured": dict(verdict.measured),
+        "limits": dict(verdict.limits),
+    }
+    return verdict
+
+
+def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str, float]) -> Path:
+    """Write it beside `path`, as .png or .exr, and return where. What is only looked at comes first: should it
+    fail, the old baseline, which counts, is still whole.
 
     What does not even pass beside itself, as it is too noisy, never becomes a baseline: UsageError.
     """
     verdict = compare(picture, picture, mode, **limits)
     if not verdict.passed:
         raise UsageError(f"{path.stem}: cannot be a baseline: {verdict.summary}.")
-    write_png(path.with_suffix(".png"), tonemap(picture.mean))
-    picture.save(path)
+    if picture.eight_bit:
+        picture.save_8_bit(path.with_suffix(".png"))
+        path.with_suffix(".exr").unlink(missing_ok=True)
+        return path.with_suffix(".png")
+    picture.save_png(path.with_suffix(".png"), {PREVIEW: "the .exr beside it counts"})
+    picture.save(path.with_suffix(".exr"))
+    return path.with_suffix(".exr")
 
 
 def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dict[str, Any]) -> dict[str, str]:
@@ -233,21 +321,23 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dic
 
     Where the system refuses, the summary of the record says so: the difference is what the test fails by.
     """
-    shown = {"result": tonemap(picture.mean)}
-    if reference is not None:
-        shown["reference"] = tonemap(reference.mean)
-        if reference.mean.shape == picture.mean.shape:
-            shown["difference"], _ = difference_image(picture.mean, reference.mean)
-            with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
-                shown["flip"] = flip_picture(picture.mean, reference.mean)
-    files = {}
+    files: dict[str, str] = {}
     try:
         _forget(folder)
-        picture.save(folder / "result.exr")
-        for kind, image in shown.items():
-            path = folder / f"{kind}.png"
-            write_png(path, image)
-            files[kind] = str(path)
+        if not picture.eight_bit:
+            picture.save(folder / "result.exr")
+        for kind, side in (("result", picture), ("reference", reference)):
+            if side is not None:
+                side.save_png(folder / f"{kind}.png")
+                files[kind] = str(folder / f"{kind}.png")
+        if reference is not None and reference.mean.shape == picture.mean.shape:
+            a, b = (side.mean for side in most_different(picture, reference))
+            shown = {"difference": difference_image(a, b)[0]}
+            with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
+                shown["flip"] = flip_picture(a, b)
+            for kind, image in shown.items():
+                write_png(folder / f"{kind}.png", image)
+                files[kind] = str(folder / f"{kind}.png")
     except (ImageError, OSError) as error:
         record["summary"] += f"\nthe pictures are not kept: {error}"
     return files
@@ -260,3 +350,23 @@ def _forget(folder: Path) -> None:
             (folder / f"{kind}{suffix}").unlink(missing_ok=True)
     with contextlib.suppress(OSError):  # it was not there, or holds something of somebody else
         folder.rmdir()
+
+
+def is_baseline(file: Path) -> bool:
+    """Whether glpath has written it: a baseline, or the picture to look at beside one."""
+    try:
+        if file.suffix == ".exr":
+            return Picture.is_baseline(read_exr_channels(file)[1])
+        provenance = read_picture(file).provenance
+    except ImageError:
+        return False
+    return PREVIEW in provenance or Picture.is_baseline(provenance)
+
+
+def delete_baseline(file: Path) -> None:
+    """Delete it, and the picture to look at beside it."""
+    for path in (file, file.with_suffix(".png")):
+        if path.exists() and is_baseline(path):
+            path.unlink()
+    with contextlib.suppress(OSError):  # it holds more
+        file.parent.rmdir()

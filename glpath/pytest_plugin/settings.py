@@ -1,13 +1,95 @@
-"""The options of one pytest run, as the fixture needs them."""
+"""The options of one pytest run, as the fixture needs them: each is on the command line and in the ini-file."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
+
+
+class Option(NamedTuple):
+    """--glpath-NAME, and glpath_NAME in the ini-file, where "-" is "_"."""
+
+    name: str
+    help: str
+    choices: tuple[str, ...] = ()
+    metavar: str | None = None
+
+
+OPTIONS = (
+    Option(
+        "update",
+        "Which baselines to write: those that are missing (the default, but none where CI is set), those that fail "
+        "as well, or all.",
+        ("none", "missing", "failed", "all"),
+    ),
+    Option(
+        "unused",
+        "What to do about baselines that no test asks for, of files whose tests all ran: report (the default), "
+        "fail, or delete.",
+        ("report", "fail", "delete"),
+    ),
+    Option(
+        "mode",
+        "How pictures are compared where a test does not say. By itself: stat for path-traced films, fuzzy for all "
+        "else.",
+        metavar="MODE",
+    ),
+    Option(
+        "limits",
+        "Limits of the modes where a test does not say, such as 'fuzzy.threshold=4 stat.sees=0.02'.",
+        metavar="LIMITS",
+    ),
+    Option(
+        "baseline-path",
+        "Where baselines are; a relative one is beside each test file. Default: baseline. Write folders with a =, "
+        "as pytest takes one that stands alone for a place of tests.",
+        metavar="DIR",
+    ),
+    Option(
+        "results-path",
+        "Where pictures of failures and the report go. Default: glpath-results in pytest's rootdir.",
+        metavar="DIR",
+    ),
+    Option(
+        "report",
+        "Write a report also when nothing fails, for people or for programs. Default: html, after a failure.",
+        ("html", "json"),
+    ),
+    Option(
+        "device",
+        "What renders scenes: a number of `glpath devices`, gpu (fail rather than render in software), egl or "
+        "osmesa.",
+        metavar="DEVICE",
+    ),
+)
+
+
+def add_options(parser: pytest.Parser) -> None:
+    """Register every option with pytest."""
+    group = parser.getgroup("glpath", "image tests by glpath; in the ini-file as glpath_update ...")
+    for option in OPTIONS:
+        kind = {"choices": option.choices} if option.choices else {"metavar": option.metavar}
+        group.addoption(f"--glpath-{option.name}", help=option.help, **kind)
+        parser.addini(_ini(option.name), option.help, default="")
+
+
+def chosen(config: pytest.Config, name: str) -> str | None:
+    """What the command line says, else the ini-file, else None."""
+    given = config.getoption(f"--glpath-{name}") or config.getini(_ini(name)).strip()
+    return str(given) if given else None
+
+
+def is_from_command_line(config: pytest.Config, name: str) -> bool:
+    """Whether the option is given there; the ini-file's counts less."""
+    return bool(config.getoption(f"--glpath-{name}"))
+
+
+def _ini(name: str) -> str:
+    return f"glpath_{name.replace('-', '_')}"
 
 
 @dataclass(frozen=True)
@@ -15,23 +97,49 @@ class Settings:
     """The options of one pytest run.
 
     update : "none", "missing", "failed" or "all"; explicit, or "missing", and "none" where CI is set
+    mode   : where a test does not say; None: by the picture
+    limits : by mode, texts as `glpath.compare.read_limits` takes them
     device : options of `glpath.render`
     """
 
     update: str
+    mode: str | None
+    limits: Mapping[str, tuple[str, ...]]
     device: Mapping[str, Any]
 
     @classmethod
     def of(cls, config: pytest.Config) -> Settings:
-        """Raises pytest.UsageError for a device that cannot be."""
+        """Raises pytest.UsageError for a value that cannot be."""
+        for option in OPTIONS:
+            value = chosen(config, option.name)
+            if option.choices and value not in (None, *option.choices):
+                allowed = ", ".join(option.choices)
+                raise pytest.UsageError(f"{_ini(option.name)} = {value}: expected one of {allowed}.")
         by_itself = "none" if _is_ci() else "missing"
-        device = _device(config.getoption("--glpath-device"))
-        return cls(config.getoption("--glpath-update") or by_itself, device)
+        return cls(
+            chosen(config, "update") or by_itself,
+            chosen(config, "mode"),
+            _limits(chosen(config, "limits") or ""),
+            _device(chosen(config, "device")),
+        )
 
 
 def _is_ci() -> bool:
     """Whether CI is set, as every known service does; CI=false and CI=0 say no."""
     return os.environ.get("CI", "").lower() not in ("", "0", "false", "no")
+
+
+def _limits(text: str) -> dict[str, tuple[str, ...]]:
+    """ "fuzzy.threshold=4 stat.sees=0.02" by mode."""
+    found: dict[str, tuple[str, ...]] = {}
+    for entry in text.replace(",", " ").split():
+        mode, dot, limit = entry.partition(".")
+        if not dot or "=" not in limit:
+            raise pytest.UsageError(
+                f"glpath_limits: found {entry}, expected MODE.NAME=X, such as fuzzy.threshold=4."
+            )
+        found[mode] = (*found.get(mode, ()), limit)
+    return found
 
 
 def _device(text: str | None) -> dict[str, Any]:

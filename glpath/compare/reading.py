@@ -1,0 +1,112 @@
+"""Pictures to compare from whatever holds them: files, the bytes of files, Pillow's images.
+
+Nothing that can be seen is left out on the way: palettes become their colours, transparency alpha, and a file of
+several frames is refused.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from glpath.compare.picture import Picture, glpath_texts
+from glpath.errors import ImageError
+from glpath.files import open_npz, reason_of
+from glpath.film import Film, read_image
+from glpath.image import READABLE, read_exr_channels
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+#: What Pillow is asked to read; the rest of READABLE is radiance.
+_BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
+
+SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
+
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+def read_picture(path: str | Path) -> Picture:
+    """The picture of a file, by its suffix, one of `SUFFIXES`: with noise where it is a film (.npz) or a baseline
+    (.exr), with alpha where it has some. Raises ImageError."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in _BY_PILLOW:
+        try:
+            return _by_pillow(path.read_bytes(), str(path))
+        except FileNotFoundError as error:
+            raise ImageError(f"{path}: there is no such file.") from error
+        except OSError as error:
+            raise ImageError(f"{path}: cannot be read: {reason_of(error)}.") from error
+    if suffix == ".npz":
+        image = read_image(path)
+        with open_npz(path) as stored:
+            return Picture.of_film(Film.load(path)) if "radiance_sums" in stored else Picture.of_array(image)
+    if suffix == ".exr":
+        channels, header = read_exr_channels(path)
+        if Picture.is_baseline(header):
+            return Picture.load(path)
+        image = read_image(path)
+        return Picture.of_array(np.dstack([image, channels["A"]]) if "A" in channels else image)
+    if suffix == ".npy":
+        read_image(path)  # says what is wrong with it
+        return Picture.of_array(np.load(path, allow_pickle=False))
+    return Picture.of_array(read_image(path))
+
+
+def picture_from_bytes(data: bytes) -> Picture:
+    """The picture of a file's content: .exr, or what Pillow reads. Raises ImageError."""
+    if not data.startswith(_EXR_MAGIC):
+        return _by_pillow(data, f"{len(data)} bytes")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bytes.exr"
+        path.write_bytes(data)
+        return read_picture(path)
+
+
+def is_pillow(value: object) -> bool:
+    """Whether it is an image of Pillow, which is not imported here: who has one has done so."""
+    module = sys.modules.get("PIL.Image")
+    return module is not None and isinstance(value, module.Image)
+
+
+def picture_of_pillow(image: Image) -> Picture:
+    """What the image shows: the frame that it is at, palettes as their colours. Raises ImageError."""
+    return Picture.of_array(_array_of_pillow(image, "the image"))
+
+
+def _by_pillow(data: bytes, place: str) -> Picture:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            frames = getattr(image, "n_frames", 1)
+            if frames > 1:
+                raise ImageError(f"{place}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
+            image.load()
+            array = _array_of_pillow(image, place)
+            texts = glpath_texts({str(key): value for key, value in image.info.items()})
+    except UnidentifiedImageError as error:
+        raise ImageError(f"{place}: cannot be read as a picture.") from error
+    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
+        raise ImageError(f"{place}: cannot be read as a picture: {reason_of(error)}.") from error
+    return Picture.of_array(array, texts)
+
+
+def _array_of_pillow(image: Image, place: str) -> Any:
+    if image.mode == "F":
+        return np.asarray(image)
+    if image.mode.startswith("I"):  # 16 bits of grey; also as 32-bit integers
+        values = np.asarray(image)
+        if values.min() < 0 or values.max() > 65535:
+            raise ImageError(f"{place}: found integers from {values.min()} to {values.max()}, expected 16 bits.")
+        return values.astype(np.uint16)
+    try:
+        return np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
+    except ValueError as error:
+        raise ImageError(f"{place}: is in Pillow's mode {image.mode}, which has no way to RGB.") from error

@@ -1,0 +1,68 @@
+"""Suites of image tests that are run by pytester: fixtures of the tests of the pytest plugin.
+
+PYTEST_DONT_REWRITE, as test modules import it and name it as their plugin.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+# Loaded here once: pytester unloads what a run of its own has loaded.
+import glpath.pytest_plugin.report
+import glpath.rendering.calls  # noqa: F401
+from glpath.bvh import build_bvh
+
+Run = Callable[..., pytest.RunResult]
+
+# Where glpath is installed pytest finds the plugin by itself.
+LOADED = (
+    ()
+    if any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11"))
+    else (
+        "-p",
+        "glpath.pytest_plugin",
+    )
+)
+
+GREY = """
+import numpy as np
+
+def test_grey(render_regression):
+    render_regression(np.full((8, 8, 3), {level}))
+"""
+
+
+@pytest.fixture(scope="session")
+def _numba_is_loaded() -> None:
+    """It loads parts of itself late, and none of them twice."""
+    build_bvh(np.zeros((2, 3)), np.ones((2, 3)))
+
+
+@pytest.fixture
+def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the suite in pytester's folder, by default not as CI."""
+    monkeypatch.delenv("CI", raising=False)
+    pytester.makeini("[pytest]")
+
+    def run_with(*options: str | Path) -> pytest.RunResult:
+        return pytester.runpytest_inprocess(*LOADED, *map(str, options))
+
+    return run_with
+
+
+@pytest.fixture
+def suite(pytester: pytest.Pytester) -> Callable[[str], Path]:
+    """Write test_a.py."""
+
+    def write(text: str) -> Path:
+        (pytester.path / "test_a.py").write_text(text)
+        shutil.rmtree(pytester.path / "__pycache__", ignore_errors=True)
+        return pytester.path / "baseline" / "test_a"
+
+    return write
