@@ -1,22 +1,33 @@
-"""Files that appear whole or not at all, and files of arrays.
+"""Files that appear whole or not at all, and outputs of which none is lost for another's sake.
 
 A file is written beside its place under another name and then moved there, also when the process is stopped
-meanwhile. Missing folders of an output are made: who types `-o out/a.png` means it.
+meanwhile. Missing folders of an output are made: who types `-o out/a.png` means it. A pipe or a device is written
+into, never replaced; `-` is standard output.
 """
 
 from __future__ import annotations
 
 import os
 import secrets
+import shutil
+import stat
+import sys
+import tempfile
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
-from glpath.errors import ImageError
+from glpath.errors import GlpathError, ImageError
+
+#: Writes something to the path that it is given.
+Save = Callable[[Path], object]
+
+_STDOUT = "-"
 
 
 def shipped_folder(name: str) -> Path | None:
@@ -25,35 +36,90 @@ def shipped_folder(name: str) -> Path | None:
     return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
 
 
+def is_stream(path: str | Path) -> bool:
+    """Whether `path` is written into rather than replaced: a pipe, a character device, or `-`, standard output."""
+    mode = _mode(path)
+    return str(path) == _STDOUT or stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """The place to write a file to, so that it appears at `path` whole or not at all.
 
-    On leaving the block the file is moved to `path`, over what was there; if the block fails it is removed. Missing
-    folders are made. A link is followed. Raises ImageError when the system refuses.
+    On leaving the block the file is moved to `path`, over what was there, or copied into it where that is a pipe or
+    a device; if the block fails it is removed. Missing folders are made. A link is followed. Raises ImageError when
+    the system refuses.
     """
-    target = Path(os.path.realpath(path))
-    # The suffix stays last, as some libraries choose the format by it.
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    put = _through_a_folder if is_stream(path) else _beside
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with put(path) as temporary:
             yield temporary
-            with temporary.open("rb") as written:
-                os.fsync(written.fileno())
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
     except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
 
 
+def write_bytes(content: bytes, path: Path) -> None:
+    """A whole file of these bytes. Raises ImageError."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def _beside(path: str | Path) -> Iterator[Path]:
+    target = Path(os.path.realpath(path))
+    if (kind := _unwritable_kind(path)) is not None:
+        raise OSError(f"it is {kind}")
+    # The suffix stays last, as some libraries choose the format by it.
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _through_a_folder(path: str | Path) -> Iterator[Path]:
+    """Formats seek as they are written, so a pipe gets the bytes of a file that is done."""
+    with tempfile.TemporaryDirectory(prefix="glpath-") as folder:
+        temporary = Path(folder) / f"output{Path(path).suffix}"
+        yield temporary
+        with temporary.open("rb") as written, _opened(path) as stream:
+            shutil.copyfileobj(written, stream)
+            stream.flush()
+
+
+def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
+    if str(path) != _STDOUT:
+        return open(path, "wb")
+    return nullcontext(_standard_output())
+
+
+def _standard_output() -> BinaryIO:
+    buffer: BinaryIO | None = getattr(sys.stdout, "buffer", None)
+    if buffer is None:
+        raise OSError("standard output takes no bytes here")
+    return buffer
+
+
 def check_writable(path: str | Path) -> None:
     """Raise ImageError if a file cannot be written at `path`: to be asked before hours of rendering, not after."""
-    target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise ImageError(f"{path}: is a folder.", "Name a file in it.")
-    folder = target.parent
+    if str(path) == _STDOUT:
+        try:
+            _standard_output()
+        except OSError as error:
+            raise ImageError(f"{path}: {reason_of(error)}.") from error
+        return
+    if is_stream(path):
+        if not os.access(path, os.W_OK):
+            raise ImageError(f"{path}: cannot be written to: Permission denied.")
+        return
+    if (kind := _unwritable_kind(path)) is not None:
+        raise ImageError(f"{path}: is {kind}.", "Name a file in it." if kind == "a folder" else "Name a file.")
+    folder = Path(os.path.realpath(path)).parent
     while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
         folder = folder.parent
     # Trying is the only sure way: permissions say little about root, network shares and read-only file systems.
@@ -63,6 +129,79 @@ def check_writable(path: str | Path) -> None:
         trial.unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
+
+
+def _mode(path: str | Path) -> int:
+    """`st_mode` of what `path` leads to; 0 where there is nothing."""
+    try:
+        return os.stat(path).st_mode
+    except OSError:
+        return 0
+
+
+def _unwritable_kind(path: str | Path) -> str | None:
+    """What stands there that a file must not replace; None for a file, or for nothing."""
+    mode = _mode(path)
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return None if stat.S_ISREG(mode) or not mode else "a block device or a socket"
+
+
+def save_all(
+    saves: Mapping[Path, Save], rescue: Mapping[str, Save], where: str
+) -> tuple[list[Path], ImageError | None]:
+    """Write several outputs of one result. One that fails does not keep the others from being written.
+
+    saves  : what writes each output
+    rescue : what writes all of the result, by the name of a file: into a temporary folder where no output could be
+             written, or one with the suffix of such a file could not
+    where  : the sentence that says where the rescue is, with {} for its files
+
+    Returns what was written, and the error that names all failures and the rescue; None where all went well.
+    """
+    written: list[Path] = []
+    failures: dict[Path, Exception] = {}
+    for path, save in saves.items():
+        try:
+            save(path)
+            written.append(path)
+        except Exception as error:  # a mistake of ours in one format must not lose the others either
+            failures[path] = error
+    if not failures:
+        return written, None
+    notes = []
+    suffixes = {Path(name).suffix for name in rescue}
+    if not written or any(path.suffix.lower() in suffixes for path in failures):
+        kept = _rescued(rescue)
+        names = ", ".join(map(str, kept))
+        notes.append(where.format(names) if kept else "Nor could it be kept in a temporary folder.")
+    reasons = [
+        error.message if isinstance(error, GlpathError) else f"{path}: cannot be written: {error!r}."
+        for path, error in failures.items()
+    ]
+    message = reasons.pop() if len(saves) == 1 else f"{len(failures)} of {len(saves)} outputs cannot be written."
+    failure = ImageError(message, "\n".join([*reasons, *notes]))
+    failure.__cause__ = next(iter(failures.values()))
+    return written, failure
+
+
+def _rescued(rescue: Mapping[str, Save]) -> list[Path]:
+    """Where it was written: in the first temporary folder that takes it. Empty where none does."""
+    try:
+        usual = tempfile.gettempdir()
+    except OSError:
+        usual = ""
+    for parent in filter(os.path.isdir, dict.fromkeys((usual, "/var/tmp", "/dev/shm"))):
+        folder = ""
+        try:
+            folder = tempfile.mkdtemp(prefix="glpath-", dir=parent)
+            for name, save in rescue.items():
+                save(Path(folder) / name)
+        except (OSError, GlpathError):
+            shutil.rmtree(folder, ignore_errors=True)
+        else:
+            return [Path(folder) / name for name in rescue]
+    return []
 
 
 def open_npz(path: str | Path) -> NpzFile:

@@ -27,7 +27,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from glpath import image
 from glpath.errors import ImageError, UsageError
-from glpath.files import open_npz, whole_file
+from glpath.files import is_stream, open_npz, whole_file
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 
@@ -265,11 +265,13 @@ class Film:
         .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image
         .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
 
+        A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
+
         All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
         or an image of no path set.
         """
         path = check_suffix(path)
-        suffix = path.suffix.lower()
+        suffix = path.suffix.lower() or ".png"
         if suffix == ".png":
             stops = self.exposure_stops(exposure)
             text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
@@ -378,7 +380,7 @@ def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
 def check_suffix(path: str | Path) -> Path:
     """`path`, if a film can be written to a file of that name; else UsageError."""
     path = Path(path)
-    if path.suffix.lower() not in WRITABLE:
+    if path.suffix.lower() not in WRITABLE and not (is_stream(path) and not path.suffix):
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise UsageError(f"{path}: an output cannot have {found}. Allowed: {', '.join(WRITABLE)}.")
     return path

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from glpath.cli.signals import result_of
 from glpath.errors import UsageError
 from glpath.experiments.verdict import Report
+from glpath.files import check_writable, save_all, write_bytes
 
 # What each bench measures, and which options it takes besides --json.
 BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -83,11 +86,9 @@ def bench(
             raise UsageError(f"{option} {number}: must be at least 1")
     if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
-    if output is not None and str(output) != "-":
-        from glpath.files import check_writable
-
+    if output is not None:
         check_writable(output)
-    _show(_measure(name, seeds or 3, reference, rounds or 7, scale or 1.0), output)
+    _show(result_of(lambda: _measure(name, seeds or 3, reference, rounds or 7, scale or 1.0)), output)
 
 
 def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: float) -> Report:
@@ -119,15 +120,14 @@ def _show(report: Report, output: Path | None) -> None:
     """As tables, and as JSON where it is wanted."""
     from rich.console import Console
 
-    text = report.as_json()
-    if output is not None and str(output) == "-":
-        typer.echo(text, nl=False)
-        return
+    failure = None
     if output is not None:
-        from glpath.files import whole_file
-
-        with whole_file(output) as part:
-            part.write_text(text)
+        save = partial(write_bytes, report.as_json().encode())
+        _, failure = save_all({output: save}, {f"{report.name}.json": save}, "Kept in {}.")
+    if str(output) == "-":
+        if failure is not None:
+            raise failure
+        return
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console.width = 200  # a table that is cut to a guessed screen has lost its numbers
@@ -137,6 +137,8 @@ def _show(report: Report, output: Path | None) -> None:
     for note in report.notes:
         console.print(note)
     console.print(", ".join(f"{k} {v}" for k, v in {**report.machine, **report.versions}.items()))
+    if failure is not None:
+        raise failure
 
 
 def _print(console: object, measured: dict[str, float], rows: list[dict[str, object]]) -> None:

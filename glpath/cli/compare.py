@@ -104,7 +104,6 @@ def diff(
     full_colour = None
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
-        write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
     if as_json:
         # JSON has neither infinity nor NaN.
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
@@ -118,7 +117,9 @@ def diff(
         if verdict is not None:
             for line in _said(verdict, ours.differences_in_making(theirs)):
                 typer.echo(line)
-        if out is not None:
+    if out is not None:
+        write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
+        if not as_json:
             typer.echo(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
     reasons = []
     if verdict is not None and not verdict.passed:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from glpath.cli.signals import result_of
 from glpath.errors import UsageError
 
 FOLDER = Path("out/figures")
@@ -49,7 +50,7 @@ def figure(
     require_matplotlib()
     check_writable(output / f"{name}.png")
     make, _ = FIGURES[name]
-    outcome = make(scale, lambda text: typer.echo(text, err=True))
+    outcome = result_of(lambda: make(scale, lambda text: typer.echo(text, err=True)))
     report = outcome.report
     for path in write(outcome, output):
         typer.echo(f"wrote {path}", err=True)

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 
 import glpath
 from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes
-from glpath.cli.render import INTERRUPTED
+from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 
 FAILED, WRONG_USAGE = 1, 2
@@ -36,11 +36,15 @@ class Commands(TyperGroup):
                         setattr(part, name, escape(text))
 
     def invoke(self, ctx: Any) -> Any:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), signals_wait_for_results():
             warnings.simplefilter("always", SceneWarning)
             _show_scene_warnings_as_lines()
             try:
-                return super().invoke(ctx)
+                done = super().invoke(ctx)
+                if arrived():
+                    typer.echo("glpath: interrupted: all was done and is written", err=True)
+                    raise typer.Exit(INTERRUPTED)
+                return done
             except GlpathError as error:
                 typer.echo(f"glpath: error: {error}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 import typer
 from rich.console import Console
 
-from glpath.cli.render import INTERRUPTED, sigterm_as_interrupt
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.signals import INTERRUPTED, arrived, interrupted, result_of
 from glpath.errors import UsageError
-from glpath.files import check_writable
+from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ _MESH, _SOLVER, _OUTPUT = "Mesh", "Solver", "What is printed"
 # Seconds between two lines.
 _LINE_INTERVAL = 5.0
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")]
 Patches = Annotated[
     int | None,
     typer.Option(help="About so many patches, which shoot; by default 1000.", rich_help_panel=_MESH),
@@ -40,10 +40,6 @@ Size = Annotated[
 ]
 MethodOption = Annotated[
     str, typer.Option(metavar="progressive|matrix|monte-carlo", help="See above.", rich_help_panel=_SOLVER)
-]
-Parameters = Annotated[
-    list[str] | None,
-    typer.Option("-D", metavar="KEY=VALUE", help="A parameter of a generated scene; may be repeated."),
 ]
 ProgressOption = Annotated[
     str, typer.Option(metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=_OUTPUT)
@@ -112,11 +108,10 @@ def radiosity(
     solved until then is written.
     """
     from glpath.radiosity.solution import check_suffix
-    from glpath.scene import load_scene, parameters_from_options
 
     check_suffix(out)
     _check_mode(progress)
-    loaded = load_scene(scene, parameters_from_options(parameters or []))
+    loaded = read_scene(scene, parameters)
     check_writable(out)
     options: dict[str, Any] = {
         "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
@@ -125,10 +120,10 @@ def radiosity(
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
         "seed": seed,
     }  # fmt: skip
-    solution, interrupted = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
+    solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
     if solution is not None:
-        solution.save(out)
-    _end(solution, out, interrupted, quiet or progress == "json")
+        _save(solution, out, solution.save)
+    _end(solution, out, quiet or progress == "json")
 
 
 def bake(
@@ -158,7 +153,6 @@ def bake(
     """
     from glpath.radiosity import RadiositySolution
     from glpath.radiosity.glb import check_suffix
-    from glpath.scene import load_scene, parameters_from_options
 
     check_suffix(out)
     _check_mode(progress)
@@ -171,40 +165,44 @@ def bake(
             f"--radiosity and --{next(iter(given))} contradict each other: the mesh is that of the solution.",
             "Leave one of them out.",
         )
-    loaded = load_scene(scene, parameters_from_options(parameters or []))
+    loaded = read_scene(scene, parameters)
     check_writable(out)
-    interrupted = False
     if radiosity is not None:
         solution: RadiositySolution | None = RadiositySolution.load(radiosity, loaded)
     else:
         mode = "none" if quiet and progress == "auto" else progress
-        solution, interrupted = _solve(loaded, {"adaptive": 2} | given, mode)
+        solution = _solve(loaded, {"adaptive": 2} | given, mode)
     if solution is not None:
-        solution.to_glb(loaded, out, exposure=exposure)
-    _end(solution, out, interrupted, quiet or progress == "json", radiosity is None)
+        _save(solution, out, lambda path: solution.to_glb(loaded, path, exposure=exposure))
+    _end(solution, out, quiet or progress == "json", radiosity is None)
 
 
-def _solve(scene: Scene, options: dict[str, Any], mode: str) -> tuple[RadiositySolution | None, bool]:
+def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:
     """The solution, or what there was of it when it was interrupted."""
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
-    with sigterm_as_interrupt():
-        try:
-            with _reporting(mode, sys.stderr) as report:
-                return solve_radiosity(scene, **options, on_progress=report), False
-        except RadiosityInterrupted as stop:
-            return stop.solution, True
+    try:
+        with _reporting(mode, sys.stderr) as report:
+            return result_of(lambda: solve_radiosity(scene, **options, on_progress=report))
+    except RadiosityInterrupted as stop:
+        interrupted()
+        return stop.solution
 
 
-def _end(
-    solution: RadiositySolution | None, out: Path, interrupted: bool, quiet: bool, solved: bool = True
-) -> None:
+def _save(solution: RadiositySolution, out: Path, save: Save) -> None:
+    kept = "The solution is kept in {}; --radiosity of render and bake takes it."
+    _, failure = save_all({out: save}, {"solution.npz": solution.save}, kept)
+    if failure is not None:
+        raise failure
+
+
+def _end(solution: RadiositySolution | None, out: Path, quiet: bool, solved: bool = True) -> None:
     """Say what there is; of what was interrupted, exit as such."""
     if solution is not None and not quiet:
         for line in _summary(solution) if solved else ():
             typer.echo(line, err=True)
         typer.echo(f"wrote {out}", err=True)
-    if interrupted:
+    if arrived():
         left = "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {out}"
         typer.echo(f"glpath: interrupted: {left}", err=True)
         raise typer.Exit(INTERRUPTED)

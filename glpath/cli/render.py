@@ -6,33 +6,29 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 from __future__ import annotations
 
 import json
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from glpath.cli.options import FOR_ALL, option_values, with_integrator_options
+from glpath.cli.scene import HELP, read_scene
+from glpath.cli.signals import INTERRUPTED, arrived, hold, interrupted, result_of
 from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
-from glpath.files import check_writable
+from glpath.files import Save, check_writable, save_all
 from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS
-from glpath.progress import MODES, duration, percent, reporting
+from glpath.progress import MODES, Progress, duration, percent, reporting
 from glpath.rendering.options import default_spp_text
 
 if TYPE_CHECKING:
     from glpath.film import Film
-
-INTERRUPTED = 130
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -60,13 +56,11 @@ def render(
         typer.Option(
             "-o",
             "--out",
-            help="Write .png, .exr (radiance) or .npz (the whole film); may be repeated.",
+            help="Write .png, .exr (radiance) or .npz (the whole film); - for a PNG to stdout; may be repeated.",
             rich_help_panel=_IMAGE,
         ),
     ],
-    scene: Annotated[
-        str | None, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")
-    ] = None,
+    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help=HELP)] = None,
     job: Annotated[
         Path | None,
         typer.Option(
@@ -163,7 +157,6 @@ def render(
     there is. Files appear whole or not at all; missing folders are made.
     """
     from glpath.film import check_suffix
-    from glpath.rendering import RenderInterrupted
 
     if job is not None:
         _refuse_beside_a_job(context)
@@ -203,35 +196,63 @@ def render(
         start, spp = _of_file(job)
     for path in out:
         check_writable(path)
+        if str(path) == "-" and sys.stdout.isatty():
+            raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
 
     if quiet and progress == "auto":
         progress = "none"
-    interrupted = False
-    with sigterm_as_interrupt():
-        try:
-            with reporting(progress, sys.stderr) as report:
-                film = start(
-                    {"backend": backend, "device": device, "require_gpu": require_gpu},
-                    {"timings": verbose, "on_progress": report},
-                )
-        except RenderInterrupted as stop:
-            film, interrupted = stop.film, True
-        written = out if film.path_sets else []
-        for path in written:
-            film.save(path, exposure=stops, tonemap=tonemap)
+    film = _film(
+        start, {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}, progress
+    )
+    written, failure = [], None
+    if film.path_sets:
+        saves: dict[Path, Save] = {
+            path: lambda at: film.save(at, exposure=stops, tonemap=tonemap) for path in out
+        }
+        written, failure = save_all(
+            saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
+        )
+    ended_early = arrived()
 
     if progress == "json":
-        typer.echo(json.dumps(_as_event(film, written, interrupted)), err=True)
+        typer.echo(json.dumps(_as_event(film, written, ended_early)), err=True)
     elif not quiet:
         for line in _summary(film, written, stops, verbose):
             typer.echo(line, err=True)
-    if interrupted:
+    if failure is not None:
+        raise failure
+    if ended_early:
         _say_interrupted(film, spp, written)
         raise typer.Exit(INTERRUPTED)
 
 
-# Renders, when it is called with the options of the device and those of the progress.
-Start = Callable[[dict[str, Any], dict[str, Any]], "Film"]
+def _film(start: Start, options: dict[str, Any], progress: str) -> Film:
+    """The film, or what there is of it when a signal ends the render; KeyboardInterrupt before there is one."""
+    from glpath.rendering import RenderInterrupted
+
+    films: list[Film] = []
+
+    def watch(progress: Progress) -> None:
+        films[:] = [progress.film]
+        if progress.done == progress.total:
+            hold()
+        report(progress)
+
+    try:
+        try:
+            with reporting(progress, sys.stderr) as report:
+                return result_of(lambda: start({**options, "on_progress": watch}))
+        except RenderInterrupted as stop:
+            films[:] = [stop.film]
+            interrupted()
+    except KeyboardInterrupt:  # on the way here from the render
+        if not films:
+            raise
+    return films[0]
+
+
+# Renders, when it is called with the options of the device and of progress.
+Start = Callable[[dict[str, Any]], "Film"]
 
 # What may stand beside --job: where the image goes, what renders it, what is told.
 _BESIDE_A_JOB = (
@@ -272,21 +293,19 @@ def _described(
 ) -> tuple[Start, int]:
     """The render of a scene with the options of the command line, and its path sets."""
     from glpath import rendering
-    from glpath.scene import load_scene, parameters_from_options
 
-    loaded = load_scene(scene, parameters_from_options(parameters))
+    loaded = read_scene(scene, parameters)
     if crop is not None:
         check_inside(crop, resolution or loaded.camera.resolution)
 
-    def start(device: dict[str, Any], progress: dict[str, Any]) -> Film:
+    def start(more: dict[str, Any]) -> Film:
         return rendering.render(
             loaded,
             resolution=resolution,
             crop=crop,
             camera={key: value for key, value in camera.items() if value is not None} or None,
             **options,
-            **device,
-            **progress,
+            **more,
         )
 
     return start, options["spp"] or INTEGRATORS[options["integrator"]].default_spp
@@ -298,33 +317,13 @@ def _of_file(path: Path) -> tuple[Start, int]:
 
     job = rendering.RenderJob.load(path)
 
-    def start(device: dict[str, Any], progress: dict[str, Any]) -> Film:
+    def start(more: dict[str, Any]) -> Film:
         from glpath.gl.context import open_context
 
-        return rendering.run(job, open_context(**device), **progress)
+        device = {name: more.pop(name) for name in ("backend", "device", "require_gpu")}
+        return rendering.run(job, open_context(**device), **more)
 
     return start, job.spp
-
-
-@contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """SIGTERM does what Ctrl-C does. Only the main thread may set this up; elsewhere SIGTERM stays as it is."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        # The handler of SIGINT is called, not SIGINT raised: a shell starts background jobs with it ignored.
-        on_interrupt = signal.getsignal(signal.SIGINT)
-        if not callable(on_interrupt):
-            raise KeyboardInterrupt
-        on_interrupt(number, frame)
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:

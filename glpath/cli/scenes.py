@@ -13,23 +13,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from glpath.errors import GlpathError, SceneWarning
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.errors import GlpathError, SceneWarning, UsageError
+from glpath.files import write_bytes
 from glpath.scene import (
     Light,
     Material,
     Scene,
     check_scene,
-    load_scene,
-    parameters_from_options,
     scene_schema,
     shipped_scenes,
 )
-
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A TOML file or the name of a shipped scene.")]
-Parameters = Annotated[
-    list[str] | None,
-    typer.Option("-D", metavar="KEY=VALUE", help="A parameter of a generated scene; may be repeated."),
-]
 
 # Rows of the table of shapes; a scene can have thousands.
 _SHOWN = 40
@@ -47,7 +41,7 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """Print what is in a scene: shapes, materials, textures, lights, camera, bounds, hash."""
-    summary = summarize(load_scene(scene, parameters_from_options(parameters or [])))
+    summary = summarize(read_scene(scene, parameters))
     if as_json:
         typer.echo(json.dumps(summary, indent=2, ensure_ascii=False))
         return
@@ -66,10 +60,9 @@ def validate(
 ) -> None:
     """Check scenes without rendering. Exits with 1 when one has an error."""
     console = Console(soft_wrap=True, highlight=False, emoji=False)
-    values = parameters_from_options(parameters or [])
     failed = False
     for name in scenes:
-        error, found = _examine(name, values)
+        error, found = _examine(name, parameters)
         failed |= error is not None or (strict and bool(found))
         if error is not None:
             console.print(f"[red]error[/]    {escape(error)}")
@@ -91,10 +84,7 @@ def schema(
     if out is None:
         typer.echo(text)
         return
-    try:
-        out.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise GlpathError(f"{out}: cannot be written: {error.strerror}.", "Choose another file for -o.") from error
+    write_bytes(f"{text}\n".encode(), out)
 
 
 def scenes() -> None:
@@ -301,12 +291,14 @@ def _numbers(values: list[float]) -> str:
     return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
 
 
-def _examine(name: str, parameters: dict[str, str]) -> tuple[str | None, list[str]]:
+def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[str]]:
     """The error and the warnings of one scene, each with the scene's name in front."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         try:
-            found = [f"{name}: {text}" for text in check_scene(load_scene(name, parameters))]
+            found = [f"{name}: {text}" for text in check_scene(read_scene(name, parameters))]
+        except UsageError:
+            raise
         except GlpathError as problem:
             return str(problem), []
     dropped = [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]

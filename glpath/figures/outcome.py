@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.experiments.verdict import Condition, Report, judge, machine
-from glpath.files import whole_file
+from glpath.files import save_all, write_bytes
 from glpath.gl.context import open_context
 from glpath.image import encode_png
 from glpath.versions import versions
@@ -58,20 +59,19 @@ def judged(
 def write(outcome: Outcome, folder: Path) -> list[Path]:
     """Write NAME.png and NAME.json into `folder`, and NAME.csv where the report has rows. Returns their paths.
 
-    Raises ImageError when the system refuses. A file is there whole or not at all.
+    Raises ImageError when the system refuses one of them, after all were tried; where it refuses all, they are in a
+    temporary folder, which the error names. A file is there whole or not at all.
     """
     report = outcome.report
     text = {"Title": report.name, "Description": report.claim, "Software": "glpath"}
     contents = {".png": encode_png(outcome.picture, text), ".json": report.as_json().encode()}
     if report.rows:
         contents[".csv"] = as_csv(report.rows).encode()
-    paths = []
-    for suffix, content in contents.items():
-        path = folder / f"{report.name}{suffix}"
-        with whole_file(path) as part:
-            part.write_bytes(content)
-        paths.append(path)
-    return paths
+    saves = {f"{report.name}{suffix}": partial(write_bytes, content) for suffix, content in contents.items()}
+    written, failure = save_all({folder / name: save for name, save in saves.items()}, saves, "Kept in {}.")
+    if failure is not None:
+        raise failure
+    return written
 
 
 def as_csv(rows: list[dict[str, Any]]) -> str:

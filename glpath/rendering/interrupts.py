@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -24,9 +24,30 @@ class Flag:
 
     def __init__(self) -> None:
         self.set = False
+        self._break_in: Callable[[], object] | None = None
+        self._whole = False
 
     def __bool__(self) -> bool:
         return self.set
+
+    @contextmanager
+    def whole(self) -> Iterator[None]:
+        """A block that no second signal breaks into; it breaks in after it."""
+        self._whole = True
+        try:
+            yield
+        finally:
+            self._whole = False
+        if self._break_in is not None:
+            self._break_in()
+
+    def signalled(self, break_in: Callable[[], object]) -> None:
+        """A signal has come; of the second one on, `break_in` is called."""
+        if self.set and self._whole:
+            self._break_in = break_in
+        elif self.set:
+            break_in()
+        self.set = True
 
 
 @contextmanager
@@ -43,10 +64,7 @@ def interrupt_as_flag() -> Iterator[Flag]:
         before = {}
 
     def stop(number: int, frame: FrameType | None) -> None:
-        earlier = before[signal.Signals(number)]
-        if flag and callable(earlier):
-            earlier(number, frame)
-        flag.set = True
+        flag.signalled(lambda: handled[signal.Signals(number)](number, frame))
 
     handled = {number: handler for number, handler in before.items() if callable(handler)}
     for number in handled:

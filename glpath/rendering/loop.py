@@ -40,7 +40,9 @@ def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, fir
         except KeyboardInterrupt:
             # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
             raise RenderInterrupted(clock.finish(engine)) from None
-    clock.finish(engine)
+        clock.finish(engine)
+    if interrupted:  # after the last step, too late for the loop to see
+        raise RenderInterrupted(film)
 
 
 @dataclass
@@ -108,5 +110,6 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
                 break
         count = traced
         total[tile.target] = engine.take()[tile.keep]
-    film.add(start, start + count, total)
+    with interrupted.whole():
+        film.add(start, start + count, total)
     return count

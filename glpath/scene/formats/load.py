@@ -36,23 +36,31 @@ _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below
 def read_scene_file(path: Path) -> Scene:
     """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area."""
     place = Place(str(path))
-    if not path.is_file():
+    if not (path.is_file() or path.is_fifo()):  # bash has a pipe for <(...)
         raise place.error(
             "is a folder, not a scene file." if path.is_dir() else "no such file.", _other_files(path)
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        content = path.read_bytes()
+    except OSError as error:
+        raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
+    return scene_from_toml(content, place, path.parent, path.stem)
+
+
+def scene_from_toml(content: bytes, place: Place, folder: Path, name: str) -> Scene:
+    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`. Raises SceneError."""
+    try:
+        # As text is read: an end of line is "\n".
+        text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise place.error(
             f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."
         ) from error
-    except OSError as error:
-        raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(error, text, place) from error
-    return scene_from_dict(data, source=str(path), folder=path.parent, name=path.stem)
+    return scene_of(data, place, folder, name)
 
 
 def scene_from_dict(

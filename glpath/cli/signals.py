@@ -1,0 +1,97 @@
+"""SIGINT and SIGTERM: what a command has computed is saved before they end it.
+
+The first one ends the computation, as a KeyboardInterrupt. From then on, or from the moment that a result is there
+(`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TypeVar
+
+T = TypeVar("T")
+
+#: Exit code of what a signal has ended.
+INTERRUPTED = 130
+
+_PATIENCE = 3
+
+
+class _Signals:
+    """Those of a command that runs."""
+
+    def __init__(self) -> None:
+        self.arrived = False
+        self.held = False
+        self._waiting = 0
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.arrived = True
+        if not self.held:
+            self.held = True
+            raise KeyboardInterrupt
+        self._waiting += 1
+        left = _PATIENCE - self._waiting
+        if left <= 0:
+            raise KeyboardInterrupt
+        text = f"glpath: saving what there is; to give that up, interrupt {'once' if left == 1 else 'twice'} more\n"
+        with contextlib.suppress(OSError):
+            os.write(2, text.encode())  # print is not for signal handlers
+
+
+# Of the command that runs in the main thread; a process has one set of handlers.
+_current = _Signals()
+
+
+@contextmanager
+def signals_wait_for_results() -> Iterator[None]:
+    """Handle the signals so within the block. Only the main thread can; elsewhere they stay as they are."""
+    global _current
+    _current = _Signals()
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # A shell starts background jobs with SIGINT ignored, and so it stays.
+    before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)}
+    if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
+        before[signal.SIGINT] = on_interrupt
+    for number in before:
+        signal.signal(number, _current)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def hold() -> None:
+    """There is a result from here on: signals wait until it is saved."""
+    _current.held = True
+
+
+def interrupted() -> None:
+    """A signal came that somebody else took, who gave what there is of a result."""
+    _current.arrived = _current.held = True
+
+
+def arrived() -> bool:
+    """Whether there was a signal since the command began."""
+    return _current.arrived
+
+
+def result_of(compute: Callable[[], T]) -> T:
+    """What `compute` returns, which no signal can take away any more."""
+    results: list[T] = []
+    try:
+        results.append(compute())
+        hold()
+    except KeyboardInterrupt:
+        if not results:
+            raise
+    return results[0]
