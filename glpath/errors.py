@@ -39,7 +39,7 @@ class ShaderError(GlpathError):
 
 
 class ImageError(GlpathError):
-    """A picture that cannot be read, written or compared."""
+    """A picture, a film or a solution whose file cannot be read or written, or a picture that can't be compared."""
 
 
 class UsageError(GlpathError):

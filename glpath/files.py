@@ -13,14 +13,10 @@ import shutil
 import stat
 import sys
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import BinaryIO
-
-import numpy as np
-from numpy.lib.npyio import NpzFile
 
 from glpath.errors import GlpathError, ImageError
 
@@ -204,14 +200,17 @@ def _rescued(rescue: Mapping[str, Save]) -> list[Path]:
     return []
 
 
-def open_npz(path: str | Path) -> NpzFile:
-    """Open a file of arrays. Raises OSError, ValueError and zipfile.BadZipFile."""
-    with open(path, "rb") as file:
-        # numpy takes anything else for a pickle, and says so.
-        if not zipfile.is_zipfile(file):
-            raise ValueError("it is cut off, or not of this format")
-    opened: NpzFile = np.load(path, allow_pickle=False)
-    return opened
+@contextmanager
+def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
+    """Whatever a damaged file makes parsers in the block raise is an ImageError: it cannot be read as `what`."""
+    try:
+        yield
+    except GlpathError:
+        raise
+    except FileNotFoundError as error:
+        raise ImageError(f"{path}: there is no such file.", remedy) from error
+    except Exception as error:  # what libraries run into in a damaged file has no class of its own
+        raise ImageError(f"{path}: cannot be read as {what}: {reason_of(error)}.", remedy) from error
 
 
 def reason_of(error: BaseException) -> str:

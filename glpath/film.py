@@ -14,11 +14,9 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 
 from __future__ import annotations
 
-import contextlib
 import json
-import zipfile
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,9 +25,11 @@ from numpy.typing import DTypeLike, NDArray
 
 from glpath import image
 from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, open_npz, whole_file
+from glpath.files import is_stream, whole_file
+from glpath.film_metadata import FilmMetadata, joined, merged_values, metadata_of, shown
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
+from glpath.npz import open_npz
 
 Float64 = NDArray[np.float64]
 
@@ -39,6 +39,9 @@ BLOCK = 8
 BATCHES = 8
 
 WRITABLE = (".png", ".exr", ".npz")
+
+# The end of all path sets of a file, far beyond what can be rendered: counts of them do not overflow.
+_LAST_PATH_SET = 1 << 48
 
 # Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
@@ -55,55 +58,6 @@ def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
         end = min(stop, (start // BLOCK + 1) * BLOCK)
         yield start, end
         start = end
-
-
-@dataclass(frozen=True)
-class FilmMetadata:
-    """What made a film. Films merge when all that decides the image is equal.
-
-    scene           : name of the scene, for people
-    scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
-    integrator      : for example "path_trace"
-    seed, max_depth : of the random numbers; vertices of a path, as in the paper
-    settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
-    exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
-    noisy           : whether another seed is another image, so that comparisons have to look at the noise
-    full_resolution : (width, height) of the whole image, pixels
-    window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
-    device          : the renderer's name; several, joined by " + ", after merging
-    versions        : name and version of the programs that took part
-    elapsed_s       : seconds of rendering, summed over what was merged
-    statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
-                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
-    """
-
-    scene: str
-    scene_hash: str
-    integrator: str
-    seed: int
-    max_depth: int
-    settings: Mapping[str, Any]
-    full_resolution: tuple[int, int]
-    window: tuple[int, int, int, int]
-    device: str = ""
-    versions: Mapping[str, str] = field(default_factory=dict)
-    elapsed_s: float = 0.0
-    noisy: bool = True
-    exposure: float | None = None
-    statistics: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
-        for name in ("settings", "versions", "statistics"):
-            object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
-        object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
-        object.__setattr__(self, "window", tuple(self.window))
-
-    def as_strings(self) -> dict[str, str]:
-        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ..."""
-        plain = {key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(self).items()}
-        return {f"glpath.{key}": value for key, value in plain.items()}
 
 
 # What must be equal to merge, in the words of a message.
@@ -178,7 +132,7 @@ class Film:
             ours, theirs = getattr(self.metadata, name), getattr(other.metadata, name)
             if ours != theirs:
                 raise UsageError(
-                    f"film: cannot merge: {word} is {_shown(theirs)} in one film and {_shown(ours)} in the other.",
+                    f"film: cannot merge: {word} is {shown(theirs)} in one film and {shown(ours)} in the other.",
                     "Only path sets of the same render can be added up.",
                 )
         return Film(
@@ -187,10 +141,10 @@ class Film:
             _united(self.ranges, other.ranges),
             replace(
                 self.metadata,
-                device=_joined(self.metadata.device, other.metadata.device),
-                versions=_merged(self.metadata.versions, other.metadata.versions),
+                device=joined(self.metadata.device, other.metadata.device),
+                versions=merged_values(self.metadata.versions, other.metadata.versions),
                 elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
-                statistics=_merged(self.metadata.statistics, other.metadata.statistics),
+                statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             ),
         )
 
@@ -296,29 +250,27 @@ class Film:
 
     @classmethod
     def load(cls, path: str | Path) -> Film:
-        """Read a film written as .npz. Raises ImageError."""
-        try:
-            with open_npz(path) as stored:
-                counts = stored["batch_counts"]
-                if counts.shape != (BATCHES,) or int(stored["block"]) != BLOCK:
-                    raise ValueError(
-                        f"its batches are {counts.shape[0]} of blocks of {int(stored['block'])} path sets, "
-                        f"this version of glpath has {BATCHES} of {BLOCK}"
-                    )
-                made_by = json.loads(str(stored["metadata"]))
-                known = {f.name for f in fields(FilmMetadata)}
-                film = cls.empty(FilmMetadata(**{key: value for key, value in made_by.items() if key in known}))
-                film.radiance_sums[counts > 0] = stored["radiance_sums"]
-                film.batch_counts[:] = counts
-                film.ranges = tuple((int(start), int(stop)) for start, stop in stored["ranges"])
-        except FileNotFoundError as error:
-            raise ImageError(f"{path}: there is no such file.") from error
-        except KeyError as error:
-            raise ImageError(
-                f"{path}: is not a film: {error.args[0]}.", "A film is what -o NAME.npz writes."
-            ) from error
-        except (OSError, ValueError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
-            raise ImageError(f"{path}: cannot be read as a film: {error}.") from error
+        """Read a film written as .npz. Raises ImageError, also for one whose parts contradict each other."""
+        with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
+            metadata = metadata_of(str(stored.read("metadata", "U", ())))
+            counts = stored.read("batch_counts", "iu", (None,))
+            block = int(stored.read("block", "iu", ()))
+            if (len(counts), block) != (BATCHES, BLOCK):
+                raise ValueError(
+                    f"its batches are {len(counts)} of blocks of {block} path sets, this version of glpath has "
+                    f"{BATCHES} of {BLOCK}"
+                )
+            ranges = stored.read("ranges", "iu", (None, 2)).astype(np.int64)
+            if not _disjoint(ranges) or not np.array_equal(_counts_of(ranges), counts):
+                raise ValueError("its ranges of path sets overlap, or are not what its batches count")
+            film = cls.empty(metadata)
+            used = counts > 0
+            sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
+            if not np.isfinite(sums).all():
+                raise ValueError("it holds sums that are NaN or infinite")
+            film.radiance_sums[used] = sums
+            film.batch_counts[:] = counts
+            film.ranges = tuple((int(start), int(stop)) for start, stop in ranges)
         return film
 
     def __repr__(self) -> str:
@@ -358,17 +310,20 @@ def read_image(path: str | Path) -> Float64:
 
     Raises ImageError for a file that is missing, broken, or of another kind.
     """
-    if Path(path).suffix.lower() == ".npz":
-        # Whatever is wrong with the file, the reader of images says.
-        with (
-            contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile),
-            open_npz(path) as stored,
-        ):
-            if "radiance_sums" in stored and "radiance" not in stored:
-                if not stored["batch_counts"].any():
-                    raise ImageError(f"{path}: cannot be read as .npz: the film holds no path set.")
-                return _mean(stored["radiance_sums"], stored["batch_counts"])
-    return image.read_image(path)
+    if not holds_film(path):
+        return image.read_image(path)
+    film = Film.load(path)
+    if not film.path_sets:
+        raise ImageError(f"{path}: cannot be read as .npz: the film holds no path set.")
+    return film.mean
+
+
+def holds_film(path: str | Path) -> bool:
+    """Whether a file holds a film, by the names in it. Raises ImageError where that can't be seen."""
+    if Path(path).suffix.lower() != ".npz":
+        return False
+    with open_npz(path, ".npz") as stored:
+        return "radiance_sums" in stored and "radiance" not in stored
 
 
 def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
@@ -402,26 +357,19 @@ def _united(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ..
     return tuple(united)
 
 
-def _joined(ours: str, theirs: str) -> str:
-    return " + ".join(sorted({*ours.split(" + "), *theirs.split(" + ")} - {""}))
+def _disjoint(ranges: NDArray[np.int64]) -> bool:
+    """Whether (R, 2) ranges are as a film has them: none empty, in order, none touching the next."""
+    starts, stops = ranges.T
+    in_order = bool((starts < stops).all() and (stops[:-1] < starts[1:]).all())
+    return in_order and (not len(ranges) or (starts[0] >= 0 and stops[-1] <= _LAST_PATH_SET))
 
 
-def _merged(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers are added, texts that differ are both named, mappings go down a level."""
-    merged = dict(ours)
-    for key, value in theirs.items():
-        if key not in ours:
-            merged[key] = value
-        elif isinstance(value, Mapping):
-            merged[key] = _merged(ours[key], value)
-        else:
-            merged[key] = _joined(ours[key], value) if isinstance(value, str) else ours[key] + value
-    return merged
-
-
-def _shown(value: object) -> str:
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text if len(text) <= 200 else text[:197] + "..."
+def _counts_of(ranges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(BATCHES,) how many path sets of (R, 2) ranges belong to each batch."""
+    cycles, rest = np.divmod(ranges, BLOCK * BATCHES)
+    below = cycles[..., None] * BLOCK + np.clip(rest[..., None] - BLOCK * np.arange(BATCHES), 0, BLOCK)
+    counts: NDArray[np.int64] = (below[:, 1] - below[:, 0]).sum(axis=0)
+    return counts
 
 
 def _shrunk(image: Float64, longest: int) -> Float64:

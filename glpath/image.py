@@ -6,16 +6,16 @@ Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduc
 
 from __future__ import annotations
 
-import struct
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.files import open_npz, reason_of, whole_file
+from glpath.files import reading, whole_file
+from glpath.npz import check_unfolded, open_npz, read_npy
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -212,62 +212,46 @@ def read_image(path: str | Path) -> Float64:
         raise ImageError(
             f"{path}: cannot read a {suffix or 'file without a suffix'}. Allowed: {', '.join(READABLE)}."
         )
-    try:
-        path.open("rb").close()
-        image = _READERS[suffix](path)
-    except FileNotFoundError as error:
-        raise ImageError(f"{path}: there is no such file.") from error
-    except (*_BROKEN, KeyError, zipfile.BadZipFile) as error:
-        raise ImageError(f"{path}: cannot be read as {suffix}: {reason_of(error)}.") from error
-    return _three_channels(image, path)
+    with reading(path, suffix):
+        return _three_channels(_READERS[suffix](path))
 
 
 def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
-    import OpenEXR
-
-    try:
-        with open(path, "rb"):  # what the system says is clearer than what OpenEXR does
-            file = OpenEXR.File(str(path), separate_channels=True)
-        channels = {name: channel.pixels.astype(np.float32) for name, channel in file.channels().items()}
-        texts = {key: value for key, value in file.header().items() if isinstance(value, str)}
-    except FileNotFoundError as error:
-        raise ImageError(f"{path}: there is no such file.") from error
-    except _BROKEN as error:
-        raise ImageError(f"{path}: cannot be read as .exr: {reason_of(error)}.") from error
-    return channels, texts
-
-
-# What the libraries raise for files that are broken, cut off, or of another format.
-_BROKEN = (OSError, RuntimeError, ValueError, SyntaxError, EOFError, struct.error)
+    with reading(path, ".exr"):
+        channels, header = _exr(Path(path))
+        texts = {key: value for key, value in header.items() if isinstance(value, str)}
+        return {name: pixels.astype(np.float32) for name, pixels in channels.items()}, texts
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
     """(width, height) in pixels of a .png, .jpg or .exr, from its header alone. Raises ImageError."""
     path = Path(path)
     suffix = path.suffix.lower()
-    try:
+    with reading(path, suffix):
         if suffix == ".exr":
-            import OpenEXR
+            height, width = _exr_header(path)[0]
+            return width, height
+        return _pillow_size(path, suffix)
 
-            with path.open("rb"):  # what the system says is clearer than what OpenEXR does
-                first, last = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
-            width, height = (last - first + 1).tolist()
-        else:
-            from PIL.JpegImagePlugin import JpegImageFile
-            from PIL.PngImagePlugin import PngImageFile
 
-            # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
-            with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
-                width, height = opened.size
-    except _BROKEN as error:
-        raise ImageError(f"{path}: cannot be read as {suffix}: {reason_of(error)}.") from error
+def _pillow_size(path: Path, suffix: str) -> tuple[int, int]:
+    """(width, height) of a PNG or JPEG. Raises ValueError where its pixels cannot be in it."""
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+        width, height = opened.size
+        channels = len(opened.getbands())
+    check_unfolded(width * height * channels, path.stat().st_size)
     return width, height
 
 
 def _read_png(path: Path) -> Float64:
     import imageio.v3 as iio
 
+    _pillow_size(path, ".png")
     stored = iio.imread(path, plugin="pillow")
     white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
     return decode_srgb(stored / white)
@@ -276,29 +260,53 @@ def _read_png(path: Path) -> Float64:
 def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
+    _pillow_size(path, ".jpg")
     return decode_srgb(iio.imread(path, plugin="pillow", mode="RGB") / 255)  # a JPEG may be CMYK
 
 
 def _read_exr(path: Path) -> Float64:
-    import OpenEXR
-
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    channels, _ = _exr(path)
     if not {"R", "G", "B"} <= channels.keys() and "Y" not in channels:
         raise ValueError(f"found the channels {', '.join(sorted(channels)) or 'none'}, expected R, G, B or Y")
     names = "RGB" if "R" in channels else "Y"
-    return np.stack([channels[name].pixels for name in names], axis=-1).astype(np.float64)
+    return np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
+
+
+def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Every channel of an EXR, (H, W), and its header."""
+    import OpenEXR
+
+    (height, width), header = _exr_header(path)
+    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    pixels = {name: np.asarray(channel.pixels) for name, channel in channels.items()}
+    for name, array in pixels.items():
+        if array.shape != (height, width) or array.dtype.kind not in "fiu":
+            raise ValueError(f"its channel {name} is an array {array.shape} of {array.dtype}")
+    return pixels, header
+
+
+def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
+    """(height, width) and the header of an EXR. Raises ValueError where its pixels cannot be in it."""
+    import OpenEXR
+
+    with path.open("rb") as file:  # what the system says is clearer than what OpenEXR does
+        size = file.seek(0, 2)
+    header = OpenEXR.File(str(path), header_only=True).header()
+    first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
+    width, height = (last - first + 1).tolist()
+    check_unfolded(width * height * 4 * len(header["channels"]), size)
+    return (height, width), header
 
 
 def _read_npz(path: Path) -> Float64:
-    with open_npz(path) as stored:
+    with open_npz(path, ".npz") as stored:
         if "radiance" in stored:
-            return stored["radiance"].astype(np.float64)
-        raise ValueError(f"found {', '.join(stored) or 'nothing'}, expected `radiance`, or a film's sums")
+            return stored.read("radiance", "biuf").astype(np.float64)
+        raise ValueError(f"found {', '.join(stored.names) or 'nothing'}, expected `radiance`, or a film's sums")
 
 
 def _read_npy(path: Path) -> Float64:
-    image: Float64 = np.load(path, allow_pickle=False).astype(np.float64)
-    return image
+    return read_npy(path).astype(np.float64)
 
 
 _READERS = {
@@ -311,10 +319,14 @@ _READERS = {
 }
 
 
-def _three_channels(image: Float64, path: Path) -> Float64:
+def _three_channels(image: Float64) -> Float64:
     """Grey becomes three alike; alpha is left out."""
     if image.ndim == 2:
         image = image[..., None]
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:
-        raise ImageError(f"{path}: found an array of shape {image.shape}, expected (H, W, 3).")
-    return np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
+        raise ValueError(f"found an array of shape {image.shape}, expected (H, W, 3)")
+    three = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
+    broken = np.count_nonzero(~np.isfinite(three).all(axis=-1))
+    if broken:
+        raise ValueError(f"{broken} of its {three.shape[0] * three.shape[1]} pixels are NaN or infinite")
+    return three

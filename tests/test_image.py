@@ -145,7 +145,7 @@ def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> 
         path.write_bytes(broken)
         with pytest.raises(ImageError, match=rf"a{suffix}: cannot be read as {suffix}: \S"):
             image.picture_size(path)
-    with pytest.raises(ImageError, match=r"cannot be read as .*: No such file"):
+    with pytest.raises(ImageError, match="there is no such file"):
         image.picture_size(tmp_path / f"missing{suffix}")
 
 

@@ -204,11 +204,10 @@ def render(
     film = _film(
         start, {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}, progress
     )
-    written, failure = [], None
+    written: list[Path] = []
+    failure = None
     if film.path_sets:
-        saves: dict[Path, Save] = {
-            path: lambda at: film.save(at, exposure=stops, tonemap=tonemap) for path in out
-        }
+        saves: dict[Path, Save] = {path: lambda at: film.save(at, exposure=stops, tonemap=tonemap) for path in out}
         written, failure = save_all(
             saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
         )

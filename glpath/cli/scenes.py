@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,7 +42,11 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """Print what is in a scene: shapes, materials, textures, lights, camera, bounds, hash."""
-    summary = summarize(read_scene(scene, parameters))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        loaded = read_scene(scene, parameters)
+    summary = summarize(loaded)
+    summary["warnings"][:0] = _scene_warnings(caught)
     if as_json:
         typer.echo(json.dumps(summary, indent=2, ensure_ascii=False))
         return
@@ -301,5 +306,8 @@ def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[
             raise
         except GlpathError as problem:
             return str(problem), []
-    dropped = [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]
-    return None, dropped + found
+    return None, _scene_warnings(caught) + found
+
+
+def _scene_warnings(caught: Sequence[warnings.WarningMessage]) -> list[str]:
+    return [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]

@@ -190,7 +190,7 @@ class Picture:
                 counts = np.array(json.loads(header["glpath.batch_counts"]), np.int64)
                 blocks = [_layer(channels, f"batch{i}.")[::BLOCK_SIDE, ::BLOCK_SIDE] for i in range(len(counts))]
                 noise = Noise(_layer(channels, "variance."), np.stack(blocks), counts)
-        except (KeyError, ValueError, TypeError, OverflowError) as error:
+        except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise ImageError(f"{path}: is a baseline of which something is missing: {error}.") from error
         if not np.isfinite(mean).all():
             raise ImageError(f"{path}: holds pixels that are NaN or infinite.", "Make it again.")

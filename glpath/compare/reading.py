@@ -16,9 +16,10 @@ import numpy as np
 
 from glpath.compare.picture import Picture, glpath_texts
 from glpath.errors import ImageError
-from glpath.files import open_npz, reason_of
-from glpath.film import Film, read_image
+from glpath.files import reading
+from glpath.film import Film, holds_film, read_image
 from glpath.image import READABLE, read_exr_channels
+from glpath.npz import check_unfolded, read_npy
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -37,16 +38,10 @@ def read_picture(path: str | Path) -> Picture:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in _BY_PILLOW:
-        try:
+        with reading(path, "a picture"):
             return _by_pillow(path.read_bytes(), str(path))
-        except FileNotFoundError as error:
-            raise ImageError(f"{path}: there is no such file.") from error
-        except OSError as error:
-            raise ImageError(f"{path}: cannot be read: {reason_of(error)}.") from error
-    if suffix == ".npz":
-        image = read_image(path)
-        with open_npz(path) as stored:
-            return Picture.of_film(Film.load(path)) if "radiance_sums" in stored else Picture.of_array(image)
+    if holds_film(path):
+        return Picture.of_film(Film.load(path))
     if suffix == ".exr":
         channels, header = read_exr_channels(path)
         if Picture.is_baseline(header):
@@ -55,7 +50,8 @@ def read_picture(path: str | Path) -> Picture:
         return Picture.of_array(np.dstack([image, channels["A"]]) if "A" in channels else image)
     if suffix == ".npy":
         read_image(path)  # says what is wrong with it
-        return Picture.of_array(np.load(path, allow_pickle=False))
+        with reading(path, suffix):
+            return Picture.of_array(read_npy(path))
     return Picture.of_array(read_image(path))
 
 
@@ -81,20 +77,16 @@ def picture_of_pillow(image: Image) -> Picture:
 
 
 def _by_pillow(data: bytes, place: str) -> Picture:
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
-    try:
-        with Image.open(io.BytesIO(data)) as image:
-            frames = getattr(image, "n_frames", 1)
-            if frames > 1:
-                raise ImageError(f"{place}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
-            image.load()
-            array = _array_of_pillow(image, place)
-            texts = glpath_texts({str(key): value for key, value in image.info.items()})
-    except UnidentifiedImageError as error:
-        raise ImageError(f"{place}: cannot be read as a picture.") from error
-    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
-        raise ImageError(f"{place}: cannot be read as a picture: {reason_of(error)}.") from error
+    with reading(place, "a picture"), Image.open(io.BytesIO(data)) as image:
+        frames = getattr(image, "n_frames", 1)
+        if frames > 1:
+            raise ImageError(f"{place}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
+        check_unfolded(image.width * image.height * len(image.getbands()), len(data))
+        image.load()
+        array = _array_of_pillow(image, place)
+        texts = glpath_texts({str(key): value for key, value in image.info.items()})
     return Picture.of_array(array, texts)
 
 

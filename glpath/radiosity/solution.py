@@ -10,7 +10,6 @@ Cost:     48 bytes per element and per vertex.
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,8 +19,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.files import open_npz, whole_file
+from glpath.errors import ImageError, SceneError, UsageError
+from glpath.files import whole_file
+from glpath.npz import open_npz
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.scene import Scene, path_traceable
@@ -33,6 +33,8 @@ Part = Literal["both", "direct", "indirect"]
 
 #: Of the file: another number is another layout.
 FORMAT = 2
+# Of a triangle's edge: with more, int32 does not count its elements.
+_MAX_DIVISIONS = 1 << 15
 #: Parts of the light, as the arrays of a solution have them.
 DIRECT, INDIRECT = 0, 1
 _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DIRECT,), "indirect": (INDIRECT,)}
@@ -67,13 +69,14 @@ class RadiositySolution:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "divisions", np.ascontiguousarray(self.divisions, np.int32))
+        divisions = np.asarray(self.divisions)
+        if divisions.ndim != 1 or not np.all((divisions >= 1) & (divisions <= _MAX_DIVISIONS)):
+            raise ValueError(f"divisions must be (T,), each from 1 to {_MAX_DIVISIONS}")
+        put(self, "divisions", np.ascontiguousarray(divisions, np.int32))
         for name in ("elements", "vertices"):
             put(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
         for name in ("settings", "statistics"):
             put(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
-        if self.divisions.ndim != 1 or (self.divisions < 1).any():
-            raise ValueError("divisions must be (T,), each at least 1")
         for name, count in (("elements", self.first_element[-1]), ("vertices", self.first_vertex[-1])):
             found = getattr(self, name)
             if found.shape != (2, 2, count, 3):
@@ -223,28 +226,27 @@ class RadiositySolution:
 
         scene : if given, the scene that it must belong to, see `check_scene`
 
-        Raises GlpathError for a file that is missing, broken or of another kind, SceneError for another scene.
+        Raises ImageError for a file that is missing, broken or of another kind, SceneError for another scene.
         """
         remedy = "A radiosity solution is what `glpath radiosity SCENE -o NAME.npz` writes."
-        try:
-            with open_npz(path) as stored:
-                if "radiosity_format" not in stored:
-                    raise GlpathError(f"{path}: is not a radiosity solution.", remedy)
-                if (found := int(stored["radiosity_format"])) != FORMAT:
-                    holds = ", which holds what surfaces reflect," if found == 1 else ""
-                    raise GlpathError(
-                        f"{path}: is a radiosity solution of format {found}{holds}; this version of glpath reads "
-                        f"format {FORMAT}: irradiance, direct and indirect apart.",
-                        "Solve the scene anew: glpath radiosity SCENE -o NAME.npz.",
-                    )
-                plain = json.loads(str(stored["made_by"]))
-                solution = cls(
-                    divisions=stored["divisions"], elements=stored["elements"], vertices=stored["vertices"], **plain
+        with open_npz(path, "a radiosity solution", remedy) as stored:
+            if (found := int(stored.read("radiosity_format", "iu", ()))) != FORMAT:
+                holds = ", which holds what surfaces reflect," if found == 1 else ""
+                raise ImageError(
+                    f"{path}: is a radiosity solution of format {found}{holds}; this version of glpath reads "
+                    f"format {FORMAT}: irradiance, direct and indirect apart.",
+                    "Solve the scene anew: glpath radiosity SCENE -o NAME.npz.",
                 )
-        except FileNotFoundError as error:
-            raise GlpathError(f"{path}: there is no such file.", remedy) from error
-        except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise GlpathError(f"{path}: cannot be read as a radiosity solution: {error}.", remedy) from error
+            made_by = json.loads(str(stored.read("made_by", "U", ())))
+            names = {"scene_hash": str, "method": str, "settings": dict, "statistics": dict}
+            if [type(made_by.get(name)) for name in names] != list(names.values()):
+                raise ValueError(f"what made it is not {', '.join(names)}")
+            solution = cls(
+                divisions=stored.read("divisions", "iu", (None,)),
+                elements=stored.read("elements", "f", (2, 2, None, 3)),
+                vertices=stored.read("vertices", "f", (2, 2, None, 3)),
+                **{name: made_by[name] for name in names},
+            )
         if scene is not None:
             solution.check_scene(scene)
         return solution

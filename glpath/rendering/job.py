@@ -170,7 +170,7 @@ class RenderJob:
         """The job that `to_json` wrote; `place` is how errors name it. Raises UsageError."""
         try:
             data: _JobFile = decode_json(text, _JobFile)
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, RecursionError) as error:
             raise UsageError(f"{place}: is not a render job: {error}.", "RenderJob.save writes one.") from error
         if data.format != _FORMAT or data.version != _VERSION:
             raise UsageError(

@@ -10,7 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import ContextError, SceneWarning, UsageError
-from glpath.film import Film, FilmMetadata
+from glpath.film import Film
+from glpath.film_metadata import FilmMetadata
 from glpath.gl.context import Context
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of

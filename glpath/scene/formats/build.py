@@ -193,8 +193,10 @@ def _mesh(
             return known[ready, textured, reverse]
         case description.Mesh(file=str(name)) if _only_a_file(given):
             path = folder / name
+            if (path, False, False) not in known:  # so a file is read, and warned of, once
+                known[path, False, False] = _finished(read_mesh(path, place.field("file")), False, False)
             if (path, textured, reverse) not in known:
-                known[path, textured, reverse] = _finished(read_mesh(path, place.field("file")), textured, reverse)
+                known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)
             return known[path, textured, reverse]
         case _:
             mesh = _inline_mesh(given, place)

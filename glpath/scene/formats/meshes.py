@@ -1,13 +1,15 @@
 """Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
 
 trimesh takes most of a second to import, so it is imported when the first mesh file is read.
-The geometry, the texture coordinates and the normals of vertices in a file are used: its materials and pictures are
-not, and no normals are made up where it has none.
+The geometry, the texture coordinates and the normals of vertices in a file are used: its materials, colours and
+pictures are not, which a SceneWarning says, and no normals are made up where it has none.
 """
 
 from __future__ import annotations
 
+import io
 import sys
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, SceneWarning
+from glpath.scene.formats import obj
 from glpath.scene.formats.values import LARGEST, nearby_files
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.place import Place
@@ -133,7 +136,7 @@ def read_mesh(path: Path, place: Place) -> Mesh:
     """The mesh of a file, with texture coordinates where the file has them for all faces, and so with normals.
 
     `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
-    broken, without triangles, or whose faces name vertices it does not have.
+    broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
     """
     if path.suffix.lower() not in FORMATS:
         raise place.wrong(
@@ -181,14 +184,19 @@ def _parse(path: Path) -> tuple[Float64, NDArray[np.int64], Float64 | None, Floa
     """Vertices (V, 3), faces (F, 3), texture coordinates (V, 2) and normals (V, 3), each as the file has them."""
     import trimesh
 
+    suffix, content = path.suffix.lower(), path.read_bytes()
+    dropped: list[str] = []
     options: dict[str, Any] = {}
-    if path.suffix.lower() == ".obj":
-        _check_obj_indices(path)
+    if suffix == ".obj":
+        content, dropped = obj.plain(content, str(path))
         options = {"skip_materials": True}
-    loaded = trimesh.load_scene(str(path), process=False, **options)
+    elif suffix == ".ply":
+        content, dropped = _plain_ply(content)
+    loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
     # As `load_mesh` joins them, which forgets the normals.
     meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
     meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh)]
+    _warn_of_what_is_dropped(path, {*dropped, *(each for mesh in meshes for each in _colours(mesh))})
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces.astype(np.int64) + start for mesh, start in zip(meshes, first, strict=False)]
     # The attribute `vertex_normals` makes up normals; the cache has them only where the file has (trimesh's own
@@ -209,22 +217,28 @@ def _of_all(parts: list[ArrayLike | None], meshes: list[Any], width: int) -> Flo
     return np.concatenate(complete) if complete and len(complete) == len(meshes) else None
 
 
-def _check_obj_indices(path: Path) -> None:
-    """OBJ counts from 1, or backwards from -1. trimesh takes an index 0 for the last vertex without a word."""
-    lines = path.read_text(errors="replace").splitlines()
-    total = sum(line.startswith("v ") for line in lines)
-    seen = 0
-    for number, line in enumerate(lines, start=1):
-        if line.startswith("v "):
-            seen += 1
-        elif line.startswith("f "):
-            for corner in line.split()[1:]:
-                index = int(corner.split("/", 1)[0])
-                if not (1 <= index <= total or -seen <= index <= -1):
-                    raise Place(str(path), f"line {number}").error(
-                        f"names vertex {index}, but the file has {total} vertices (1 to {total}).",
-                        "Vertex indices of OBJ files count from 1.",
-                    )
+def _plain_ply(content: bytes) -> tuple[bytes, list[str]]:
+    """The file with an ASCII header (comments may hold names that are not), and what it drops."""
+    header, end, rest = content.partition(b"end_header")
+    dropped = ["a texture"] if b"comment TextureFile" in header else []
+    return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, dropped
+
+
+def _colours(mesh: Any) -> list[str]:
+    """What colours a `trimesh.Trimesh` has that are not used here."""
+    kind = getattr(mesh.visual, "kind", None)
+    return [f"{kind} colours"] if kind in ("vertex", "face") else []
+
+
+def _warn_of_what_is_dropped(path: Path, dropped: set[str]) -> None:
+    if dropped:
+        warnings.warn(
+            SceneWarning(
+                f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
+                "scene gives it."
+            ),
+            stacklevel=2,
+        )
 
 
 def _no_such_vertex(place: Place, vertex: int, count: int) -> SceneError:

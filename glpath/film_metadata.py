@@ -1,0 +1,134 @@
+"""What made a film, as its files carry it: read with suspicion, and merged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from types import UnionType
+from typing import Any
+
+from glpath.errors import UsageError
+from glpath.image import check_exposure
+
+# What the fields of the metadata are in a file.
+_METADATA_TYPES: dict[str, type | UnionType] = {
+    "scene scene_hash integrator device": str,
+    "seed max_depth": int,
+    "elapsed_s": int | float,
+    "noisy": bool,
+    "settings versions statistics": dict,
+}
+# Of an image, in pixels; far beyond what can be rendered.
+_MAX_SIDE = 1 << 20
+
+
+@dataclass(frozen=True)
+class FilmMetadata:
+    """What made a film. Films merge when all that decides the image is equal.
+
+    scene           : name of the scene, for people
+    scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
+    integrator      : for example "path_trace"
+    seed, max_depth : of the random numbers; vertices of a path, as in the paper
+    settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
+    exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
+    noisy           : whether another seed is another image, so that comparisons have to look at the noise
+    full_resolution : (width, height) of the whole image, pixels
+    window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
+    device          : the renderer's name; several, joined by " + ", after merging
+    versions        : name and version of the programs that took part
+    elapsed_s       : seconds of rendering, summed over what was merged
+    statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
+                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
+    """
+
+    scene: str
+    scene_hash: str
+    integrator: str
+    seed: int
+    max_depth: int
+    settings: Mapping[str, Any]
+    full_resolution: tuple[int, int]
+    window: tuple[int, int, int, int]
+    device: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    elapsed_s: float = 0.0
+    noisy: bool = True
+    exposure: float | None = None
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
+        for name in ("settings", "versions", "statistics"):
+            object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
+        object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
+        object.__setattr__(self, "window", tuple(self.window))
+
+    def as_strings(self) -> dict[str, str]:
+        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ..."""
+        plain = {key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(self).items()}
+        return {f"glpath.{key}": value for key, value in plain.items()}
+
+
+def metadata_of(text: str) -> FilmMetadata:
+    """The metadata of a film's file, as JSON. Raises ValueError where a field is missing or of another type."""
+    stored = json.loads(text, parse_constant=_refuse)
+    known = {f.name for f in fields(FilmMetadata)}
+    metadata = FilmMetadata(**{key: value for key, value in stored.items() if key in known})
+    for names, kinds in _METADATA_TYPES.items():
+        for name in names.split():
+            if not isinstance(getattr(metadata, name), kinds):
+                raise ValueError(f"{name} in its metadata is {shown(getattr(metadata, name))}")
+    try:
+        check_exposure(metadata.exposure)
+    except UsageError as error:
+        raise ValueError(error.message) from error
+    texts = all(isinstance(version, str) for version in metadata.versions.values())
+    if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
+        raise ValueError("its statistics or versions are of no type that adds up")
+    sizes = (*metadata.full_resolution, *metadata.window)
+    if [len(metadata.full_resolution), len(metadata.window)] != [2, 4] or not all(type(n) is int for n in sizes):
+        raise ValueError(f"its resolution and window are {shown(sizes)}")
+    (width, height), (x, y, w, h) = metadata.full_resolution, metadata.window
+    if not (0 <= x < x + w <= width <= _MAX_SIDE and 0 <= y < y + h <= height <= _MAX_SIDE):
+        raise ValueError(f"its window {metadata.window} is not within its resolution {metadata.full_resolution}")
+    return metadata
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"its metadata hold {constant}")
+
+
+def _plain_values(value: object) -> bool:
+    """Whether all of it is texts, numbers that can be added, and mappings of these."""
+    if isinstance(value, Mapping):
+        return all(map(_plain_values, value.values()))
+    return isinstance(value, str) or (isinstance(value, int | float) and abs(value) < 1e300)
+
+
+def joined(ours: str, theirs: str) -> str:
+    """Names that are joined by " + ", each once."""
+    return " + ".join(sorted({*ours.split(" + "), *theirs.split(" + ")} - {""}))
+
+
+def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers are added, texts that differ are both named, mappings go down a level."""
+    merged = dict(ours)
+    for key, value in theirs.items():
+        if key not in ours:
+            merged[key] = value
+        elif isinstance(value, Mapping) and isinstance(ours[key], Mapping):
+            merged[key] = merged_values(ours[key], value)
+        elif isinstance(value, int | float) and isinstance(ours[key], int | float):
+            merged[key] = ours[key] + value
+        else:
+            merged[key] = joined(str(ours[key]), str(value))
+    return merged
+
+
+def shown(value: object) -> str:
+    """A value for a message, cut short when long."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 200 else text[:197] + "..."
