@@ -347,7 +347,7 @@ def test_planted_changes_are_found_in_all_of_forty_seeds() -> None:
     print()
     for name, changed, options in changes():
         pictures = [render(changed, seed, **options) for seed in seeds]
-        same = [compare(p, r).severity for p, r in zip(pictures, references, strict=True)]
+        same = [compare(p, r, sees=1).severity for p, r in zip(pictures, references, strict=True)]
         other = [compare(p, r, sees=1).severity for p, r in zip(pictures, others, strict=True)]
         found = sum(s > 1 for s in same)
         print(

@@ -23,8 +23,8 @@ it is the median. The number of path sets in the message is enough in 9 of 10 ca
 The tests hold for independent batches. Batches of one Sobol sequence complement each other: their spread overstates
 the error (see `Film.variance_of_mean`), and `smallest_bias` is larger than it could be. Pixels that err together
 make Šidák's rule careful, never wrong. So false alarms are rarer than `alpha`: of 1000 pairs of renders of other
-seeds (Cornell box, 32 x 32, 64 path sets) none failed at alpha 0.001, the worst being at 0.76 of its limit, and 1
-failed at 0.05.
+seeds (Cornell box, 32 x 32, 64 path sets, `sees` 1) none failed at alpha 0.001, the worst being at 0.76 of its
+limit, and 1 failed at 0.05.
 
 Poor at:  differences that cancel within a block and drown in the noise of each pixel. Render more path sets.
 

@@ -241,7 +241,7 @@ def _is_expected_to_fail(item: pytest.Item) -> bool:
     """Whether a marker xfail holds for the test, as pytest itself sees it; its public interface does not tell."""
     from _pytest.skipping import evaluate_xfail_marks
 
-    return not item.config.getoption("runxfail") and evaluate_xfail_marks(item) is not None
+    return not item.config.getoption("runxfail", False) and evaluate_xfail_marks(item) is not None
 
 
 def _existing(folder: Path, stem: str, picture: Picture) -> Path:
