@@ -34,7 +34,7 @@ lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-evidence: $(STAMPS)-reference ## set up with Mitsuba, then run the slow comparisons
+evidence: $(STAMPS)-reference ## set up with Mitsuba and a browser, then run the slow comparisons
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m pytest -m evidence
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
@@ -59,5 +59,5 @@ $(STAMPS)-test: pyproject.toml
 	@touch $(STAMPS) $@
 
 $(STAMPS)-reference: pyproject.toml
-	sh .ci/setup test,reference
+	sh .ci/setup test,reference,browser
 	@touch $(STAMPS) $(STAMPS)-test $@

@@ -17,6 +17,18 @@ from glpath.errors import ImageError, UsageError
 from glpath.files import reading, whole_file
 from glpath.npz import check_unfolded, open_npz, read_npy
 
+__all__ = [
+    "auto_exposure",
+    "decode_srgb",
+    "encode_png",
+    "encode_srgb",
+    "luminance",
+    "read_image",
+    "tonemap",
+    "write_exr",
+    "write_png",
+]
+
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 

@@ -7,7 +7,9 @@ import subprocess
 import sys
 import time
 from io import BytesIO
+from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,8 +17,13 @@ from PIL import Image
 
 import glpath
 from glpath.figures.candidates import ShaftScene
-from glpath.notebook import View, explore_shafts, nearer, shifted, turned, view
+from glpath.film import Film
+from glpath.gl.context import open_context
+from glpath.notebook import View, explore_shafts, view
+from glpath.notebook.live import LiveImage
+from glpath.notebook.orbit import nearer, shifted, turned
 from glpath.radiosity import Strategy
+from glpath.rendering.job import describe
 from glpath.scene import Camera
 
 SIZE = (48, 32)
@@ -24,21 +31,30 @@ SIZE = (48, 32)
 
 def send(shown: View, kind: str, **fields: Any) -> None:
     """As the browser's half of the widget sends it."""
-    shown._rfb_handle_msg(shown, {"type": kind, "x": 0, "y": 0, "timestamp": 0.0, "modifiers": [], **fields}, [])
+    message = {"type": kind, "x": 0, "y": 0, "timestamp": 0.0, "modifiers": [], **fields}
+    shown._canvas._rfb_handle_msg(shown._canvas, message, [])
+
+
+def rest(shown: View) -> None:
+    """Let time go by: the camera counts as resting."""
+    shown._image._moved_at = -np.inf
 
 
 def converge(shown: View) -> np.ndarray:
+    rest(shown)
+    shown.picture()
     while not shown.converged:
-        shown.get_frame()
-    return shown.get_frame()
+        shown.draw()
+    assert shown._message.value == ""
+    return shown.picture()
 
 
 def test_left_alone_it_converges_to_the_render() -> None:
     shown = view("cornell-box", resolution=SIZE, spp=24, max_depth=2)
-    first = shown.get_frame()
+    first = shown.picture()
     assert first.shape == (32, 48, 3)
     film = glpath.render("cornell-box", resolution=SIZE, spp=24, max_depth=2)
-    np.testing.assert_array_equal(converge(shown), glpath.image.tonemap(film.mean))
+    np.testing.assert_array_equal(converge(shown), film.to_srgb(exposure=shown.exposure))
     assert shown.path_sets == 24
     shown.close()
 
@@ -47,44 +63,121 @@ def test_left_alone_it_converges_to_the_render() -> None:
 def test_a_drag_turns_the_scene_and_the_picture_is_that_of_the_new_camera(scene: str, options: Any) -> None:
     shown = view(scene, resolution=SIZE, spp=4, **options)
     before = converge(shown)
+    home = shown.scene.camera
     send(shown, "pointer_move", x=30, y=5)
     assert shown.converged, "the pointer was not down"
     send(shown, "pointer_down", button=1)
     send(shown, "pointer_move", x=60, y=25, buttons=[1])
     assert not shown.converged
-    shown.get_frame()
-    send(shown, "pointer_up")
+    shown.draw()
+    send(shown, "pointer_up", x=62, y=25)
     after = converge(shown)
     assert np.mean(np.abs(after.astype(int) - before)) > 2
-    camera = shown.scene.camera
-    assert np.linalg.norm(camera.position - camera.target) == pytest.approx(
-        np.linalg.norm(shown._home.position - shown._home.target)
-    )
+    np.testing.assert_allclose(shown.scene.camera.position, turned(home, 62, 25).position, atol=1e-12)
     if scene == "three-spheres":
         options = {"shadows": "cube", "shadow_resolution": 512, "integrator": "t-buffer"}
     film = glpath.render(shown.scene, spp=4, **options)
-    np.testing.assert_array_equal(after, glpath.image.tonemap(film.mean))
+    np.testing.assert_array_equal(after, film.to_srgb(exposure=shown.exposure))
+    assert shown.film.merge(glpath.render(shown.scene, spp=4, first_path_set=4, **options)).path_sets == 8
     send(shown, "double_click")
     np.testing.assert_array_equal(converge(shown), before)
+
+
+def test_a_moving_image_is_smaller_and_better_than_a_path_set() -> None:
+    """One path set has one light point for all pixels: hard shadows, and black where neither direction is lit."""
+    scene = glpath.load_scene("cornell-box").with_camera(resolution=(128, 128))
+    with open_context() as context:
+        live = LiveImage(*describe(scene, spp=64), context)
+        live.first(0.0)
+        for turn in range(4):
+            live.look_from(turned(scene.camera, 5.0 + turn, 0.0))
+            moving = live.step()
+            assert moving is not None
+    assert moving.shape[0] in (32, 64, 128)
+    side = moving.shape[0]
+    exact = glpath.render(live.scene.with_camera(**vars(live.camera)), spp=256).mean
+    coarse = exact.reshape(side, 128 // side, side, 128 // side, 3).mean(axis=(1, 3))
+    single = glpath.render(live.scene.with_camera(**vars(live.camera)), spp=1).mean
+    assert glpath.relative_mse(moving, coarse) < 0.4 * glpath.relative_mse(single, exact)
+    live._moved_at = -np.inf
+    better = None
+    while better is None:
+        with context:
+            better = live.step()
+    assert better.shape == (128, 128, 3)
+    assert live.path_sets >= 4, "the whole image takes the coarse one's place when it is better"
 
 
 def test_shadow_buffers_are_kept_while_the_camera_moves() -> None:
     shown = view("three-spheres", resolution=SIZE, spp=2)
     converge(shown)
-    buffer = shown._engine.shadow_buffer  # type: ignore[attr-defined]
+    engine: Any = shown._image._level(1).engine
+    buffer = engine.shadow_buffer
     tests = buffer.intersection_tests
     send(shown, "wheel", dy=-200)
     converge(shown)
-    assert shown._engine.shadow_buffer is buffer  # type: ignore[attr-defined]
+    assert engine.shadow_buffer is buffer
     assert buffer.intersection_tests == tests > 0
 
 
 def test_another_render_in_between_does_no_harm() -> None:
     shown = view("cornell-box", resolution=SIZE, spp=6, max_depth=2)
-    shown.get_frame()
+    shown.draw()
     glpath.render("three-spheres", integrator="t-buffer", resolution=(16, 16), spp=1)
     film = glpath.render("cornell-box", resolution=SIZE, spp=6, max_depth=2)
-    np.testing.assert_array_equal(converge(shown), glpath.image.tonemap(film.mean))
+    np.testing.assert_array_equal(converge(shown), film.to_srgb(exposure=shown.exposure))
+
+
+def test_stop_holds_the_image_and_reset_goes_back() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=500, max_depth=1)
+    shown.picture()
+    shown._stop.value = True
+    sets = shown.path_sets
+    for _ in range(3):
+        shown.draw()
+    assert shown.path_sets == sets > 0
+    shown._stop.value = False
+    shown.draw()
+    assert shown.path_sets > sets
+    home = shown.scene.camera
+    send(shown, "wheel", dy=-200)
+    assert shown.scene.camera is not home
+    shown._reset.click()
+    assert shown.scene.camera is home
+
+
+def test_save_writes_what_is_seen_and_overwrites_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = view("cornell-box", resolution=SIZE, spp=4, max_depth=1)
+    image = converge(shown)
+    for _ in range(2):
+        shown._save.click()
+    for name in ("cornell-box.png", "cornell-box-2.png"):
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / name)), image)
+    assert "Saved cornell-box-2.png: 4 of 4 path sets" in shown._message.value
+    assert Image.open(tmp_path / "cornell-box.png").text["glpath.scene"] == "cornell-box"
+    monkeypatch.setattr(Film, "save", Mock(side_effect=glpath.ImageError("a.png: the disk is full", "Make room.")))
+    shown._save.click()
+    assert "the disk is full<br>Make room." in shown._message.value
+    assert shown._canvas in shown.children, "what could not be saved is still there"
+
+
+def test_an_error_is_shown_in_the_views_place_and_reset_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=4, max_depth=1)
+    engine = shown._image._level(1).engine
+    with monkeypatch.context() as broken:
+        broken.setattr(engine, "trace_path_set", Mock(side_effect=ZeroDivisionError("<b>out of luck</b>")))
+        shown.draw()
+    assert shown._canvas not in shown.children
+    assert "ZeroDivisionError: &lt;b&gt;out of luck" in shown._message.value
+    send(shown, "pointer_down", x=None, y=0)
+    send(shown, "pointer_move", x=1, y=0)
+    assert "TypeError" in shown._message.value
+    shown._grip = None
+    shown._reset.click()
+    assert shown._canvas in shown.children
+    assert shown._message.value == ""
+    converge(shown)
 
 
 def test_a_page_without_a_kernel_shows_the_first_picture() -> None:
@@ -96,6 +189,17 @@ def test_a_page_without_a_kernel_shows_the_first_picture() -> None:
     assert np.ptp(picture) > 50
     assert "2 path sets" in data["text/plain"]
     assert any("widget-view" in kind for kind in data)
+
+
+def test_a_closed_view_is_deaf_and_says_so() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=2, max_depth=1)
+    shown.close()
+    shown.close()
+    shown.draw()
+    send(shown, "pointer_down")
+    send(shown, "pointer_move", x=30, y=5)
+    with pytest.raises(glpath.UsageError, match="closed"):
+        _ = shown.film
 
 
 CAMERA = Camera(np.array([0.0, 0.0, 5.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 90.0, (100, 100))
@@ -144,13 +248,17 @@ def test_wrong_options_of_a_view_are_refused(options: dict[str, Any], words: str
         view("cornell-box", **options)
 
 
-def test_a_shaft_is_drawn_anew_when_another_is_chosen() -> None:
+def test_a_shaft_is_drawn_anew_when_another_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = explore_shafts("cornell-box")
     before = bytes(shown.picture.value)
     assert before.startswith(b"\x89PNG")
     shown.strategy.value = Strategy.ALWAYS_OPEN
     shown.receiver.value = "left-wall" if "left-wall" in shown.receiver.options else shown.receiver.options[0]
     assert bytes(shown.picture.value) not in (b"", before)
+    assert shown._message.value == ""
+    monkeypatch.setattr(ShaftScene, "draw", Mock(side_effect=glpath.UsageError("the shaft is shut", "Open it.")))
+    shown.strategy.value = Strategy.KEEP_CLOSED
+    assert "the shaft is shut<br>Open it." in shown._message.value
     shown.close()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import glpath
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.picture import picture
+from glpath.radiosity.picture import picture_of
 from glpath.radiosity.solution import RadiositySolution
 
 
@@ -27,7 +27,7 @@ def solution_of(scene: glpath.Scene, value: float) -> RadiositySolution:
 @pytest.mark.parametrize("lookup", ["constant", "interpolated"])
 def test_fronts_show_radiosity_over_pi_and_lamps_their_emission(lookup: str) -> None:
     scene = glpath.load_scene("cornell-box-36").with_camera(resolution=(32, 32))
-    image = picture(solution_of(scene, np.pi), scene, lookup)  # type: ignore[arg-type]
+    image = picture_of(solution_of(scene, np.pi), scene, lookup)  # type: ignore[arg-type]
     assert image.shape == (32, 32, 3)
     values = np.unique(image[..., 0].round(4))
     lamp = max(s.emission[0] for s in scene.shapes) + 1
@@ -38,4 +38,4 @@ def test_fronts_show_radiosity_over_pi_and_lamps_their_emission(lookup: str) -> 
 def test_a_solution_of_another_scene_is_refused() -> None:
     scene = glpath.load_scene("cornell-box-36")
     with pytest.raises(glpath.SceneError):
-        picture(solution_of(scene, 1.0), glpath.load_scene("cornell-box"))
+        picture_of(solution_of(scene, 1.0), glpath.load_scene("cornell-box"))

@@ -22,11 +22,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import UsageError
 from glpath.gl import passes
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Dispatch, Pass, largest_point
 from glpath.gl.program import Program, load_program
+from glpath.scene.model import Camera
 
 Uniforms = Mapping[str, object]
 
@@ -80,6 +83,16 @@ class EyeBuffer(ABC):
     @abstractmethod
     def fill(self, eye: Uniforms) -> None:
         """Find what every ray meets first; `eye` comes from `gl.camera.eye_uniforms`."""
+
+    def fill_from(self, camera: Camera) -> None:
+        """Find what the rays through the middles of a camera's pixels meet first; as many pixels as the window."""
+        if camera.resolution != self.size:
+            raise UsageError(
+                f"buffer of {self.size[0]} x {self.size[1]} pixels: a camera of "
+                f"{camera.resolution[0]} x {camera.resolution[1]}",
+                "Make the buffer as large as the camera's resolution.",
+            )
+        self.fill(eye_uniforms(camera))
 
     def read(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """(h, w) int32 primitive, -1 for none, and (h, w) float32 t, inf for none; row 0 at the top."""

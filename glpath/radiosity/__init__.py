@@ -1,5 +1,6 @@
 """Light between diffuse surfaces, on the CPU: shafts and visibility [SC], form factors, radiosity. No GL."""
 
+from glpath.radiosity.picture import picture_of
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Receivers, facing
 from glpath.radiosity.shafts.occluders import Occluders
@@ -26,6 +27,7 @@ __all__ = [
     "candidate_list",
     "cluster",
     "facing",
+    "picture_of",
     "solve_radiosity",
     "visible",
 ]

@@ -17,7 +17,7 @@ from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
 
 
-def picture(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpolated") -> Float64:
+def picture_of(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpolated") -> Float64:
     """(H, W, 3) float64 radiance at the middles of the camera's pixels: emitted, and reflected radiosity / pi.
 
     scene  : that it is a solution of, with the camera to look from

@@ -73,12 +73,12 @@ class Session:
         started = time.perf_counter() if started is None else started
         context.check()
         self._context = context
-        film = Film.empty(self._metadata(job, scene, context))
+        film = Film.empty(metadata_of(job, self._plan, scene, context))
         clock = Clock(film, job.spp, context.info.renderer, on_progress, started=started)
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
             # The digest of a radiosity solution is known only now.
-            film.metadata = replace(film.metadata, settings=self._recorded())
+            film.metadata = replace(film.metadata, settings=_recorded(self._plan))
         with context.rendering():
             if self._engine is None:
                 clock.report("compiling shaders")
@@ -112,26 +112,29 @@ class Session:
             engine.look_from(job.sensor)
         engine.forget_statistics()
 
-    def _recorded(self) -> dict[str, Any]:
-        """What decides the image, without what the metadata has fields of its own for."""
-        return {k: v for k, v in self._plan.recorded().items() if k not in ("seed", "max_depth")}
 
-    def _metadata(self, job: RenderJob, scene: Scene, context: Context) -> FilmMetadata:
-        info = context.info
-        return FilmMetadata(
-            scene=scene.name,
-            scene_hash=scene.digest(),
-            integrator=job.integrator.integrator,
-            seed=job.integrator.seed,
-            max_depth=job.integrator.max_depth,
-            settings=self._recorded(),
-            full_resolution=job.sensor.resolution,
-            window=job.window,
-            noisy=job.integrator.noisy,
-            exposure=scene.exposure,
-            device=info.renderer,
-            versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
-        )
+def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context) -> FilmMetadata:
+    """What a film of the job says of itself; the scene has the job's camera."""
+    info = context.info
+    return FilmMetadata(
+        scene=scene.name,
+        scene_hash=scene.digest(),
+        integrator=job.integrator.integrator,
+        seed=job.integrator.seed,
+        max_depth=job.integrator.max_depth,
+        settings=_recorded(plan),
+        full_resolution=job.sensor.resolution,
+        window=job.window,
+        noisy=job.integrator.noisy,
+        exposure=scene.exposure,
+        device=info.renderer,
+        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
+    )
+
+
+def _recorded(plan: Plan) -> dict[str, Any]:
+    """What decides the image, without what the metadata has fields of its own for."""
+    return {k: v for k, v in plan.recorded().items() if k not in ("seed", "max_depth")}
 
 
 def _prepared(plan: Plan, scene: Scene, clock: Clock) -> Plan:

@@ -1,0 +1,28 @@
+"""In notebooks: a scene to turn with the mouse, and a shaft to choose.
+
+    from glpath.notebook import explore_shafts, view
+    view("three-spheres")
+    explore_shafts("office")  # and `ShaftScene`, which draws the same without widgets
+
+Films and scenes show themselves without this module, and `glpath.render(..., progress=True)` shows an image while
+it converges. Needs the extra: `pip install "glpath[jupyter]"`.
+"""
+
+from __future__ import annotations
+
+from glpath.errors import GlpathError
+
+try:
+    import ipywidgets  # noqa: F401
+    import jupyter_rfb  # noqa: F401
+except ImportError as missing:
+    raise GlpathError(
+        f"glpath.notebook: {missing.name} is not installed, and the browser is reached by it.",
+        'pip install "glpath[jupyter]"',
+    ) from None
+
+from glpath.figures.candidates import ShaftScene
+from glpath.notebook.shafts import ShaftExplorer, explore_shafts
+from glpath.notebook.view import View, view
+
+__all__ = ["ShaftExplorer", "ShaftScene", "View", "explore_shafts", "view"]

@@ -1,0 +1,44 @@
+"""A camera that goes about its target, by pixels of a pointer's way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from glpath.scene import Camera
+
+_DEGREES_PER_PIXEL = 0.4
+_STEEPEST = 89.0
+# A turn of the wheel by one notch is 100.
+_ZOOM_PER_NOTCH = 1.15
+
+
+def turned(camera: Camera, right: float, down: float) -> Camera:
+    """The camera gone about its target as the pointer drags the scene by so many pixels; never over the pole."""
+    up = camera.up / np.linalg.norm(camera.up)
+    arm = camera.position - camera.target
+    length = np.linalg.norm(arm)
+    height = np.degrees(np.arcsin(np.clip(arm @ up / length, -1, 1)))
+    flat = arm - (arm @ up) * up
+    along = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0 else camera.frame()[1]
+    steepest = max(_STEEPEST, abs(height))
+    angle = np.radians(np.clip(height + _DEGREES_PER_PIXEL * down, -steepest, steepest))
+    around = np.radians(-_DEGREES_PER_PIXEL * right)
+    direction = np.cos(around) * along + np.sin(around) * np.cross(up, along)
+    position = camera.target + length * (np.cos(angle) * direction + np.sin(angle) * up)
+    return replace(camera, position=position)
+
+
+def shifted(camera: Camera, right: float, down: float) -> Camera:
+    """The camera and its target moved so that the target's plane follows the pointer, pixels."""
+    to_right, up, _ = camera.frame()
+    distance = float(np.linalg.norm(camera.target - camera.position))
+    move = distance / camera.focal * (down * up - right * to_right)
+    return replace(camera, position=camera.position + move, target=camera.target + move)
+
+
+def nearer(camera: Camera, notches: float) -> Camera:
+    """The camera on its way to the target (notches < 0), or back; it never arrives."""
+    arm = (camera.position - camera.target) * _ZOOM_PER_NOTCH**notches
+    return replace(camera, position=camera.target + arm)

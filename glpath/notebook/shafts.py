@@ -1,0 +1,79 @@
+"""A shaft to choose, and who can stand in it [SC]."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import ipywidgets
+
+from glpath.figures.candidates import ShaftScene
+from glpath.notebook.show import error_html, with_picture
+from glpath.radiosity import Strategy
+from glpath.scene import AnyScene, load_scene
+
+
+def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
+    """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
+
+    scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets
+
+    Cost: the first time kernels are compiled, up to a minute; then well under a second an image.
+    """
+    return ShaftExplorer(ShaftScene(load_scene(scene, parameters)))
+
+
+class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
+    """The widget of `explore_shafts`.
+
+    emitter, receiver, strategy, ratio : ipywidgets; set their `value` to see another shaft
+    picture : an ipywidgets.Image with the PNG
+    """
+
+    def __init__(self, shafts: ShaftScene) -> None:
+        self._shafts = shafts
+        names = shafts.shapes
+        lamps = [s.name for s in shafts.scene.shapes if s.emits and s.name in names]
+        wide = ipywidgets.Layout(width="230px")
+        first, last = (lamps or names)[0], names[-1]
+        self.emitter = ipywidgets.Dropdown(options=names, value=first, description="emitter", layout=wide)
+        self.receiver = ipywidgets.Dropdown(options=names, value=last, description="receiver", layout=wide)
+        self.strategy = ipywidgets.Dropdown(
+            options=[(s.name.lower().replace("_", " "), s) for s in Strategy],
+            value=Strategy.RATIO_OPEN,
+            description="strategy",
+            layout=wide,
+        )
+        self.ratio = ipywidgets.FloatSlider(
+            value=0.4, min=0.0, max=1.0, step=0.05, description="ratio", layout=wide
+        )
+        self.picture = ipywidgets.Image(format="png")
+        self._message = ipywidgets.HTML()
+        self._lock = threading.Lock()  # the browser and a cell may choose at the same time
+        chosen = (self.emitter, self.receiver, self.strategy, self.ratio)
+        super().__init__([ipywidgets.HBox(chosen), self.picture, self._message])
+        self._draw()
+        for each in chosen:
+            each.observe(self._chosen, names="value")
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """The widget, and for pages without a kernel its image."""
+        png = bytes(self.picture.value)
+        text = f"<ShaftExplorer: {self.emitter.value} to {self.receiver.value}>"
+        return with_picture(super()._repr_mimebundle_(**options), png, text)
+
+    def _chosen(self, change: object) -> None:
+        with self._lock:
+            self._message.value = ""
+            try:
+                self._draw()
+            except Exception as error:
+                self._message.value = error_html(error)
+
+    def _draw(self) -> None:
+        figure = self._shafts.draw(self.emitter.value, self.receiver.value, self.strategy.value, self.ratio.value)
+        with io.BytesIO() as file:
+            figure.savefig(file, format="png", dpi=90)
+            self.picture.value = file.getvalue()

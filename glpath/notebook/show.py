@@ -1,0 +1,31 @@
+"""What a widget shows besides itself: a picture where there is no kernel, and errors that would be lost."""
+
+from __future__ import annotations
+
+import base64
+import html
+import traceback
+from typing import Any
+
+from glpath.errors import GlpathError
+
+
+def with_picture(bundle: Any, png: bytes, text: str) -> Any:
+    """A widget's own mimebundle, data alone or with metadata, and the picture for pages without a kernel."""
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    data |= {"text/plain": text, "image/png": base64.b64encode(png).decode()}
+    return bundle
+
+
+def message_html(*lines: str, wrong: bool = False) -> str:
+    """Lines of text for an `ipywidgets.HTML`, in the colour of errors where something is wrong."""
+    colour = "; color: var(--jp-error-color1, #d32f2f)" if wrong else ""
+    text = "<br>".join(html.escape(line) for line in lines if line)
+    return f'<div style="white-space: pre-wrap; line-height: 1.3{colour}">{text}</div>'
+
+
+def error_html(error: Exception) -> str:
+    """What was wrong and the remedy, of a user's mistake; of one of ours, all of the traceback."""
+    if isinstance(error, GlpathError):
+        return message_html(error.message, error.remedy, wrong=True)
+    return message_html("".join(traceback.format_exception(error)), wrong=True)

@@ -1,0 +1,328 @@
+"""A scene to turn with the mouse: the widget, its buttons, and whose thread is whose.
+
+JupyterLab from 4.4 on hands what a widget's browser half says to a thread of the kernel's own (a subshell, of
+ipykernel 7), so that widgets live while a cell runs; older ones to the main thread, where cells run. So all that
+changes a view holds its lock, and all that is drawn is drawn in the event loop in which its browser is heard. The
+OpenGL context is asked for before the lock, never after, so no two threads wait for each other for ever. It is had
+for a moment at a time, in turns with whoever renders.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any, Literal
+
+import ipywidgets
+import numpy as np
+from jupyter_rfb import RemoteFrameBuffer
+from numpy.typing import NDArray
+
+from glpath import image
+from glpath.errors import SceneError, UsageError
+from glpath.film import Film
+from glpath.gl.context import open_context
+from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.interactive import in_notebook
+from glpath.notebook.live import LiveImage
+from glpath.notebook.orbit import nearer, shifted, turned
+from glpath.notebook.show import error_html, message_html, with_picture
+from glpath.rendering.job import describe
+from glpath.rendering.options import with_options
+from glpath.scene import AnyScene, Camera, Scene, load_scene, path_traceable
+
+UInt8 = NDArray[np.uint8]
+
+#: Seconds of path sets in the first image, which pages without a kernel go on to show.
+_FIRST_SECONDS = 0.5
+#: Seconds between two words on how far it is.
+_WORD_SECONDS = 0.25
+
+
+@with_options
+def view(
+    scene: AnyScene,
+    *,
+    integrator: Integrator | IntegratorSettings | None = None,
+    spp: int | None = None,
+    resolution: tuple[int, int] | None = None,
+    parameters: Mapping[str, object] | None = None,
+    exposure: float | Literal["auto"] | None = None,
+    tonemap: str = "srgb",
+    backend: str = "auto",
+    device: int | None = None,
+    require_gpu: bool = False,
+    **options: Any,
+) -> View:
+    """An image of the scene that turns with the mouse, and converges when it is left alone.
+
+    Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
+    double click, or Reset, goes back to the scene's camera. Stop holds the image, Save writes it as PNG into the
+    present folder. `view(...).scene` is the scene as it is seen now, to be rendered, `view(...).film` what has been
+    rendered of it. While the camera moves the image has half or a quarter of the pixels along a side.
+
+    Parameters
+    ----------
+    scene      : a file, the name of a shipped scene, or a `Scene`
+    integrator : as of `glpath.render`; None takes "path" for scenes that it can render, else "t-buffer", whose
+                 shadow-buffers are kept while the camera moves
+    spp        : path sets until the image counts as converged; by default as of `glpath.render`
+    resolution : (width, height) in pixels instead of the scene's
+    exposure, tonemap : as of `Film.save`; what "auto" finds in the first image is kept when the camera moves
+    {options}
+
+    Raises what `glpath.render` raises, and UsageError for options that it does not know.
+
+    Poor at: many pixels in software. While a cell renders, the two take turns of half a second; where the kernel
+    has no subshells (ipykernel below 7, JupyterLab below 4.4) the image stands still while any cell runs.
+    """
+    image.check_tonemap(tonemap)
+    image.check_exposure(exposure)
+    loaded = load_scene(scene, parameters)
+    chosen = integrator or _integrator(loaded)
+    if chosen in ("t-buffer", "classic") and options.get("shadows") is None:
+        given = {name: value for name, value in options.items() if value is not None}
+        options = {"shadows": "cube", "shadow_resolution": 512} | given
+    job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **options)
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with context:
+        live = LiveImage(job, loaded, context)
+    asked = loaded.exposure if exposure is None else exposure
+    return View(live, None if asked is None or asked == "auto" else float(asked), tonemap)
+
+
+class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
+    """The widget of `view`, which makes it.
+
+    scene     : as it is seen now
+    film      : what has been rendered from there
+    path_sets : in the image
+    spp       : path sets at which it counts as converged
+    converged : it has them
+    exposure  : stops; None until the first image was found to need so many
+    """
+
+    def __init__(self, live: LiveImage, exposure: float | None, tonemap: str) -> None:
+        self._lock = threading.RLock()
+        self._live: LiveImage | None = live
+        self.exposure, self._tonemap = exposure, tonemap
+        self._home = live.scene
+        self._grip: tuple[float, float] | None = None  # where the pointer was, while it is down
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._told_at = -np.inf
+
+        self._canvas = _Canvas(self)
+        width, height = live.camera.resolution
+        self._canvas.css_width, self._canvas.css_height = f"{width}px", f"{height}px"
+        layout = ipywidgets.Layout(width="6.5em")
+        self._reset = ipywidgets.Button(description="Reset", icon="home", layout=layout)
+        self._reset.tooltip = "Go back to the scene's camera"
+        self._stop = ipywidgets.ToggleButton(description="Stop", icon="pause", layout=layout)
+        self._stop.tooltip = "Hold the image as it is"
+        self._save = ipywidgets.Button(description="Save", icon="save", layout=layout)
+        self._save.tooltip = "Write a PNG into the present folder"
+        self._word = ipywidgets.Label()
+        self._message = ipywidgets.HTML()
+        self._buttons = ipywidgets.HBox([self._reset, self._stop, self._save, self._word])
+        super().__init__([self._buttons, self._canvas, self._message])
+        self._reset.on_click(lambda button: self.reset())
+        self._stop.observe(lambda change: self._hold(), names="value")
+        self._save.on_click(lambda button: self._save_png())
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as it is seen now."""
+        return replace(self._home, camera=self._image.camera)
+
+    @property
+    def film(self) -> Film:
+        """A `Film` of the path sets that the image has, with its metadata; without one while the camera moves."""
+        live = self._image
+        with live.context, self._lock:
+            return live.film
+
+    @property
+    def path_sets(self) -> int:
+        """In the image; 0 while the camera moves."""
+        return self._image.path_sets
+
+    @property
+    def spp(self) -> int:
+        """Path sets at which the image counts as converged."""
+        return self._image.job.spp
+
+    @property
+    def converged(self) -> bool:
+        """Nothing is left to do until the camera moves."""
+        return self._image.converged
+
+    def reset(self) -> None:
+        """Go back to the scene's camera; after an error, try again."""
+        with self._lock:
+            self._show(self._buttons, self._canvas, self._message)
+            self._message.value = ""
+            self._look(self._home.camera)
+
+    def close(self) -> None:
+        """Take the widget from the page and free what it holds on the device. It is of no use any more."""
+        if self._live is None:
+            return
+        # The context before the lock, as everywhere: two threads can not wait for each other then.
+        with self._live.context, self._lock:
+            self._live = None
+            for widget in (self._canvas, *self._buttons.children, self._buttons, self._message):
+                widget.close()
+            super().close()
+
+    def picture(self) -> UInt8:
+        """(H, W, 3) uint8 sRGB: the image as far as it is, with a few path sets at least."""
+        live = self._image
+        with live.context, self._lock:
+            return self._toned(live.first(_FIRST_SECONDS))
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """The widget, and for pages without a kernel its image."""
+        png = image.encode_png(self.picture())
+        width, height = self._image.camera.resolution
+        sets = f"{self.path_sets} of {self.spp} path sets"
+        text = f"<View of {self._home.name}: {width} x {height} pixels, {sets}>"
+        return with_picture(super()._repr_mimebundle_(**options), png, text)
+
+    @property
+    def _image(self) -> LiveImage:
+        if self._live is None:
+            raise UsageError("view: is closed", "Make another one.")
+        return self._live
+
+    # What the browser says, in the widget's thread. Whatever goes wrong is shown: nobody else would hear of it.
+
+    def handle_event(self, event: Mapping[str, Any]) -> None:
+        """Turn, shift, come nearer, go back: by an event of jupyter_rfb; called by the widget."""
+        with self._lock, self._shown():
+            with suppress(RuntimeError):  # called from elsewhere
+                self._loop = asyncio.get_running_loop()
+            if self._live is not None:
+                self._handle(self._live.camera, event)
+
+    def _handle(self, camera: Camera, event: Mapping[str, Any]) -> None:
+        kind = event["event_type"]
+        if kind == "pointer_down":
+            self._grip = event["x"], event["y"]
+        elif kind in ("pointer_move", "pointer_up") and self._grip is not None:
+            dx, dy = event["x"] - self._grip[0], event["y"] - self._grip[1]
+            self._grip = (event["x"], event["y"]) if kind == "pointer_move" else None
+            if dx or dy:
+                shifts = "Shift" in event.get("modifiers", ()) or 2 in event.get("buttons", ())
+                self._look(shifted(camera, dx, dy) if shifts else turned(camera, dx, dy))
+        elif kind == "wheel":
+            self._look(nearer(camera, event["dy"] / 100))
+        elif kind == "double_click":
+            self.reset()
+
+    def _show(self, *widgets: ipywidgets.Widget) -> None:
+        self.children = widgets
+
+    def _look(self, camera: Camera) -> None:
+        self._image.look_from(camera)
+        self._redraw()
+
+    def _hold(self) -> None:
+        with self._lock, self._shown():
+            self._image.stopped = self._stop.value
+            self._redraw()
+
+    def _save_png(self) -> None:
+        with self._shown(ends=False):
+            film = self.film
+            path = _unused(self._home.name)
+            film.save(path, exposure=self.exposure, tonemap=self._tonemap)
+            self._message.value = message_html(f"Saved {path}: {film.path_sets} of {self.spp} path sets.")
+
+    # Drawing.
+
+    def _redraw(self) -> None:
+        """Ask for a frame, in the event loop that hears the browser, whoever asks."""
+        if self._loop is None:
+            return  # it is heard first when it shows the widget
+        with suppress(RuntimeError):  # closed: the page was loaded anew, and is heard when it is there
+            self._loop.call_soon_threadsafe(self._canvas.request_draw)
+
+    def draw(self) -> None:
+        """Go on for a moment, and send an image where there is a new one; called by the widget."""
+        live = self._live
+        if live is None:
+            return
+        with self._shown(), live.context, self._lock:
+            if self._live is None:
+                return
+            radiance = live.step()
+            if radiance is not None:
+                self._canvas.send_frame(self._toned(radiance))
+            self._tell(live)
+            if not live.idle:
+                self._canvas.request_draw()
+
+    def _toned(self, radiance: NDArray[np.float64]) -> UInt8:
+        if self.exposure is None:
+            self.exposure = image.auto_exposure(radiance)
+        return image.tonemap(radiance, self.exposure, self._tonemap)
+
+    def _tell(self, live: LiveImage) -> None:
+        now = time.perf_counter()
+        if live.idle or now - self._told_at > _WORD_SECONDS:
+            self._told_at = now
+            self._word.value = f"{live.path_sets} of {live.job.spp} path sets"
+
+    @contextmanager
+    def _shown(self, ends: bool = True) -> Iterator[None]:
+        """An error is shown in the view's place, where it is to end it, or below; the buttons stay."""
+        try:
+            yield
+        except Exception as error:
+            self._message.value = error_html(error)
+            if ends:
+                self._show(self._buttons, self._message)
+
+
+class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
+    """The image in the browser, and the pointer over it."""
+
+    def __init__(self, owner: View) -> None:
+        super().__init__()
+        self._owner = owner
+        self.resizable = False
+        self.cursor = "grab"
+
+    def get_frame(self) -> None:
+        """Draw; the view sends the image itself, while it holds its lock."""
+        self._owner.draw()
+
+    def handle_event(self, event: Mapping[str, Any]) -> None:
+        """Hand on what the pointer does."""
+        self._owner.handle_event(event)
+
+
+def _unused(name: str) -> Path:
+    """A file for a picture of this name, in the present folder, that there is not yet."""
+    stem = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "view"
+    for number in count(1):
+        path = Path(f"{stem}.png" if number == 1 else f"{stem}-{number}.png")
+        if not path.exists():
+            return path
+    raise AssertionError
+
+
+def _integrator(scene: Scene) -> Integrator:
+    """The path tracer where it can; it says so of a scene where it can not."""
+    try:
+        path_traceable(scene)
+    except SceneError:
+        return "t-buffer"
+    return "path"

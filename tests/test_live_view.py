@@ -1,0 +1,383 @@
+"""The live view in a real browser: JupyterLab on the loopback, and Chromium without a screen, driven by Selenium.
+
+Needs Debian's chromium and chromium-driver and the extra `browser`; `make evidence` installs them, and without them
+these tests are skipped. `pytest -m evidence -s tests/test_live_view.py -k rate` prints the rates.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import glpath
+from glpath.notebook.orbit import turned
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+MISSING = [
+    name
+    for name, found in {
+        "chromium": CHROMIUM,
+        "chromedriver": DRIVER,
+        "selenium": importlib.util.find_spec("selenium"),
+        "jupyterlab": importlib.util.find_spec("jupyterlab"),
+    }.items()
+    if not found
+]
+pytestmark = [
+    pytest.mark.evidence,
+    pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}; `make evidence` does"),
+    # Selenium leaves a socket of each answer to the collector.
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+ROOT = Path(__file__).parent.parent
+SECONDS = 90
+# On the loopback alone, and nothing is asked of the network.
+SERVER = (
+    "--no-browser",
+    "--allow-root",
+    "--ip=127.0.0.1",
+    "--port=0",
+    "--IdentityProvider.token=glpath",
+    "--LabApp.expose_app_in_browser=True",
+    "--LabApp.extension_manager=readonly",
+    "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate",
+    "--LabApp.news_url=None",
+)
+OPTIONS = {"resolution": (256, 192), "spp": 24, "max_depth": 2}
+
+# The browser's own events, 50 a second, whatever the driver's rate is; frames are counted as the image shows them.
+CIRCLE = """
+const [seconds, done] = arguments
+const image = document.querySelector('.renderview-wrapper img')
+const box = image.getBoundingClientRect()
+const at = (type, x, y, buttons) => image.dispatchEvent(new PointerEvent(type, {
+  clientX: box.x + x, clientY: box.y + y, button: type === 'pointermove' ? -1 : 0, buttons, pointerId: 1,
+  pointerType: 'mouse', isPrimary: true, bubbles: true, cancelable: true }))
+let frames = 0
+const seen = new MutationObserver(() => { frames += 1 })
+seen.observe(image, { attributes: true, attributeFilter: ['src'] })
+const cx = box.width / 2, cy = box.height / 2, begun = performance.now()
+image.setPointerCapture = () => {}
+at('pointerdown', cx + 20, cy, 1)
+const timer = setInterval(() => {
+  const t = (performance.now() - begun) / 1000
+  at('pointermove', cx + 20 * Math.cos(3 * t), cy + 20 * Math.sin(3 * t), 1)
+  if (t < seconds) return
+  clearInterval(timer)
+  at('pointerup', cx + 20 * Math.cos(3 * t), cy + 20 * Math.sin(3 * t), 0)
+  seen.disconnect()
+  done(frames / t)
+}, 20)
+"""
+
+PICTURE = """
+const image = document.querySelector('.renderview-wrapper img')
+const canvas = document.createElement('canvas')
+canvas.width = image.naturalWidth
+canvas.height = image.naturalHeight
+canvas.getContext('2d').drawImage(image, 0, 0)
+return canvas.toDataURL('image/png').split(',')[1]
+"""
+
+
+def wait_for(condition: Callable[[], Any], what: str, seconds: float = SECONDS) -> Any:
+    end = time.monotonic() + seconds
+    while True:
+        found = condition()
+        if found:
+            return found
+        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        time.sleep(0.1)
+
+
+class Lab:
+    """A notebook open in JupyterLab, in a browser; and its kernel, asked over the kernel's own sockets."""
+
+    def __init__(self, driver: Any, folder: Path, log: Path) -> None:
+        self.driver, self.folder, self.log = driver, folder, log
+        self._client: Any = None
+
+    def run_cells(self) -> None:
+        wait_for(
+            lambda: self.driver.execute_script(
+                "const n = window.jupyterapp?.shell.currentWidget; "
+                "return n?.context?.isReady && n.sessionContext.session?.kernel?.status === 'idle'"
+            ),
+            "the notebook is open and its kernel idle",
+        )
+        self.driver.execute_script("window.jupyterapp.commands.execute('notebook:run-all-cells')")
+
+    @property
+    def client(self) -> Any:
+        if self._client is None:
+            from jupyter_client.blocking import BlockingKernelClient
+
+            files = (self.folder / "runtime").glob("kernel-*.json")
+            self._client = BlockingKernelClient()
+            self._client.load_connection_file(str(max(files, key=lambda file: file.stat().st_mtime)))
+            self._client.start_channels()
+            self._client.wait_for_ready(timeout=SECONDS)
+        return self._client
+
+    def start(self, code: str) -> None:
+        """Run the code as a cell; do not wait for it."""
+        self.client.execute(code)
+
+    @property
+    def busy(self) -> bool:
+        return bool(
+            self.driver.execute_script(
+                "return window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.status === 'busy'"
+            )
+        )
+
+    def interrupt(self) -> None:
+        self.driver.execute_script(
+            "return window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.interrupt()"
+        )
+
+    def ask(self, code: str) -> str:
+        """What the code prints in the notebook's kernel."""
+        out: list[str] = []
+
+        def hook(message: dict[str, Any]) -> None:
+            content = message["content"]
+            if message["msg_type"] == "stream":
+                out.append(content["text"])
+            assert message["msg_type"] != "error", "\n".join(content["traceback"])
+
+        self.client.execute_interactive(code, timeout=SECONDS, output_hook=hook)
+        return "".join(out)
+
+    def picture(self) -> np.ndarray:
+        """(H, W, 3) uint8: the pixels of the view's image, as it was sent."""
+        png = base64.b64decode(self.driver.execute_script(PICTURE))
+        return np.asarray(Image.open(BytesIO(png)).convert("RGB"))
+
+    def text(self) -> str:
+        return str(self.driver.execute_script("return document.querySelector('.jp-Notebook').innerText"))
+
+    def press(self, button: str) -> None:
+        self.driver.find_element("xpath", f"//button[contains(., '{button}')]").click()
+
+    def drag(self, right: int, down: int) -> None:
+        from selenium.webdriver import ActionChains
+
+        image = self.driver.find_element("css selector", ".renderview-wrapper img")
+        chain = ActionChains(self.driver, duration=40).move_to_element(image).click_and_hold()
+        for i in range(10):
+            chain.move_by_offset(right * (i + 1) // 10 - right * i // 10, down * (i + 1) // 10 - down * i // 10)
+        chain.release().perform()
+
+    def converged(self) -> None:
+        wait_for(lambda: self.ask("print(shown.converged)") == "True\n", "the view has converged")
+
+    def complaints(self) -> list[str]:
+        """Errors in the notebook's outputs, in the browser's log and in the server's, kernels' words included."""
+        shown = self.driver.execute_script(
+            "return [...document.querySelectorAll('.jp-OutputArea-output')]"
+            ".filter(o => /stderr|error/.test(o.dataset.mimeType || '')).map(o => o.innerText)"
+        )
+        console = [e["message"] for e in self.driver.get_log("browser") if e["level"] == "SEVERE"]
+        lines = self.log.read_text().splitlines()
+        return [*shown, *console, *(line for line in lines if "Traceback" in line or line.startswith("[E "))]
+
+    def camera(self) -> glpath.scene.Camera:
+        given = json.loads(
+            self.ask(
+                "import json, dataclasses\n"
+                "print(json.dumps(dataclasses.asdict(shown.scene.camera), default=lambda a: a.tolist()))"
+            )
+        )
+        arrays = {name: np.array(given[name]) for name in ("position", "target", "up")}
+        return glpath.scene.Camera(**given | arrays | {"resolution": tuple(given["resolution"])})
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    folder = tmp_path_factory.mktemp("lab")
+    own = {f"JUPYTER_{name}_DIR": str(folder / name.lower()) for name in ("CONFIG", "DATA", "RUNTIME")}
+    (folder / "runtime").mkdir()
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jupyterlab", *SERVER, f"--ServerApp.root_dir={folder}"],
+            cwd=folder,
+            env=os.environ | own | {"IPYTHONDIR": str(folder / "ipython"), "PYTHONPATH": str(ROOT)},
+            stdout=log,
+            stderr=log,
+        )
+        try:
+
+            def address() -> str:
+                assert process.poll() is None, (folder / "log").read_text()
+                found = list((folder / "runtime").glob("jpserver-*.json"))
+                return json.loads(found[0].read_text())["url"] if found else ""
+
+            yield folder, wait_for(address, "JupyterLab answers")
+        finally:
+            process.terminate()
+            process.wait(timeout=SECONDS)
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Any]:
+    from selenium import webdriver
+
+    os.environ["NO_PROXY"] = ",".join(filter(None, [os.environ.get("NO_PROXY"), "localhost", "127.0.0.1"]))
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    for argument in (
+        "--headless=new",
+        "--disable-dev-shm-usage",
+        "--disable-gpu",
+        "--no-proxy-server",
+        "--window-size=1200,1000",
+        *(["--no-sandbox"] if os.geteuid() == 0 else []),  # as root Chromium has none
+    ):
+        options.add_argument(argument)
+    with webdriver.Chrome(options, webdriver.ChromeService(str(DRIVER))) as chrome:
+        chrome.set_script_timeout(SECONDS)
+        yield chrome
+
+
+OpenNotebook = Callable[[str], Lab]
+
+
+@pytest.fixture
+def notebook(server: tuple[Path, str], driver: Any) -> Iterator[OpenNotebook]:
+    """Opens a notebook of one cell in JupyterLab and runs it."""
+    import nbformat
+
+    folder, url = server
+    opened: list[Lab] = []
+
+    def run(code: str) -> Lab:
+        book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
+        book.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        nbformat.write(book, folder / "view.ipynb")
+        driver.get(f"{url}lab/tree/view.ipynb?reset&token=glpath")
+        lab = Lab(driver, folder, folder / "log")
+        lab.run_cells()
+        wait_for(
+            lambda: driver.execute_script(
+                "return document.querySelector('.renderview-wrapper img')?.naturalWidth > 1"
+            ),
+            "the view shows an image",
+        )
+        opened.append(lab)
+        return lab
+
+    yield run
+    for lab in opened:
+        lab.driver.execute_script("return window.jupyterapp.serviceManager.sessions.shutdownAll()")
+
+
+CELL = f"""
+from glpath.notebook import view
+shown = view("cornell-box", **{OPTIONS})
+shown
+"""
+
+
+def test_the_view_turns_with_the_mouse_and_shows_what_render_gives(notebook: OpenNotebook) -> None:
+    lab = notebook(CELL)
+    lab.converged()
+    home = lab.camera()
+    before = wait_for_film(lab, home)
+    lab.drag(60, 25)
+    lab.converged()
+    camera = lab.camera()
+    expected = turned(home, 60, 25)
+    np.testing.assert_allclose(camera.position, expected.position, atol=1e-9)
+    after = wait_for_film(lab, camera)
+    assert np.mean(np.abs(after.astype(int) - before)) > 5
+    assert lab.complaints() == []
+
+
+def wait_for_film(lab: Lab, camera: glpath.scene.Camera, exposure: float | None = None) -> np.ndarray:
+    """The view's image, once it is the render from this camera; what is sent without loss comes a moment later."""
+    scene = glpath.load_scene("cornell-box").with_camera(**vars(camera))
+    film = glpath.render(scene, **OPTIONS)
+    exposure = float(lab.ask("print(shown.exposure)")) if exposure is None else exposure
+    shown = film.to_srgb(exposure=exposure)
+    wait_for(lambda: np.array_equal(lab.picture(), shown), "the view shows the render", 20)
+    return shown
+
+
+def test_a_frame_that_fails_is_seen_and_reset_tries_again(notebook: OpenNotebook) -> None:
+    lab = notebook(CELL)
+    lab.converged()
+    lab.ask(
+        "engine = shown._image._level(1).engine\n"
+        "def fail(index): raise RuntimeError('the driver is out of luck')\n"
+        "engine.trace_path_set = fail\n"
+        "shown._image._reduction = 1"
+    )
+    lab.drag(30, 0)
+    wait_for(lambda: "RuntimeError: the driver is out of luck" in lab.text(), "the error is shown")
+    lab.ask("del engine.trace_path_set")
+    lab.press("Reset")
+    lab.converged()
+    wait_for_film(lab, glpath.load_scene("cornell-box").with_camera(resolution=OPTIONS["resolution"]).camera)
+    assert "out of luck" not in lab.text()
+
+
+def test_the_buttons_stop_save_and_reset(notebook: OpenNotebook) -> None:
+    lab = notebook(CELL.replace("'spp': 24", "'spp': 100000"))
+    lab.press("Stop")
+    sets = lab.ask("print(shown.path_sets)")
+    time.sleep(1)
+    assert lab.ask("print(shown.path_sets)") == sets != "0\n"
+    lab.press("Save")
+    wait_for((lab.folder / "cornell-box.png").exists, "the picture is saved")
+    saved = np.asarray(Image.open(lab.folder / "cornell-box.png"))
+    wait_for(lambda: np.array_equal(lab.picture(), saved), "what is saved is what is seen", 20)
+    lab.press("Stop")
+    wait_for(lambda: int(lab.ask("print(shown.path_sets)")) > int(sets), "it goes on")
+    assert lab.complaints() == []
+
+
+def test_the_view_turns_while_a_cell_renders(notebook: OpenNotebook) -> None:
+    """Where widgets have a thread of their own, that and the cell's take turns."""
+    lab = notebook(CELL)
+    lab.converged()
+    home, exposure = lab.camera(), float(lab.ask("print(shown.exposure)"))
+    render = "glpath.render('cornell-box', resolution=(64, 64), spp=20000, max_depth=2)"
+    lab.start(f"import glpath, threading\nwith __import__('contextlib').suppress(KeyboardInterrupt):\n    {render}")
+    lab.drag(60, 25)
+    camera = turned(home, 60, 25)
+    wait_for_film(lab, camera, exposure)
+    assert lab.busy, "the render had ended"
+    lab.interrupt()
+    assert lab.complaints() == []
+
+
+def test_frames_a_second_while_dragging(notebook: OpenNotebook) -> None:
+    """At the size of a shipped scene, 512 x 512, and half of it; printed with -s."""
+    for scene, size in (("cornell-box", 256), ("cornell-box", 512), ("three-spheres", 512)):
+        lab = notebook(
+            f"from glpath.notebook import view\nshown = view('{scene}', resolution=({size}, {size}))\nshown"
+        )
+        wait_for(lambda lab=lab: int(lab.ask("print(shown.path_sets)")) > 2, "it renders")
+        rate = lab.driver.execute_async_script(CIRCLE, 4)
+        shape = lab.picture().shape[1::-1]
+        print(f"{scene}, {size} x {size}: {rate:.1f} frames a second of {shape[0]} x {shape[1]} pixels")
+        assert rate > 5
+        assert lab.complaints() == []
