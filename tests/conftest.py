@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 
+import beside
 import hypothesis
 import numpy as np
 import pytest
@@ -31,6 +33,36 @@ def no_gl_error() -> Iterator[None]:
     with context:
         error = context.gl.error
     assert error == "GL_NO_ERROR", f"the test left {error} behind"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What runs beside the other tests is waited for at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("beside") is not None)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    if session.config.option.collectonly or len(session.items) < 2:
+        return
+    for item in session.items:
+        marker = item.get_closest_marker("beside")
+        if marker is not None:
+            with contextlib.suppress(pytest.skip.Exception):  # the test itself will say why
+                marker.kwargs["start"]()
+
+
+def pytest_sessionfinish() -> None:
+    for one in beside.running.values():
+        one.end()
+
+
+@pytest.fixture(autouse=True)
+def quiet_where_time_is_measured(request: pytest.FixtureRequest) -> Iterator[None]:
+    still = list(beside.running.values()) if request.node.get_closest_marker("timed") else []
+    for one in still:
+        one.stand_still()
+    yield
+    for one in still:
+        one.go_on()
 
 
 @pytest.fixture

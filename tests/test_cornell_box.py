@@ -52,6 +52,7 @@ def test_1024_path_sets_are_within_1_2e_4_of_mitsuba(seed: int, mitsuba: NDArray
 
 
 @pytest.mark.evidence
+@pytest.mark.timed
 def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
     report = bench_path_buffer(seeds=2)
     assert report.holds is (report.measured["vs_mitsuba"] >= 0.5)
@@ -60,6 +61,7 @@ def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
 
 
 @pytest.mark.evidence
+@pytest.mark.timed
 def test_the_gather_is_ahead_of_path_tracing_and_of_mitsuba() -> None:
     """Its solver included, to 1e-3 with all bounces. Measured: 17 and 13 times."""
     measured = (report := bench_gather(seeds=1)).measured

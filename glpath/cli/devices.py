@@ -20,6 +20,7 @@ from rich.table import Table
 from glpath.errors import ContextError, ShaderError
 from glpath.gl.context import REQUIRED_VERSION, open_context
 from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, list_devices
+from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.limits import device_limits
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
@@ -113,6 +114,7 @@ def examine() -> list[Finding]:
 
     What only one way of rendering needs counts as missing only when no way is left.
     """
+    threads = os.environ.get("LP_NUM_THREADS")  # before there is a context, which may set it
     try:
         probes, wrong = list_devices(), ""
     except ContextError as error:
@@ -125,7 +127,7 @@ def examine() -> list[Finding]:
         lambda: _libraries(renders),
         lambda: _context(probes, wrong),
         lambda: _limits() if renders else iter(()),
-        _threads,
+        lambda: _threads(threads),
         _shader_cache,
         _gpu_access,
     ]
@@ -259,12 +261,13 @@ def _limits() -> Iterator[Finding]:
         yield Finding("limits", "ok", f"found/needed: {text}")
 
 
-def _threads() -> Iterator[Finding]:
+def _threads(chosen: str | None) -> Iterator[Finding]:
     cores = len(os.sched_getaffinity(0))
-    chosen = os.environ.get("LP_NUM_THREADS")
     text = f"{cores} cores, LP_NUM_THREADS " + (
         f"= {chosen}" if chosen is not None else "not set: llvmpipe uses all"
     )
+    if asks_for_one_thread(chosen):
+        text += "; taken as 0, which is as quick: with one thread llvmpipe may free what that still uses"
     if chosen is not None and chosen.isdigit() and int(chosen) < cores:
         yield Finding("threads", "note", text, "unset LP_NUM_THREADS")
     else:

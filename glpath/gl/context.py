@@ -60,6 +60,7 @@ from glpath.gl.devices import (
     finish_probe,
     start_probe,
 )
+from glpath.gl.fences import HeldFences, asks_for_one_thread
 from glpath.gl.osmesa import OSMesaLoader
 from glpath.gl.program import forget_programs
 from glpath.gl.signals import SignalsWait
@@ -122,6 +123,8 @@ class Context:
         self._turns = Turns(_kept_elsewhere)
         self._here = threading.local()
         self._renders = threading.RLock()
+        llvmpipe = self.info.renderer.startswith("llvmpipe")
+        self._fences = HeldFences(self._loader.load_opengl_function) if llvmpipe else None
         self._signals = SignalsWait(Context.__exit__.__code__)
         # In a notebook: the thread whose cells have it, how many of them run, one within another.
         self._cell_thread: int | None = None
@@ -213,6 +216,11 @@ class Context:
         """For a render, from its engine to its last step: one at a time. The context itself is had step by step."""
         # Who has the context does not wait for a render that waits for the context.
         return nullcontext() if self._turns.mine else self._renders
+
+    def drawn(self) -> None:
+        """To be called after every draw and dispatch: see `fences`."""
+        if self._fences is not None:
+            self._fences.hold()
 
     def function(self, name: str, *arguments: type) -> Callable[..., None]:
         """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
@@ -373,6 +381,8 @@ def _refuse_another(info: DeviceInfo, backend: str, device: int | None) -> None:
 
 def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Context:
     """The first candidate that works: hardware, then software, then OSMesa."""
+    if asks_for_one_thread(os.environ.get("LP_NUM_THREADS")):
+        os.environ["LP_NUM_THREADS"] = "0"  # read by the driver when it is loaded
     failures: list[str] = []
     candidates: list[Candidate] = []
     if backend != "osmesa":

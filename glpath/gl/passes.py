@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.clear import clear_integers, holds_integers
+from glpath.gl.context import context_of
 from glpath.gl.program import Program
 
 BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
@@ -167,6 +168,7 @@ class Pass:
                 self._vertex_array.render(self._mode, vertices=self.vertices, instances=self.instances)
             else:
                 self._vertex_array.render_indirect(self.indirect, self._mode, count=1)
+        context_of(gl).drawn()
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
         if self.buffers:
@@ -196,6 +198,7 @@ class Dispatch:
         self.program.set(uniforms)
         with self.gl.debug_scope(self.name):
             self.program.gl.run(*groups)  # type: ignore[union-attr]
+        context_of(self.gl).drawn()
         self.gl.memory_barrier()
 
 
