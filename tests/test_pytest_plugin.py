@@ -401,9 +401,13 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
-def test_the_page_in_a_browser(failed: Callable[..., Path], tmp_path: Path) -> None:
+def test_the_page_in_a_browser(failed: Callable[..., Path], run: Run, tmp_path: Path) -> None:
     """Its keys, in a copy that presses them; and the picture is on the screen."""
-    page = page_of(failed())
+    results = failed()
+    baselines = results.parent / "baseline" / "test_a"
+    shutil.copy(baselines / "test_grey-0.exr", baselines / "test_gone.exr")
+    run()
+    page = page_of(results)
 
     def browse(text: str, *options: str) -> str:
         (tmp_path / "page.html").write_text(text, encoding="utf-8")
@@ -426,7 +430,8 @@ def test_the_page_in_a_browser(failed: Callable[..., Path], tmp_path: Path) -> N
     pressing = "".join(f'document.dispatchEvent(new KeyboardEvent("keydown", {{key: "{key}"}}));' for key in keys)
     screen = tmp_path / "screen.png"
     shown = browse(page.replace("</body>", f"<script>{pressing}</script></body>"), "--dump-dom")
-    assert "glpath image tests: 3 of 6 failed" in shown
+    assert "glpath image tests: 3 of 6 failed, 1 unused baseline" in shown
+    assert re.search(r'id="unused"><.*test_gone\.exr</li>', shown)
     buttons = re.findall(r"<button(.*?)><b>(.*?)</b>", shown)
     assert [name for state, name in buttons if 'aria-current="true"' in state] == [buttons[1][1]]
     assert 'id="picture" alt="reference"' in shown
