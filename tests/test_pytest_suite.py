@@ -343,7 +343,7 @@ def test_two_tests_of_one_file_name_are_found(run: Run, suite) -> None:
         ('render_regression("no-such-scene")', 'E   *Failed: glpath: "no-such-scene" is neither*'),
         ('render_regression("no-such.png")', "E   *Failed: glpath: no-such.png: there is no such file."),
         ("render_regression(lambda: 1 / 0)", "E   ZeroDivisionError: division by zero"),
-        ("render_regression(b'text')", "E   *Failed: glpath: 4 bytes: cannot be read as a picture."),
+        ("render_regression(b'text')", "E   *Failed: glpath: 4 bytes: cannot be read as a picture: it is cut off*"),
     ],
 )
 def test_an_error_is_said_once_with_the_line_of_the_test(run: Run, suite, call: str, message: str) -> None:

@@ -77,9 +77,14 @@ def picture_of_pillow(image: Image) -> Picture:
 
 
 def _by_pillow(data: bytes, place: str) -> Picture:
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
-    with reading(place, "a picture"), Image.open(io.BytesIO(data)) as image:
+    with reading(place, "a picture"):
+        try:
+            image = Image.open(io.BytesIO(data))
+        except UnidentifiedImageError as error:  # its own text names an object in memory
+            why = "it is cut off, or of an unknown format"
+            raise ImageError(f"{place}: cannot be read as a picture: {why}.") from error
         frames = getattr(image, "n_frames", 1)
         if frames > 1:
             raise ImageError(f"{place}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
