@@ -11,10 +11,9 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from rich.console import Console
-
 from glpath.film import Film
 from glpath.interactive import in_notebook
+from glpath.terminal import clean, clean_console
 
 #: Of the command line; in a notebook "auto" is an image.
 MODES = ("auto", "bar", "lines", "json", "none")
@@ -56,7 +55,7 @@ def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report]:
     if mode == "auto" and in_notebook():
         return _image()
     if mode == "auto":
-        mode = "bar" if Console(file=stream).is_terminal else "lines"
+        mode = "bar" if clean_console(stream).is_terminal else "lines"
     return {"bar": _bar, "lines": _lines, "json": _json, "none": _none}[mode](stream)
 
 
@@ -69,7 +68,7 @@ def _none(stream: TextIO) -> Iterator[Report]:
 def _bar(stream: TextIO) -> Iterator[Report]:
     from rich import progress as rich_progress
 
-    console = Console(file=stream, highlight=False)
+    console = clean_console(stream, highlight=False)
     columns = (
         rich_progress.TextColumn("{task.description}", markup=False),
         rich_progress.BarColumn(bar_width=None),
@@ -112,16 +111,16 @@ def _lines(stream: TextIO) -> Iterator[Report]:
         now, rate = progress.elapsed_s, pace.rate(progress)
         if progress.renderer != renderer:
             renderer = progress.renderer
-            print(f"rendering on {renderer}", file=stream, flush=True)
+            print(clean(f"rendering on {renderer}"), file=stream, flush=True)
         if progress.stage == stage and now < next_line and progress.done < progress.total:
             return
         if progress.stage != stage and progress.done == 0:
-            print(progress.stage, file=stream, flush=True)
+            print(clean(progress.stage), file=stream, flush=True)
         else:
             details = "".join(f", {text}" for text in _details(progress, rate))
             share = 100 * progress.done / max(progress.total, 1)
             count = f"{progress.done}/{progress.total} path sets ({share:.0f} %)"
-            print(f"{count} after {duration(now)}{details}", file=stream, flush=True)
+            print(clean(f"{count} after {duration(now)}{details}"), file=stream, flush=True)
         stage = progress.stage
         next_line = now + min(max(_SOONEST, _SHARE * now), _LATEST)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,10 @@ from glpath.cli.signals import result_of
 from glpath.errors import UsageError
 from glpath.experiments.verdict import Report
 from glpath.files import check_writable, save_all, write_bytes
+from glpath.terminal import clean_console, say
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # What each bench measures, and which options it takes besides --json.
 BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -69,7 +73,7 @@ def bench(
     """
     if list_all:
         for key, (what, _) in BENCHES.items():
-            typer.echo(f"{key:<14} {what}")
+            say(f"{key:<14} {what}")
         return
     if name not in BENCHES:
         raise UsageError(
@@ -92,33 +96,32 @@ def bench(
 
 
 def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: float) -> Report:
-    def say(text: str) -> None:
-        typer.echo(text, err=True)
+    def progress(text: str) -> None:
+        say(text, err=True)
 
     if name == "gather":
         from glpath.bench.gather import bench_gather
 
-        return bench_gather(seeds, reference, scale, say)
+        return bench_gather(seeds, reference, scale, progress)
     if name == "t-buffer":
         from glpath.bench.t_buffer import bench_t_buffer
 
-        return bench_t_buffer(scale, rounds, say)
+        return bench_t_buffer(scale, rounds, progress)
     if name == "shaft":
         from glpath.bench.shaft import bench_shaft
 
-        return bench_shaft(scale, rounds, say)
+        return bench_shaft(scale, rounds, progress)
     if name == "shaft-options":
         from glpath.bench.shaft import bench_shaft_options
 
-        return bench_shaft_options(scale, rounds, say)
+        return bench_shaft_options(scale, rounds, progress)
     from glpath.bench.path_buffer import bench_path_buffer
 
-    return bench_path_buffer(seeds, reference, say)
+    return bench_path_buffer(seeds, reference, progress)
 
 
 def _show(report: Report, output: Path | None) -> None:
     """As tables, and as JSON where it is wanted."""
-    from rich.console import Console
 
     failure = None
     if output is not None:
@@ -128,7 +131,7 @@ def _show(report: Report, output: Path | None) -> None:
         if failure is not None:
             raise failure
         return
-    console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
+    console = clean_console(soft_wrap=True, highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 200  # a table that is cut to a guessed screen has lost its numbers
     _print(console, report.measured, report.rows)
@@ -141,11 +144,9 @@ def _show(report: Report, output: Path | None) -> None:
         raise failure
 
 
-def _print(console: object, measured: dict[str, float], rows: list[dict[str, object]]) -> None:
-    from rich.console import Console
+def _print(console: Console, measured: dict[str, float], rows: list[dict[str, object]]) -> None:
     from rich.table import Table
 
-    assert isinstance(console, Console)
     table = Table("measured", "", box=None)
     for key, value in measured.items():
         table.add_row(key, f"{value:.4g}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.errors import UsageError
+from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.compare import Verdict
@@ -109,18 +109,18 @@ def diff(
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
         judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
         files = {"image": str(image), "reference": str(reference)}
-        typer.echo(json.dumps({**files, **plain, "scale": full_colour, **judged}))
+        say_json({**files, **plain, "scale": full_colour, **judged})
     else:
         for key, value in measured.items():
             unit = {"PSNR": " dB", "percent beyond": f" of the pixels differ by more than {fail}"}.get(key, "")
-            typer.echo(f"{key:<10}  {value:.6g}{unit}")
+            say(f"{key:<10}  {value:.6g}{unit}")
         if verdict is not None:
             for line in _said(verdict, ours.differences_in_making(theirs)):
-                typer.echo(line)
+                say(line)
     if out is not None:
         write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
         if not as_json:
-            typer.echo(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
+            say(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
     reasons = []
     if verdict is not None and not verdict.passed:
         reasons.append(f"not the same by --mode {mode}")
@@ -131,7 +131,7 @@ def diff(
     if fail is not None and beyond is None and measured["relMSE"] > fail:
         reasons.append(f"relMSE {measured['relMSE']:.6g} is above --fail {fail:g}")
     for reason in reasons:
-        typer.echo(f"glpath: {reason}", err=True)
+        say(f"glpath: {reason}", err=True)
     if reasons:
         raise typer.Exit(1)
 

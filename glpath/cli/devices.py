@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.metadata
-import json
 import os
 import re
 import sys
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from glpath.errors import ContextError, ShaderError
@@ -24,6 +22,7 @@ from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.limits import device_limits
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
+from glpath.terminal import clean_console, say, say_json
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -42,7 +41,7 @@ def devices(as_json: Json = False) -> None:
     """
     probes = list_devices()
     if as_json:
-        typer.echo(json.dumps([_as_plain(p) for p in probes], indent=2))
+        say_json([_as_plain(p) for p in probes], indent=2)
     else:
         _print(_device_table(probes))
     if not any(p.auto for p in probes):
@@ -72,7 +71,7 @@ def _device_table(probes: list[DeviceProbe]) -> Table:
 def _print(table: Table) -> None:
     for column in table.columns:
         column.overflow = "fold"  # the end of a renderer's name is what tells two devices apart
-    Console(markup=False, emoji=False, highlight=False).print(table)
+    clean_console(markup=False, highlight=False).print(table)
 
 
 @dataclass(frozen=True)
@@ -98,13 +97,13 @@ def doctor(as_json: Json = False) -> None:
     findings = examine()
     possible = all(f.status != "missing" for f in findings)
     if as_json:
-        typer.echo(json.dumps({"possible": possible, "findings": [asdict(f) for f in findings]}, indent=2))
+        say_json({"possible": possible, "findings": [asdict(f) for f in findings]}, indent=2)
     else:
         table = Table("", "check", "found", "remedy")
         for f in findings:
             table.add_row(f.status, f.check, f.found, f.remedy)
         _print(table)
-        typer.echo("Rendering is possible here." if possible else "Rendering is not possible here.")
+        say("Rendering is possible here." if possible else "Rendering is not possible here.")
     if not possible:
         raise typer.Exit(1)
 

@@ -10,6 +10,7 @@ import typer
 
 from glpath.cli.signals import result_of
 from glpath.errors import UsageError
+from glpath.terminal import say
 
 FOLDER = Path("out/figures")
 
@@ -34,7 +35,7 @@ def figure(
     if list_all:
         width = max(map(len, FIGURES))
         for key, (_, what) in FIGURES.items():
-            typer.echo(f"{key:<{width}}  {what}")
+            say(f"{key:<{width}}  {what}")
         return
     if name not in FIGURES:
         raise UsageError(
@@ -50,16 +51,16 @@ def figure(
     require_matplotlib()
     check_writable(output / f"{name}.png")
     make, _ = FIGURES[name]
-    outcome = result_of(lambda: make(scale, lambda text: typer.echo(text, err=True)))
+    outcome = result_of(lambda: make(scale, lambda text: say(text, err=True)))
     report = outcome.report
     for path in write(outcome, output):
-        typer.echo(f"wrote {path}", err=True)
+        say(f"wrote {path}", err=True)
     for key, value in report.measured.items():
-        typer.echo(f"{key:<28} {value:.4g}")
+        say(f"{key:<28} {value:.4g}")
     verdict = {True: "holds", False: "DOES NOT HOLD", None: "not measured"}[report.holds]
-    typer.echo(f"{report.claim}: {verdict}")
+    say(f"{report.claim}: {verdict}")
     for note in report.notes:
-        typer.echo(note)
+        say(note)
 
 
 def register(app: typer.Typer) -> None:

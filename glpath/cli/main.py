@@ -6,7 +6,14 @@ a traceback; a traceback is a mistake of glpath's.
 
 from __future__ import annotations
 
+import io
+import logging
+import sys
+import traceback
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
 from typing import Annotated, Any
 
 import typer
@@ -17,6 +24,7 @@ import glpath
 from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes
 from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
+from glpath.terminal import CleanHandler, clean, say
 
 FAILED, WRONG_USAGE = 1, 2
 
@@ -36,33 +44,47 @@ class Commands(TyperGroup):
                         setattr(part, name, escape(text))
 
     def invoke(self, ctx: Any) -> Any:
-        with warnings.catch_warnings(), signals_wait_for_results():
-            warnings.simplefilter("always", SceneWarning)
-            _show_scene_warnings_as_lines()
+        with _warnings_and_logs_as_lines(), signals_wait_for_results():
             try:
                 done = super().invoke(ctx)
                 if arrived():
-                    typer.echo("glpath: interrupted: all was done and is written", err=True)
+                    say("glpath: interrupted: all was done and is written", err=True)
                     raise typer.Exit(INTERRUPTED)
                 return done
             except GlpathError as error:
-                typer.echo(f"glpath: error: {error}", err=True)
+                say(f"glpath: error: {error}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
             except KeyboardInterrupt as stop:
-                typer.echo("glpath: interrupted", err=True)
+                say("glpath: interrupted", err=True)
                 raise typer.Exit(INTERRUPTED) from stop
+            except Exception as error:
+                # Wrong usage, which typer prints: it quotes what was typed.
+                if isinstance(getattr(error, "message", None), str):
+                    error.message = clean(error.message)  # type: ignore[attr-defined]
+                raise
 
 
-def _show_scene_warnings_as_lines() -> None:
-    usual = warnings.showwarning
-
+@contextmanager
+def _warnings_and_logs_as_lines() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
-            typer.echo(f"glpath: warning: {message}", err=True)
+            say(f"glpath: warning: {message}", err=True)
         else:
-            usual(message, category, *place, **more)
+            say(warnings.formatwarning(message, category, *place[:2]).rstrip(), err=True)
 
-    warnings.showwarning = show
+    logs = CleanHandler(logging.WARNING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", SceneWarning)
+        warnings.showwarning = show
+        logging.getLogger().addHandler(logs)
+        try:
+            yield
+        finally:
+            logging.getLogger().removeHandler(logs)
+
+
+def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    say("".join(traceback.format_exception(kind, error, trace)).rstrip(), err=True)
 
 
 app = typer.Typer(
@@ -78,7 +100,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"glpath {glpath.__version__}")
+        say(f"glpath {glpath.__version__}")
         raise typer.Exit
 
 
@@ -98,4 +120,7 @@ for _commands in (render, radiosity, compare, scenes, devices, bench, figure):
 
 def run() -> None:
     """The entry point of the `glpath` script and of `python -m glpath`."""
+    sys.excepthook = _traceback_as_lines
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
     app(prog_name="glpath")

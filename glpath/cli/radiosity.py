@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 
 import typer
-from rich.console import Console
 
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import INTERRUPTED, arrived, interrupted, result_of
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
+from glpath.terminal import clean, clean_console, say
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
@@ -200,11 +200,11 @@ def _end(solution: RadiositySolution | None, out: Path, quiet: bool, solved: boo
     """Say what there is; of what was interrupted, exit as such."""
     if solution is not None and not quiet:
         for line in _summary(solution) if solved else ():
-            typer.echo(line, err=True)
-        typer.echo(f"wrote {out}", err=True)
+            say(line, err=True)
+        say(f"wrote {out}", err=True)
     if arrived():
         left = "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {out}"
-        typer.echo(f"glpath: interrupted: {left}", err=True)
+        say(f"glpath: interrupted: {left}", err=True)
         raise typer.Exit(INTERRUPTED)
 
 
@@ -229,7 +229,7 @@ def _check_mode(mode: str) -> None:
 def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
     """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
     if mode == "auto":
-        mode = "bar" if Console(file=stream).is_terminal else "lines"
+        mode = "bar" if clean_console(stream).is_terminal else "lines"
     if mode == "bar":
         return _bar(stream)
     reports: dict[str, Report | None] = {"lines": _Lines(stream), "json": _json(stream), "none": None}
@@ -252,7 +252,7 @@ def _bar(stream: TextIO) -> Iterator[Report]:
         rich_progress.TimeElapsedColumn(),
         rich_progress.TextColumn("{task.fields[detail]}", markup=False),
     )
-    with rich_progress.Progress(*columns, console=Console(file=stream, highlight=False), transient=True) as bar:
+    with rich_progress.Progress(*columns, console=clean_console(stream, highlight=False), transient=True) as bar:
         task = bar.add_task("starting", total=None, detail="")
 
         def report(progress: RadiosityProgress) -> None:
@@ -276,7 +276,7 @@ class _Lines:
             return
         self._stage, self._next = progress.stage, progress.elapsed_s + _LINE_INTERVAL
         text = f"{progress.stage}: {_left(progress)} after {duration(progress.elapsed_s)}"
-        print(text, file=self._stream, flush=True)
+        print(clean(text), file=self._stream, flush=True)
 
 
 def _json(stream: TextIO) -> Report:

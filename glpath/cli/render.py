@@ -5,7 +5,6 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -26,6 +25,7 @@ from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS
 from glpath.progress import MODES, Progress, duration, percent, reporting
 from glpath.rendering.options import default_spp_text
+from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.film import Film
@@ -214,10 +214,10 @@ def render(
     ended_early = arrived()
 
     if progress == "json":
-        typer.echo(json.dumps(_as_event(film, written, ended_early)), err=True)
+        say_json(_as_event(film, written, ended_early), err=True)
     elif not quiet:
         for line in _summary(film, written, stops, verbose):
-            typer.echo(line, err=True)
+            say(line, err=True)
     if failure is not None:
         raise failure
     if ended_early:
@@ -330,7 +330,7 @@ def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:
         text = f"{film.path_sets} of {spp} path sets are in {', '.join(map(str, written))}"
     else:
         text = "before the first path set was done; nothing is written"
-    typer.echo(f"glpath: interrupted: {text}", err=True)
+    say(f"glpath: interrupted: {text}", err=True)
 
 
 def _summary(

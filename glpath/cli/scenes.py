@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -25,6 +24,7 @@ from glpath.scene import (
     scene_schema,
     shipped_scenes,
 )
+from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
 _SHOWN = 40
@@ -48,9 +48,9 @@ def info(
     summary = summarize(loaded)
     summary["warnings"][:0] = _scene_warnings(caught)
     if as_json:
-        typer.echo(json.dumps(summary, indent=2, ensure_ascii=False))
+        say_json(summary, indent=2)
         return
-    console = Console(soft_wrap=True, emoji=False)
+    console = clean_console(soft_wrap=True)
     for table in _tables(summary):
         console.print(table)
     console.print(f"Content, which jobs and radiosity solutions go by: sha256:{summary['content_sha256']}")
@@ -64,7 +64,7 @@ def validate(
     strict: Annotated[bool, typer.Option("--strict", help="Take warnings for errors.")] = False,
 ) -> None:
     """Check scenes without rendering. Exits with 1 when one has an error."""
-    console = Console(soft_wrap=True, highlight=False, emoji=False)
+    console = clean_console(soft_wrap=True, highlight=False)
     failed = False
     for name in scenes:
         error, found = _examine(name, parameters)
@@ -87,7 +87,7 @@ def schema(
     """Print the JSON schema of the scene format, for editors that check and complete TOML."""
     text = json.dumps(scene_schema(), indent=2)
     if out is None:
-        typer.echo(text)
+        say(text)
         return
     write_bytes(f"{text}\n".encode(), out)
 
@@ -97,7 +97,7 @@ def scenes() -> None:
     table = Table("scene", "what it shows", box=None, header_style="bold")
     for name, description in shipped_scenes().items():
         table.add_row(name, escape(description))
-    Console(emoji=False).print(table)
+    clean_console().print(table)
 
 
 def summarize(scene: Scene) -> dict[str, Any]:

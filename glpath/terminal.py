@@ -1,0 +1,78 @@
+"""Text on its way out to a terminal or a log: what came with the input is shown, never obeyed.
+
+Names in a scene, lines of it that an error quotes and file names can hold what a terminal obeys (another title, a
+cleared screen, text over text) or what hides text (bidirectional overrides, zero-width characters). All that the
+command line prints leaves through `say`, `say_json` or a `clean_console`, which write such characters as escapes.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+import unicodedata
+from collections.abc import Iterable
+from typing import Any, TextIO
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.text import Text
+
+# Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
+# separators of lines and of paragraphs.
+_ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
+
+
+def clean(text: str) -> str:
+    """`text` with characters that control a terminal as escapes: `\\x1b` below U+0100, else `U+202E`.
+
+    Lines and tabs stay, and so does all that is to be seen. A byte of a file name that is not UTF-8 is `\\xff`.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else _escape(c) for c in text)
+
+
+def _escape(character: str) -> str:
+    code = ord(character)
+    if unicodedata.category(character) not in _ESCAPED:
+        return character
+    if 0xDC80 <= code <= 0xDCFF:  # Python's stand-in for a byte that it could not decode
+        code -= 0xDC00
+    return f"\\x{code:02x}" if code < 0x100 else f"U+{code:04X}"
+
+
+def say(text: str = "", err: bool = False) -> None:
+    """Print a line, or several, on standard output or standard error."""
+    print(clean(text), file=sys.stderr if err else sys.stdout, flush=True)
+
+
+def say_json(value: object, indent: int | None = None, err: bool = False) -> None:
+    """Print a value as JSON, in which characters that control a terminal are JSON's own escapes."""
+    text = json.dumps(value, indent=indent, ensure_ascii=False)
+    escaped = (c if clean(c) == c else json.dumps(c)[1:-1] for c in text)
+    print("".join(escaped) if clean(text) != text else text, file=sys.stderr if err else sys.stdout, flush=True)
+
+
+class _CleanConsole(Console):
+    """A console whose own control sequences are all that reaches the terminal."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        # Before lines are broken and columns measured: an escape is longer than what it stands for.
+        return super().render_str(clean(text), **how)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=clean(segment.text))
+
+
+def clean_console(stream: TextIO | None = None, **how: Any) -> Console:
+    """A console for tables and bars, on standard output without a stream; `how` as rich has it."""
+    return _CleanConsole(file=stream, emoji=False, **how)
+
+
+class CleanHandler(logging.Handler):
+    """Prints what is logged on standard error, as it is there at that moment."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(self.format(record), err=True)
