@@ -13,12 +13,13 @@ Ray Tracing, 33-40.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -57,7 +58,7 @@ class Bvh:
     @property
     def depth(self) -> int:
         """Levels of the tree: 1 for a leaf alone, 0 without items. A stack of the second children needs no more."""
-        return int(_depth(self.skip))
+        return int(_depth(self.skip, np.empty_like(self.skip)))
 
     def children(self, node: int) -> list[int]:
         """The nodes directly below one; none for a leaf."""
@@ -89,9 +90,16 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     if leaf_size < 1:
         raise UsageError(f"build_bvh: leaf_size is {leaf_size}; allowed is a whole number from 1.")
     boxes = np.concatenate([low, high], axis=1)
-    order = np.arange(len(boxes), dtype=np.int32)
-    nodes, skip, first, count = _build(boxes, order, int(leaf_size))
-    return Bvh(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
+    n = len(boxes)
+    order = np.arange(n, dtype=np.int32)
+    most = max(2 * n - 1, 0)
+    nodes = np.empty((most, 6))
+    skip, first, count = (np.empty(most, np.int32) for _ in range(3))
+    size = _build(
+        boxes, order, int(leaf_size), nodes, skip, first, count, np.empty((n + 1, 2), np.int64), _workspace()
+    )  # fmt: skip
+    lower, upper = nodes[:size, :3].copy(), nodes[:size, 3:].copy()
+    return Bvh(lower, upper, skip[:size].copy(), first[:size].copy(), count[:size].copy(), order)
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]:
@@ -111,97 +119,111 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 
 @kernel
-def _build(boxes, order, leaf_size):  # type: ignore[no-untyped-def]
-    """Nodes of all ranges, depth first. Permutes `boxes` along with `order`, so that each range lies together."""
+def _build(boxes, order, leaf_size, nodes, skip, first, count, pending, work):  # type: ignore[no-untyped-def]
+    """Fill the nodes of all ranges, depth first; return how many there are. Permutes `boxes` along with `order`, so
+    that each range lies together.
+
+    pending : (N + 1, 2) int64, for ranges yet to come; they are disjoint, so never more than items
+    work    : of `_workspace`
+    """
     n = len(order)
-    most = max(2 * n - 1, 0)
-    nodes = np.empty((most, 6))
-    skip = np.empty(most, np.int32)
-    first = np.empty(most, np.int32)
-    count = np.zeros(most, np.int32)
-    pending = np.empty((n + 1, 2), np.int64)  # ranges yet to come; they are disjoint, so never more than items
-    pending[0] = (0, n)
+    pending[0, 0], pending[0, 1] = 0, n
     waiting = 1 if n else 0
     size = 0
     while waiting:
         waiting -= 1
-        begin, end = pending[waiting]
-        middle = _split(boxes, order, begin, end, leaf_size, nodes[size])
+        begin, end = pending[waiting, 0], pending[waiting, 1]
+        middle = _split(boxes, order, begin, end, leaf_size, nodes, size, work)
         first[size] = begin
         if middle == begin:
             count[size] = end - begin
         else:
-            pending[waiting] = (middle, end)
-            pending[waiting + 1] = (begin, middle)
+            count[size] = 0
+            pending[waiting, 0], pending[waiting, 1] = middle, end
+            pending[waiting + 1, 0], pending[waiting + 1, 1] = begin, middle
             waiting += 2
         size += 1
     for node in range(size - 1, -1, -1):
         skip[node] = node + 1 if count[node] else skip[skip[node + 1]]
-    return nodes[:size], skip[:size].copy(), first[:size].copy(), count[:size].copy()
+    return size
 
 
-@kernel
-def _split(boxes, order, begin, end, leaf_size, box):  # type: ignore[no-untyped-def]
+class _Workspace(NamedTuple):
+    """Of `_split`.
+
+    bins, filled : (BINS, 6) boxes and (BINS,) how many items are in each
+    right_cost   : (BINS,) of what lies to the right of each
+    around       : (1, 6), a box around what was passed
+    """
+
+    bins: Float64
+    filled: NDArray[np.int64]
+    right_cost: Float64
+    around: Float64
+
+
+def _workspace() -> _Workspace:
+    return _Workspace(np.empty((BINS, 6)), np.empty(BINS, np.int64), np.empty(BINS), np.empty((1, 6)))
+
+
+@kernel_part
+def _split(boxes, order, begin, end, leaf_size, nodes, node, work):  # type: ignore[no-untyped-def]
     """Write the range's box, part its items in two and return where the second begins; `begin` for a leaf."""
     n = end - begin
-    low = np.full(3, np.inf)  # of the centroids
-    high = np.full(3, -np.inf)
-    _clear(box)
+    _clear(nodes, node)
+    low0 = low1 = low2 = np.inf  # of the centroids
+    high0 = high1 = high2 = -np.inf
     for i in range(begin, end):
-        for k in range(3):
-            box[k] = min(box[k], boxes[i, k])
-            box[k + 3] = max(box[k + 3], boxes[i, k + 3])
-            centre = 0.5 * boxes[i, k] + 0.5 * boxes[i, k + 3]
-            low[k] = min(low[k], centre)
-            high[k] = max(high[k], centre)
+        _enclose(nodes, node, boxes, i)
+        x, y, z = _centre(boxes, i, 0), _centre(boxes, i, 1), _centre(boxes, i, 2)
+        low0, low1, low2 = min(low0, x), min(low1, y), min(low2, z)
+        high0, high1, high2 = max(high0, x), max(high1, y), max(high2, z)
     if n == 1:
         return begin
 
     # Cost is area times items; boxes in a line have no area at all, and then balance decides.
     best, best_lopsided, best_axis, best_bin = np.inf, n, -1, 0
-    bins = np.empty((BINS, 6))
-    filled = np.empty(BINS, np.int64)
-    right_cost = np.empty(BINS)
-    around = np.empty(6)
+    best_low = best_extent = 0.0
+    bins, filled, right_cost, around = work.bins, work.filled, work.right_cost, work.around
     for k in range(3):
-        extent = high[k] - low[k]
+        low = low0 if k == 0 else (low1 if k == 1 else low2)
+        extent = (high0 if k == 0 else (high1 if k == 1 else high2)) - low
         if not extent > 0:
             continue
         for b in range(BINS):
-            _clear(bins[b])
+            _clear(bins, b)
             filled[b] = 0
         for i in range(begin, end):
-            b = _bin(boxes[i], k, low[k], extent)
+            b = _bin(boxes, i, k, low, extent)
             filled[b] += 1
-            for j in range(3):
-                bins[b, j] = min(bins[b, j], boxes[i, j])
-                bins[b, j + 3] = max(bins[b, j + 3], boxes[i, j + 3])
-        _clear(around)
+            _enclose(bins, b, boxes, i)
+        _clear(around, 0)
         items = 0
         for b in range(BINS - 1, 0, -1):
             items += filled[b]
-            _enclose(around, bins[b])
-            right_cost[b] = items * _area(around) if items else np.inf
-        _clear(around)
+            _enclose(around, 0, bins, b)
+            right_cost[b] = items * _area(around, 0) if items else np.inf
+        _clear(around, 0)
         items = 0
         for b in range(1, BINS):
             items += filled[b - 1]
-            _enclose(around, bins[b - 1])
+            _enclose(around, 0, bins, b - 1)
             if items == 0 or items == n:
                 continue
-            cost = items * _area(around) + right_cost[b]
+            cost = items * _area(around, 0) + right_cost[b]
             lopsided = abs(n - 2 * items)
             if cost < best or (cost == best and lopsided < best_lopsided):
                 best, best_lopsided, best_axis, best_bin = cost, lopsided, k, b
+                best_low, best_extent = low, extent
 
-    if n <= leaf_size and (best_axis < 0 or n * _area(box) <= NODE_COST * _area(box) + best):
+    whole = _area(nodes, node)
+    if n <= leaf_size and (best_axis < 0 or n * whole <= NODE_COST * whole + best):
         return begin
     if best_axis < 0:  # all centroids are one
         return begin + n // 2
     left, right = begin, end - 1
-    extent = high[best_axis] - low[best_axis]
     while left <= right:
-        if _bin(boxes[left], best_axis, low[best_axis], extent) < best_bin:
+        if _bin(boxes, left, best_axis, best_low, best_extent) < best_bin:
             left += 1
         else:
             order[left], order[right] = order[right], order[left]
@@ -211,36 +233,43 @@ def _split(boxes, order, begin, end, leaf_size, box):  # type: ignore[no-untyped
     return left
 
 
-@kernel
-def _bin(box, axis, low, extent):  # type: ignore[no-untyped-def]
-    centre = 0.5 * box[axis] + 0.5 * box[axis + 3]
-    return min(int((centre - low) / extent * BINS), BINS - 1)
+# Below, an array and the index of a box in it instead of the box: making a view costs as much as its use.
 
 
-@kernel
-def _clear(box):  # type: ignore[no-untyped-def]
-    box[:3] = np.inf
-    box[3:] = -np.inf
+@inner_kernel
+def _centre(boxes, i, axis):  # type: ignore[no-untyped-def]
+    return 0.5 * boxes[i, axis] + 0.5 * boxes[i, axis + 3]
 
 
-@kernel
-def _enclose(box, other):  # type: ignore[no-untyped-def]
+@inner_kernel
+def _bin(boxes, i, axis, low, extent):  # type: ignore[no-untyped-def]
+    return min(int((_centre(boxes, i, axis) - low) / extent * BINS), BINS - 1)
+
+
+@inner_kernel
+def _clear(boxes, i):  # type: ignore[no-untyped-def]
     for j in range(3):
-        box[j] = min(box[j], other[j])
-        box[j + 3] = max(box[j + 3], other[j + 3])
+        boxes[i, j], boxes[i, j + 3] = np.inf, -np.inf
 
 
-@kernel
-def _area(box):  # type: ignore[no-untyped-def]
+@inner_kernel
+def _enclose(boxes, i, others, j):  # type: ignore[no-untyped-def]
+    for k in range(3):
+        boxes[i, k] = min(boxes[i, k], others[j, k])
+        boxes[i, k + 3] = max(boxes[i, k + 3], others[j, k + 3])
+
+
+@inner_kernel
+def _area(boxes, i):  # type: ignore[no-untyped-def]
     """Half of the surface; of a box that encloses something."""
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    x, y, z = boxes[i, 3] - boxes[i, 0], boxes[i, 4] - boxes[i, 1], boxes[i, 5] - boxes[i, 2]
     return x * y + y * z + z * x
 
 
 @kernel
-def _depth(skip):  # type: ignore[no-untyped-def]
+def _depth(skip, ends):  # type: ignore[no-untyped-def]
+    """ends: (M,) int32, room for the ends of the subtrees around the current node."""
     deepest = 0
-    ends = np.empty(len(skip), np.int32)  # of the subtrees around the current node
     level = 0
     for node in range(len(skip)):
         while level and ends[level - 1] <= node:

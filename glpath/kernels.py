@@ -1,86 +1,164 @@
-"""Functions that numba compiles: the first use says that it takes a while, later ones load from numba's cache.
+"""Functions that numba compiles for this CPU, once: later runs find them in the cache (`kernel_cache`).
 
-Numba takes a function for unchanged while its own file is, whatever became of those that it calls. Here all of
-its room has to be, a folder of the package with the folders in it; and an index that cannot be read (it names
-classes that are gone) counts as none.
+What is compiled is named while it is, since it takes seconds; see `announced`.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 import numba
-from numba.core import event
-from numba.core.caching import IndexDataCacheFile
+from numba.core import event, types
+from numba.core.compiler_lock import global_compiler_lock
+
+from glpath.kernel_cache import KernelCache
 
 _njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
 
+Report = Callable[[str], None]
+
+
+# Neither makes arrays: to compile `np.empty` alone takes seconds, and without arrays that come and go no references
+# are counted, which is atomic and takes longer than what is done in inner loops. Python makes all room there is.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side."""
-    return _watched(_njit(cache=True, nogil=True, error_model="numpy")(function))
+    """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side.
+
+    It works in arrays that it is given, and makes none.
+    """
+    return _kept(_for_types(_njit(**_OPTIONS)(function)))
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
-    """As `kernel`, for what makes no arrays and returns none: it counts no references to those it is given.
-
-    For functions called in inner loops, where that counting, which is atomic, takes longer than what they do.
-    """
-    return _watched(_njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+    """As `kernel`, for what kernels call: it is compiled as a part of them alone. From Python it runs as Python."""
+    return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True)(function)))
 
 
-class _Index(IndexDataCacheFile):
-    """Of what is in the cache of one function."""
-
-    def _load_index(self) -> dict[Any, str]:
-        try:
-            return dict(super()._load_index())  # type: ignore[no-untyped-call]
-        except Exception:  # whatever unpickling may raise
-            return {}
+def kernel_part(function: Callable[..., Any]) -> Any:
+    """As `inner_kernel`, for what is called at one place: it is compiled as if it stood there."""
+    return _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
-def folder_stamp(file: Path) -> tuple[tuple[str, int, int], ...]:
-    """Path, time and size of the Python files that kernels in `file` can depend on: those of its room.
+def _as_python(dispatcher: Any) -> Any:
+    """Without numba's wrapper for Python a call from there would jump to address 0."""
+    kind = type(dispatcher)
 
-    A room is the outermost package around it, below `glpath` itself. In the package's own folder, where nothing but
-    a kernel's file concerns it, that one alone.
-    """
-    house = Path(__file__).parent
-    room = file.parent
-    while room.parent != house and (room.parent / "__init__.py").exists():
-        room = room.parent
-    files = [file] if file.parent == house else sorted(room.rglob("*.py"))
-    status = [(path.relative_to(room).as_posix(), path.stat()) for path in files]
-    return tuple((name, s.st_mtime_ns, s.st_size) for name, s in status)
+    class Inner(kind):  # type: ignore[misc, valid-type]
+        def __call__(self, *arguments: Any) -> Any:
+            return self.py_func(*arguments)
 
-
-def _watched(dispatcher: Any) -> Any:
-    """The function, with a cache that knows of the files around it, where this numba keeps one as we know it."""
-    cache: Any = getattr(dispatcher, "_cache", None)
-    if isinstance(getattr(cache, "_cache_file", None), IndexDataCacheFile):
-        stamp = folder_stamp(Path(dispatcher.py_func.__code__.co_filename))
-        cache._cache_file = _Index(cache._cache_path, cache._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
+    dispatcher.__class__ = Inner
     return dispatcher
 
 
-class _Announcement(event.Listener):
-    """Says once that something of ours is compiled. A function found in the cache is not compiled."""
+def _for_types(dispatcher: Any) -> Any:
+    """The function, compiled once for all integers: numba would compile it for each literal that it is called with,
+    and for the literal that a variable begins with."""
+    compile_now = dispatcher.compile
 
-    said = False
+    def compile_types(signature: Any) -> Any:
+        plain = tuple(map(types.unliteral, signature)) if isinstance(signature, tuple) else signature
+        return compile_now(plain)
+
+    dispatcher.compile = compile_types
+    return dispatcher
+
+
+class _Compilations:
+    """Of this process. Whoever holds the lock of numba's compiler owns it.
+
+    running  : a kernel is being made, and all that is compiled is part of it
+    expected : how many kernels are to be compiled, 0 where that is not known
+    done     : how many of them were begun
+    report   : what hears of each; None for a line of the log
+    """
+
+    def __init__(self) -> None:
+        self.running = False
+        self.expected = self.done = 0
+        self.report: Report | None = None
+
+    def begin(self, name: str) -> None:
+        self.done += 1
+        count = f" {self.done}/{max(self.expected, self.done)}" if self.expected else ""
+        text = f"compiling kernels: {name.strip('_')}{count}"
+        if self.report is not None:
+            self.report(text)
+        else:
+            # A warning, since that is what logging shows where nobody has set it up.
+            log.warning("%s", text)
+
+
+_compilations = _Compilations()
+
+
+def waiting(kernels: Iterable[Any]) -> int:
+    """How many of the kernels have yet to be compiled: neither this process nor the cache has them."""
+    return sum(not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any())) for k in kernels)
+
+
+@contextmanager
+def announced(expected: int, report: Report | None = None) -> Iterator[None]:
+    """While it lasts, kernels that are compiled are told as `compiling kernels: cast_groups 3/12`.
+
+    expected : how many of them are not compiled yet
+    report   : what is told; without it, it is a line of the log
+    """
+    before = _compilations.expected, _compilations.done, _compilations.report
+    _compilations.expected, _compilations.done, _compilations.report = expected, 0, report
+    try:
+        yield
+    finally:
+        _compilations.expected, _compilations.done, _compilations.report = before
+
+
+class _Outermost(event.Listener):
+    """Tells of the kernel that is made, not of the functions that it is made of. Loading is no compiling."""
 
     def on_start(self, event: Any) -> None:
-        function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
-        if not self.said and getattr(function, "__module__", "").startswith("glpath."):
-            self.said = True
-            # A warning, since that is what logging shows where nobody has set it up.
-            log.warning("compiling for this CPU, once; later runs find it in numba's cache")
+        if not self._depth and _compilations.running:
+            _compilations.begin(event.data["dispatcher"].py_func.__name__)
+        self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        """Nothing to do: the announcement is about the beginning."""
+        self._depth -= 1
+
+    def __init__(self) -> None:
+        self._depth = 0
 
 
-event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
+event.register("numba:compile", _Outermost())  # type: ignore[no-untyped-call]
+
+
+def _kept(dispatcher: Any) -> Any:
+    """The function, with a cache, and compiled by one process at a time."""
+    cache = None
+    with suppress(
+        RuntimeError
+    ):  # numba's, where neither the folder of the file nor the user's cache can be written to
+        cache = dispatcher._cache = KernelCache(dispatcher.py_func)
+    compile_now = dispatcher.compile
+
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock:
+            if _compilations.running:
+                return compile_now(signature)
+            with ExitStack() as alone:
+                _compilations.running = True
+                if cache is not None:
+                    cache.alone = alone
+                try:
+                    return compile_now(signature)
+                finally:
+                    _compilations.running = False
+                    if cache is not None:
+                        cache.alone = None
+
+    dispatcher.compile = compile_alone
+    return dispatcher

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import os
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from glpath.kernels import folder_stamp
+import pytest
+
+from glpath import kernels
+from glpath.kernel_cache import room_stamp
 
 INNER = """
 from typing import NamedTuple
@@ -66,9 +74,9 @@ def test_a_kernel_sees_other_folders_of_its_room_change(tmp_path: Path) -> None:
             [sys.executable, "-m", "room.upper.outside"], cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert done.stdout.strip() == f"{1 + number}.0", done.stderr
-    names = [name for name, *_ in folder_stamp(outer)]
+    names = [name for name, *_ in room_stamp(outer)]
     (tmp_path / "beside.py").write_text("")
-    assert names == [name for name, *_ in folder_stamp(inner)]
+    assert names == [name for name, *_ in room_stamp(inner)]
     assert "lower/inside.py" in names
     assert "beside.py" not in names
 
@@ -76,7 +84,155 @@ def test_a_kernel_sees_other_folders_of_its_room_change(tmp_path: Path) -> None:
 def test_an_unchanged_folder_is_loaded_from_the_cache(tmp_path: Path) -> None:
     run(tmp_path, "Pair", 1)
     (data,) = (tmp_path / "__pycache__").glob("outside.outer*.nbc")
-    before, stamp = data.stat().st_mtime_ns, folder_stamp(tmp_path / "outside.py")
+    before = data.stat().st_mtime_ns
+    for source in tmp_path.glob("*.py"):  # a copied installation: what counts is the content
+        os.utime(source, (1, 1))
     subprocess.run([sys.executable, "outside.py"], cwd=tmp_path, capture_output=True, check=True)
     assert data.stat().st_mtime_ns == before
-    assert folder_stamp(tmp_path / "outside.py") == stamp
+
+
+@dataclass
+class Session:
+    """Kernels of a file as one process after another would have them, and what was compiled."""
+
+    folder: Path
+    compiled: list[str]
+
+    def call(self) -> float:
+        file = self.folder / "twice.py"
+        file.write_text("def twice(x):\n    return 2 * x\n")
+        spec = importlib.util.spec_from_file_location("twice", file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        self.compiled.clear()
+        with kernels.announced(0, self.compiled.append):
+            result: float = kernels.kernel(module.twice)(2.0)
+        return result
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(tmp_path, [])
+
+
+def cut_off(data: Path) -> None:
+    data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
+
+
+def empty(data: Path) -> None:
+    data.write_bytes(b"")
+
+
+def one_bit(data: Path) -> None:
+    content = data.read_bytes()
+    data.write_bytes(content[:-2000] + bytes([content[-2000] ^ 1]) + content[-1999:])
+
+
+def noise(data: Path) -> None:
+    data.write_bytes(bytes(range(256)) * 100)
+
+
+def foreign(data: Path) -> None:
+    content = pickle.dumps(("another version", 1))
+    data.write_bytes(hashlib.sha256(content).digest() + content)
+
+
+def a_folder(data: Path) -> None:
+    data.unlink()
+    data.mkdir()
+
+
+def no_folder(data: Path) -> None:
+    data.unlink()
+    data.parent.rmdir()
+    data.parent.write_text("a file where the folder was")
+
+
+@pytest.mark.parametrize("damage", [cut_off, empty, one_bit, noise, foreign, a_folder, no_folder])
+def test_a_damaged_cache_counts_as_none(damage: Callable[[Path], None], session: Session) -> None:
+    assert session.call() == 4
+    assert session.compiled == ["compiling kernels: twice"]
+    assert session.call() == 4
+    assert session.compiled == []
+    (data,) = session.folder.glob("__pycache__/*.nbc")
+    damage(data)
+    assert session.call() == 4
+    assert session.compiled == ["compiling kernels: twice"]
+
+
+def test_a_full_disk_costs_a_warning(
+    session: Session, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(self: Path, content: bytes) -> int:
+        self.touch()
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        assert session.call() == 4
+        assert session.call() == 4
+    assert caplog.text.count("No space left on device") == 1
+    assert "NUMBA_CACHE_DIR" in caplog.text
+    assert not [file for file in session.folder.glob("__pycache__/*") if file.suffix != ".pyc"]
+
+
+def test_without_any_place_for_a_cache_it_compiles(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(*arguments: object) -> None:
+        raise RuntimeError("no locator available")
+
+    monkeypatch.setattr(kernels, "KernelCache", nowhere)
+    assert session.call() == 4
+    assert session.compiled == ["compiling kernels: twice"]
+
+
+SLOW = """
+import time, sys
+from glpath import kernels
+begin = kernels._compilations.begin
+def slowly(name):
+    begin(name)
+    time.sleep(2)
+kernels._compilations.begin = slowly
+import outside
+"""
+
+
+def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
+    """The other waits, and finds it in the cache."""
+    run(tmp_path, "Pair", 1)
+    for data in (tmp_path / "__pycache__").glob("*.nbc"):
+        data.unlink()
+    both = [
+        subprocess.Popen([sys.executable, "-c", SLOW], cwd=tmp_path, stdout=-1, stderr=-1, text=True)
+        for _ in range(2)
+    ]
+    said = [process.communicate(timeout=100) for process in both]
+    assert [out.strip() for out, _ in said] == ["2.0", "2.0"]
+    assert sorted(err.count("compiling kernels: outer") for _, err in said) == [0, 1]
+    assert not list((tmp_path / "__pycache__").glob("*.lock"))
+
+
+def test_kernels_are_told_by_name_and_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    with kernels.announced(2, told.append):
+        kernels._compilations.begin("_first")
+        kernels._compilations.begin("second")
+        kernels._compilations.begin("unforeseen")
+    assert told == [
+        "compiling kernels: first 1/2", "compiling kernels: second 2/2", "compiling kernels: unforeseen 3/3"
+    ]  # fmt: skip
+
+
+def test_a_part_of_a_kernel_runs_as_python_when_python_calls_it() -> None:
+    @kernels.inner_kernel
+    def twice(x):  # type: ignore[no-untyped-def]
+        return 2 * x
+
+    @kernels.kernel_part
+    def thrice(x):  # type: ignore[no-untyped-def]
+        return 3 * x
+
+    assert twice("a") == "aa"
+    assert thrice("a") == "aaa"

@@ -80,19 +80,20 @@ def spheres_around(world_from_unit: Float64) -> Spheres:
 
 def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
     """The caps that spheres fill as seen from `light` (3,)."""
-    return Caps(*_caps(spheres.centre, spheres.radius, light))
+    caps = Caps(np.empty((len(spheres.radius), 3)), np.empty(len(spheres.radius)))
+    _caps(spheres.centre, spheres.radius, light, caps.axis, caps.angle)
+    return caps
 
 
 @kernel
-def _caps(centre: Float64, radius: Float64, light: Float64) -> tuple[Float64, Float64]:
-    axis, angle = np.empty((len(radius), 3)), np.empty(len(radius))
+def _caps(centre: Float64, radius: Float64, light: Float64, axis: Float64, angle: Float64) -> None:
+    """Fill axis (S, 3) and angle (S,)."""
     for i in range(len(radius)):
         x, y, z = centre[i, 0] - light[0], centre[i, 1] - light[1], centre[i, 2] - light[2]
         distance = np.sqrt(x * x + y * y + z * z)
         angle[i] = np.arcsin(radius[i] / distance) if distance > radius[i] else np.pi
         scale = 1.0 / max(distance, _TINY)
         axis[i, 0], axis[i, 1], axis[i, 2] = x * scale, y * scale, z * scale
-    return axis, angle
 
 
 def _longest_radius(axes: Float64) -> Float64:
@@ -115,15 +116,21 @@ def _cells(low: Float64, high: Float64) -> tuple[Int64, Int64]:
 
 @kernel
 def _ranges_to_cells(
-    south: Float64, north: Float64, west: Float64, east: Float64, rows: int, columns: int
-) -> tuple[Int64, Int64]:
+    south: Float64,
+    north: Float64,
+    west: Float64,
+    east: Float64,
+    rows: int,
+    columns: int,
+    primitive: Int64,
+    cells: Int64,
+) -> int:
     """Of each range of angles, its number, and its first column and row and its last ones; none is empty.
 
     Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
+    Fills primitive (2 N,) and cells (2 N, 4), and returns how many there are.
     """
     count = len(south)
-    primitive = np.empty(2 * count, np.int64)
-    cells = np.empty((2 * count, 4), np.int64)
     found = 0
     for part in range(2):
         for i in range(count):
@@ -145,15 +152,19 @@ def _ranges_to_cells(
                 first, last = 0, last - columns
             if first <= last and row_first <= row_last:
                 primitive[found] = i
-                cells[found] = first, row_first, last, row_last
+                cells[found, 0], cells[found, 1] = first, row_first
+                cells[found, 2], cells[found, 3] = last, row_last
                 found += 1
-    return primitive[:found], cells[:found]
+    return found
 
 
 def _latitude_longitude(
     latitude: tuple[Float64, Float64], longitude: tuple[Float64, Float64], rows: int, columns: int
 ) -> CellRectangles:
-    primitive, cells = _ranges_to_cells(*latitude, *longitude, rows, columns)
+    most = 2 * len(latitude[0])
+    primitive, cells = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    found = _ranges_to_cells(*latitude, *longitude, rows, columns, primitive, cells)
+    primitive, cells = primitive[:found], cells[:found]
     return CellRectangles(primitive, np.zeros_like(primitive), cells[:, :2], cells[:, 2:])
 
 
@@ -173,12 +184,10 @@ def _without_empty(primitive: Int64, face: Int64, first: Int64, last: Int64) -> 
 
 
 @kernel
-def _cap_ranges(axis: Float64, angle: Float64) -> tuple[Float64, Float64, Float64]:
-    """Of each cap the latitude and longitude of its axis, and by how much its longitudes differ from that."""
-    count = len(angle)
-    latitude, middle, half = np.empty(count), np.empty(count), np.empty(count)
-    for i in range(count):
-        x, y, z = axis[i]
+def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float64, half: Float64) -> None:
+    """Fill of each cap the latitude and longitude of its axis, and by how much its longitudes differ from that."""
+    for i in range(len(angle)):
+        x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
         level = np.sqrt(x * x + y * y)
         latitude[i] = np.arctan2(z, level)
         middle[i] = np.arctan2(y, x)
@@ -186,13 +195,13 @@ def _cap_ranges(axis: Float64, angle: Float64) -> tuple[Float64, Float64, Float6
             half[i] = np.pi
         else:
             half[i] = np.arcsin(min(np.sin(angle[i]) / max(np.cos(latitude[i]), _TINY), 1.0))
-    return latitude, middle, half
 
 
 def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
     """The cells of a sphere-buffer whose rays lie in each cap."""
     axis, angle = caps
-    latitude, middle, half = _cap_ranges(axis, angle)
+    latitude, middle, half = (np.empty(len(angle)) for _ in range(3))
+    _cap_ranges(axis, angle, latitude, middle, half)
     south = np.maximum(latitude - angle, -np.pi / 2)
     north = np.minimum(latitude + angle, np.pi / 2)
     rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)

@@ -51,7 +51,8 @@ class EyeHits:
         width, height = camera.resolution
         fine = replace(camera, resolution=(width * k, height * k)).rays()
         ways = fine.reshape(height, k, width, k, 3).swapaxes(1, 2).reshape(-1, 3)
-        hit, found = _first_hits(rays_of(triangles), np.asarray(camera.position, float), ways)
+        hit, found = np.empty(len(ways), np.int64), np.zeros((len(ways), 3))
+        _first_hits(rays_of(triangles), np.asarray(camera.position, float), ways, hit, found)
         back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
         shape = (height, width, k * k)
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
@@ -113,9 +114,6 @@ def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
 
 
 @kernel
-def _first_hits(rays: Any, origin: Any, ways: Any) -> Any:
-    hit = np.empty(len(ways), np.int64)
-    found = np.zeros((len(ways), 3))
+def _first_hits(rays: Any, origin: Any, ways: Any, hit: Any, found: Any) -> None:
     for i in range(len(ways)):
         hit[i] = nearest(rays, origin, ways[i], -1, found[i])
-    return hit, found

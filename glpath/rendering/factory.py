@@ -186,7 +186,7 @@ class _Gathering:
 
         def report(progress: RadiosityProgress) -> None:
             unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
-            say(f"solving radiosity: {progress.stage}{unshot}")
+            say(f"solving radiosity: {progress.stage}{unshot}" if progress.elements else progress.stage)
 
         given = self.settings.radiosity
         if given is None:

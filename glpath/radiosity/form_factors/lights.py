@@ -78,7 +78,9 @@ class DirectLight:
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> NDArray[np.bool_]:
         end = distance * (1 - _NEAR_LIGHT)
-        return np.asarray(_free(self._rays, points, triangle, np.ascontiguousarray(wi), end))
+        free = np.empty(wi.shape[:2], np.bool_)
+        _free(self._rays, points, triangle, np.ascontiguousarray(wi), end, np.empty(3), free)
+        return free
 
 
 def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
@@ -97,12 +99,9 @@ def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
 
 
 @kernel
-def _free(rays, points, triangle, wi, end):  # type: ignore[no-untyped-def]
-    """(P, K) bool: does nothing lie along rays wi (P, K, 3) from points of triangles, up to the end (P,)?"""
-    free = np.empty(wi.shape[:2], np.bool_)
-    found = np.empty(3)
+def _free(rays, points, triangle, wi, end, found, free):  # type: ignore[no-untyped-def]
+    """Fill (P, K) bool: does nothing lie along rays wi (P, K, 3) from points of triangles, up to the end (P,)?"""
     for p in range(len(points)):
         for k in range(wi.shape[1]):
             hit = nearest(rays, points[p], wi[p, k], triangle[p], found)
             free[p, k] = hit < 0 or found[0] >= end[p]
-    return free

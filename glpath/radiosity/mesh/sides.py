@@ -126,13 +126,16 @@ def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals
 
     Buried is what sees the inside of a closed surface straight ahead and to three sides.
     """
-    return np.asarray(_in_the_open(rays_of(scene), np.ascontiguousarray(solid), scene.normals, points, normals))
+    free = np.zeros(len(points), np.bool_)
+    of_solid, room = np.ascontiguousarray(solid), np.empty((3, 3))
+    _in_the_open(rays_of(scene), of_solid, scene.normals, points, normals, room, free)
+    return free
 
 
 @kernel
-def _in_the_open(rays, solid, face, points, normals):  # type: ignore[no-untyped-def]
-    free = np.zeros(len(points), np.bool_)
-    o, d, found = np.empty(3), np.empty(3), np.empty(3)
+def _in_the_open(rays, solid, face, points, normals, work, free):  # type: ignore[no-untyped-def]
+    """Fill free (P,), which is all False; work: (3, 3)."""
+    o, d, found = work[0], work[1], work[2]
     for p in range(len(points)):
         for way in range(4):
             for k in range(3):
@@ -144,4 +147,3 @@ def _in_the_open(rays, solid, face, points, normals):  # type: ignore[no-untyped
             if hit < 0 or not solid[hit] or d[0] * face[hit, 0] + d[1] * face[hit, 1] + d[2] * face[hit, 2] < 0:
                 free[p] = True
                 break
-    return free

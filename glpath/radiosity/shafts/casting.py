@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.shafts.ends import before_emitter, before_receiver
 from glpath.radiosity.shafts.occluders import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
 from glpath.radiosity.shafts.options import (
@@ -21,16 +21,7 @@ from glpath.radiosity.shafts.options import (
     RAYS,
 )
 from glpath.radiosity.shafts.points import SEVERAL
-from glpath.radiosity.shafts.search import (
-    OCCLUDER,
-    CandidateRange,
-    Work,
-    highest,
-    objects_of,
-    ray_count,
-    shaft_list,
-)
-from glpath.radiosity.shafts.shaft import empty_shaft, empty_stack
+from glpath.radiosity.shafts.search import OCCLUDER, CandidateRange, highest, objects_of, ray_count, shaft_list
 
 
 @inner_kernel
@@ -101,7 +92,7 @@ def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, objec
     return -1, -1, box_tests, object_tests
 
 
-@kernel
+@kernel_part
 def _cast_one_by_one(  # type: ignore[no-untyped-def]
     tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
@@ -151,7 +142,7 @@ def _cast_one_by_one(  # type: ignore[no-untyped-def]
                 _to_front(at, found.begin, work)
 
 
-@inner_kernel
+@kernel_part
 def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
     node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
     for k in range(at, begin, -1):
@@ -159,7 +150,7 @@ def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
     work.nodes[begin], work.flags[begin], work.objects[begin] = node, flag, x
 
 
-@kernel
+@kernel_part
 def _cast_together(  # type: ignore[no-untyped-def]
     tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
 ):
@@ -167,9 +158,8 @@ def _cast_together(  # type: ignore[no-untyped-def]
     samples, begin = len(source.points), groups.begin[group]
     count = groups.end[group] - begin
     own = groups.polygon[group]
-    clear = np.empty((samples, count), np.uint8)
-    at_a, at_b = np.empty((3, samples)), np.empty((3, count))
-    left = _start(source, lit, groups.normal, group, begin, count, clear)
+    clear, at_a, at_b = work.clear, work.at_a, work.at_b
+    left = _start(source, lit, groups.normal, group, begin, count, clear, work.before)
     if left == 0:
         return
     rays = left
@@ -221,12 +211,11 @@ def _cast_together(  # type: ignore[no-untyped-def]
                 visible[p, s] = clear[s, k]
 
 
-@kernel
-def _start(source, lit, common, group, begin, count, clear):  # type: ignore[no-untyped-def]
+@kernel_part
+def _start(source, lit, common, group, begin, count, clear, before):  # type: ignore[no-untyped-def]
     """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
     samples = len(source.points)
     n, a, heights = lit.normals, source.points, lit.heights
-    before = np.empty(count, np.uint8)
     left = 0
     for k in range(count):
         before[k] = before_emitter(lit, begin + k, source)
@@ -311,7 +300,7 @@ def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type
                 clear[s, k] &= not crosses(-ha, ua, va, -at_b[0, k], at_b[1, k], at_b[2, k], parallelogram)
 
 
-@inner_kernel
+@kernel_part
 def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
     """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
     most = 0.0
@@ -324,46 +313,40 @@ def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
 
 @kernel
 def cast_groups(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, mark, visible, counts
+    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, work, visible, counts
 ):
     """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
-    size = len(tree.skip)
-    room = (groups.levels + 2) * size + 1
-    planes, near, extent = empty_shaft()
-    work = Work(
-        np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
-        np.empty(6), np.empty(6), empty_stack(size), mark, np.array([0, -1]),
-    )  # fmt: skip
-    work.nodes[: len(roots)] = roots
-    work.flags[: len(roots)] = root_flags
+    for i in range(len(roots)):
+        work.nodes[i], work.flags[i] = roots[i], root_flags[i]
     top, boxed = objects_of(
         tree, polygons, False, settings.object_boxes, settings.size, source.polygon, -1, 0, len(roots), work
     )
     found = CandidateRange(0, top, boxed, -1)
     # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
-    ends = np.empty(groups.levels + 2, np.int64)
-    lists = [found]
+    ends, level = work.ends, 0
     ends[0] = last
+    _keep_list(work.lists, level, found)
     tiny = -1e-12 * settings.size
 
     group = first
     while group < last:
-        while group >= ends[len(lists) - 1]:
-            lists.pop()
+        while group >= ends[level]:
+            level -= 1
         # Facing tests first, of all of them at once.
         if (source.one_sided and highest(groups.boxes, group, source.plane) < tiny) or (
             lit.one_sided and _turned_away(source, groups, group) < tiny
         ):
             group = groups.skip[group]
             continue
-        found = lists[-1]
+        found = _kept_list(work.lists, level)
         built = settings.strategy < 0 or ray_count(source, groups, group) < settings.no_shaft_below
         if groups.skip[group] > group + 1:
             if not built:
                 found = shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)
             if found.begin < found.end:
-                ends[len(lists)] = groups.skip[group]
-                lists.append(found)
+                level += 1
+                ends[level] = groups.skip[group]
+                _keep_list(work.lists, level, found)
                 group += 1
                 continue
             built = True  # nothing is in the way of any of its parts
@@ -376,3 +359,14 @@ def cast_groups(  # type: ignore[no-untyped-def]
                 tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
             )  # fmt: skip
         group = groups.skip[group]
+
+
+@kernel_part
+def _keep_list(lists, level, found):  # type: ignore[no-untyped-def]
+    lists[level, 0], lists[level, 1], lists[level, 2] = found.begin, found.end, found.boxed
+    lists[level, 3] = found.number
+
+
+@kernel_part
+def _kept_list(lists, level):  # type: ignore[no-untyped-def]
+    return CandidateRange(lists[level, 0], lists[level, 1], lists[level, 2] != 0, lists[level, 3])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from glpath.bvh import Bvh, checked_boxes
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 
 
 def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
@@ -32,21 +32,29 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
     low, high = checked_boxes(lower, upper)
     boxes = np.concatenate([low, high], axis=1)
     coming = np.random.default_rng(seed).permutation(len(boxes)).astype(np.int32)
-    nodes, skip, first, count, order = _flatten(boxes, *_insert_all(boxes, coming))
+    n = len(boxes)
+    linked = np.empty((max(2 * n, 1), 6))
+    linked[:n] = boxes
+    child, sibling, parent = (np.full(len(linked), -1, np.int32) for _ in range(3))
+    size, root = _insert_all(boxes, coming, linked, child, sibling, parent, np.zeros(len(linked), np.int32))
+    size = 0 if root < 0 else size
+    nodes = np.empty((size, 6))
+    skip, first, count = np.empty(size, np.int32), np.empty(size, np.int32), np.zeros(size, np.int32)
+    order = np.empty(n, np.int32)
+    _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, np.empty(2 * size + 1, np.int32))
     return Bvh(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
 
 
 @kernel
-def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
-    """The tree as links. Nodes below N are the items themselves, the others inner nodes; -1 is none."""
+def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type: ignore[no-untyped-def]
+    """The tree as links; returns how many nodes there are, and the root.
+
+    Nodes below N are the items themselves, the others inner nodes; -1 is none.
+
+    nodes                  : (2 N, 6), the first N of them the boxes
+    child, sibling, parent : (2 N,), -1; children: (2 N,), 0
+    """
     n = len(boxes)
-    most = max(2 * n, 1)
-    nodes = np.empty((most, 6))
-    nodes[:n] = boxes
-    child = np.full(most, -1, np.int32)
-    sibling = np.full(most, -1, np.int32)
-    parent = np.full(most, -1, np.int32)
-    children = np.zeros(most, np.int32)
     size = n
     root = -1
     for i in range(n):
@@ -58,11 +66,11 @@ def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
         # its area times their number, so growth costs the growth of the area times the number.
         node, inherited, best, place = root, 0.0, np.inf, -1
         while True:
-            grown = _union_area(nodes[node], boxes[item])
+            grown = _union_area(nodes, node, boxes, item)
             if node < n:  # the two become a pair in the place of the one
                 cost = inherited + 2 * grown
             else:
-                inherited += (grown - _area(nodes[node])) * children[node]
+                inherited += (grown - _area(nodes, node)) * children[node]
                 cost = inherited + grown
             if cost < best:
                 best, place = cost, node
@@ -70,15 +78,16 @@ def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
                 break
             below, least, least_area = child[node], np.inf, np.inf
             while below >= 0:
-                area = _area(nodes[below])
-                growth = _union_area(nodes[below], boxes[item]) - area
+                area = _area(nodes, below)
+                growth = _union_area(nodes, below, boxes, item) - area
                 if growth < least or (growth == least and area < least_area):
                     least, least_area, node = growth, area, below
                 below = sibling[below]
         if place < n:
             pair = size
             size += 1
-            nodes[pair] = nodes[place]
+            for k in range(6):
+                nodes[pair, k] = nodes[place, k]
             _replace(root, place, pair, child, sibling, parent)
             if place == root:
                 root = pair
@@ -93,10 +102,10 @@ def _insert_all(boxes, coming):  # type: ignore[no-untyped-def]
                 nodes[place, k] = min(nodes[place, k], boxes[item, k])
                 nodes[place, k + 3] = max(nodes[place, k + 3], boxes[item, k + 3])
             place = parent[place]
-    return nodes[:size], root, child, sibling
+    return size, root
 
 
-@kernel
+@kernel_part
 def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped-def]
     """Put `new` where `old` hangs."""
     above = parent[old]
@@ -114,17 +123,13 @@ def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped
 
 
 @kernel
-def _flatten(boxes, linked, root, child, sibling):  # type: ignore[no-untyped-def]
-    """The links as depth-first arrays; see `Bvh`."""
-    n, size = len(boxes), 0 if root < 0 else len(linked)
-    nodes = np.empty((size, 6))
-    skip = np.empty(size, np.int32)
-    first = np.empty(size, np.int32)
-    count = np.zeros(size, np.int32)
-    order = np.empty(n, np.int32)
-    pending = np.empty(2 * size + 1, np.int32)  # links yet to come, and ~node where a node's subtree ends
+def _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, pending):  # type: ignore[no-untyped-def]
+    """The links of n items as depth-first arrays; see `Bvh`. count: all 0.
+
+    pending : (2 M + 1,), for links yet to come, and ~node where a node's subtree ends
+    """
     waiting, items, node = 0, 0, 0
-    if size:
+    if root >= 0:
         pending[0] = root
         waiting = 1
     while waiting:
@@ -133,7 +138,8 @@ def _flatten(boxes, linked, root, child, sibling):  # type: ignore[no-untyped-de
         if link < 0:
             skip[~link] = node
             continue
-        nodes[node] = linked[link]
+        for k in range(6):
+            nodes[node, k] = linked[link, k]
         first[node] = items
         if link < n:
             order[items] = link
@@ -149,18 +155,17 @@ def _flatten(boxes, linked, root, child, sibling):  # type: ignore[no-untyped-de
                 waiting += 1
                 below = sibling[below]
         node += 1
-    return nodes, skip, first, count, order
 
 
-@kernel
-def _area(box):  # type: ignore[no-untyped-def]
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+@inner_kernel
+def _area(boxes, i):  # type: ignore[no-untyped-def]
+    x, y, z = boxes[i, 3] - boxes[i, 0], boxes[i, 4] - boxes[i, 1], boxes[i, 5] - boxes[i, 2]
     return x * y + y * z + z * x
 
 
-@kernel
-def _union_area(a, b):  # type: ignore[no-untyped-def]
-    x = max(a[3], b[3]) - min(a[0], b[0])
-    y = max(a[4], b[4]) - min(a[1], b[1])
-    z = max(a[5], b[5]) - min(a[2], b[2])
+@inner_kernel
+def _union_area(a, i, b, j):  # type: ignore[no-untyped-def]
+    x = max(a[i, 3], b[j, 3]) - min(a[i, 0], b[j, 0])
+    y = max(a[i, 4], b[j, 4]) - min(a[i, 1], b[j, 1])
+    z = max(a[i, 5], b[j, 5]) - min(a[i, 2], b[j, 2])
     return x * y + y * z + z * x

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import Float64, Int32
 from glpath.errors import UsageError
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.scene.model import Scene
 
 #: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
@@ -68,7 +68,10 @@ class Occluders:
         """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
-        corners, first, two = _parallelograms(triangles, shape)
+        count = len(triangles)
+        corners, first, two = np.empty((count, 3, 3)), np.empty(count, np.int32), np.zeros(count, np.bool_)
+        n = _parallelograms(triangles, shape, corners, first, two)
+        corners, first, two = corners[:n].copy(), first[:n].copy(), two[:n].copy()
         closed = np.zeros(len(scene.shapes), bool)
         for i, part in enumerate(scene.shapes.ranges):
             closed[i] = scene.shapes[i].primitive == "triangle" and _closed(triangles[part])
@@ -168,34 +171,34 @@ def _closed(triangles: Float64) -> bool:
 
 
 @kernel
-def _parallelograms(triangles, shape):  # type: ignore[no-untyped-def]
-    """Corners (N, 3, 3), the first triangle of each and whether two neighbours in the list were put together."""
+def _parallelograms(triangles, shape, corners, first, two):  # type: ignore[no-untyped-def]
+    """Put neighbours in the list together where they are a parallelogram; returns how many polygons there are.
+
+    Fills corners (N, 3, 3), the first triangle of each (N,), and whether it was put together (N,).
+    """
     count = len(triangles)
-    corners = np.empty((count, 3, 3))
-    first = np.empty(count, np.int32)
-    two = np.zeros(count, np.bool_)
     n, i = 0, 0
     while i < count:
-        corners[n] = triangles[i]
-        first[n] = i
+        apex = -1
         if i + 1 < count and shape[i] == shape[i + 1]:
-            apex = _apex(triangles[i], triangles[i + 1])
-            if apex >= 0:
-                for k in range(3):
-                    corners[n, k] = triangles[i, (apex + k) % 3]
-                two[n] = True
-                i += 1
+            apex = _apex(triangles, i)
+        for j in range(3):
+            for k in range(3):
+                corners[n, j, k] = triangles[i, (max(apex, 0) + j) % 3, k]
+        first[n] = i
+        two[n] = apex >= 0
+        i += 2 if apex >= 0 else 1
         n += 1
-        i += 1
-    return corners[:n].copy(), first[:n].copy(), two[:n].copy()
+    return n
 
 
-@kernel
-def _apex(a, b):  # type: ignore[no-untyped-def]
-    """Which corner of triangle a is opposite to b, where the two are a parallelogram; -1 where they aren't.
+@kernel_part
+def _apex(triangles, t):  # type: ignore[no-untyped-def]
+    """Which corner of triangle t is opposite to the next, where the two are a parallelogram; -1 where they aren't.
 
     They are when they share an edge, passed in opposite ways, whose middle is the middle of the other two corners.
     """
+    a, b = triangles[t], triangles[t + 1]
     for i in range(3):
         for j in range(3):
             shared = True
@@ -212,6 +215,18 @@ def _apex(a, b):  # type: ignore[no-untyped-def]
             if gap <= 1e-14 * size:
                 return i
     return -1
+
+
+def visible_by_all(
+    polygons: Polygons, points_a: Float64, points_b: Float64, own_a: Int32, own_b: Int32
+) -> NDArray[np.bool_]:
+    """(A, B) bool by testing every pair of points against every polygon: slow and obvious, for comparison.
+
+    own_a, own_b : (A,) and (B,) int32, the polygon that a point lies on, which never blocks it; -1 for none
+    """
+    visible = np.ones((len(points_a), len(points_b)), np.bool_)
+    _visible_by_all(polygons, points_a, points_b, own_a, own_b, visible)
+    return visible
 
 
 @inner_kernel
@@ -263,7 +278,7 @@ def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-un
     )
 
 
-@inner_kernel
+@kernel_part
 def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
     """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
 
@@ -290,12 +305,7 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
 
 
 @kernel
-def visible_by_all(polygons, points_a, points_b, own_a, own_b):  # type: ignore[no-untyped-def]
-    """(A, B) bool by testing every pair of points against every polygon: slow and obvious, for comparison.
-
-    own_a, own_b : (A,) and (B,) int32, the polygon that a point lies on, which never blocks it; -1 for none
-    """
-    visible = np.ones((len(points_a), len(points_b)), np.bool_)
+def _visible_by_all(polygons, points_a, points_b, own_a, own_b, visible):  # type: ignore[no-untyped-def]
     for i in range(len(points_a)):
         for j in range(len(points_b)):
             a, b = points_a[i], points_b[j]
@@ -305,4 +315,3 @@ def visible_by_all(polygons, points_a, points_b, own_a, own_b):  # type: ignore[
                 ):  # fmt: skip
                     visible[i, j] = False
                     break
-    return visible

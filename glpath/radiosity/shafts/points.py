@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bvh import Float64, Int32, build_bvh
-from glpath.kernels import kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.radiosity.shafts.sorting import merge_sort
 
 #: A shaft within a shaft is made when it has at most this share of the points.
 _PART = 0.25
@@ -85,10 +86,17 @@ def group_points(
         skip = np.arange(1, len(start) + 1)
     size = np.diff(start, append=count)
     order = np.concatenate([np.arange(start[i], start[i] + size[i]) for i in leaves])
-    boxes, skips, begin, end, of_polygon, levels = _groups(
+    most = 4 * count + len(skip)
+    boxes = np.empty((most, 6))
+    skips, begin, end, of_polygon = (np.empty(most, np.int64) for _ in range(4))
+    n, levels = _groups(
         np.ascontiguousarray(points), order, size[leaves], skip, clump or count, group or count, nested,
-        np.ascontiguousarray(polygon, np.int32),
+        np.ascontiguousarray(polygon, np.int32), boxes, skips, begin, end, of_polygon,
+        np.empty(len(skip) + 1, np.int64), np.empty((most + 2, 4), np.int64),
+        _Workspace(np.empty((1, 6)), np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)),
     )  # fmt: skip
+    boxes = boxes[:n].copy()
+    skips, begin, end, of_polygon = (a[:n].copy() for a in (skips, begin, end, of_polygon))
     normal = np.zeros((len(begin), 3))
     if normals is not None:
         # Equal throughout a range where the last change of the normal lies before it.
@@ -101,18 +109,29 @@ def group_points(
     return Groups(order, boxes, skips, begin, end, of_polygon, normal, levels)
 
 
+class _Workspace(NamedTuple):
+    """Of `_halve`: a box (1, 6), and keys, indices and spare room (P,) to sort points by."""
+
+    box: Float64
+    keys: Float64
+    by: NDArray[np.int64]
+    spare: NDArray[np.int64]
+
+
 @kernel
-def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: ignore[no-untyped-def]
-    """See `group_points`. skip: a forest whose leaves are the receivers of `size` points. Permutes `order`."""
-    count = len(order)
-    most = 4 * count + len(skip)
-    boxes = np.empty((most, 6))
-    skips = np.zeros(most, np.int64)
-    begins = np.empty(most, np.int64)
-    ends = np.empty(most, np.int64)
-    polygons = np.empty(most, np.int64)
-    # How many points lie before each node of the receivers' forest.
-    before = np.zeros(len(skip) + 1, np.int64)
+def _groups(  # type: ignore[no-untyped-def]
+    points, order, size, skip, clump, group, nested, polygon, boxes, skips, begins, ends, polygons, before, pending,
+    work,
+):  # fmt: skip
+    """See `group_points`. skip: a forest whose leaves are the receivers of `size` points. Permutes `order`.
+
+    before  : (len(skip) + 1,), how many points lie before each node of the receivers' forest
+    pending : (M + 2, 4), ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the
+              group around (0: none). (-2, group) is a group's end
+
+    Fills boxes .. polygons, (M, ...) each, and returns how many groups there are, and the most around any point.
+    """
+    before[0] = 0
     leaf = 0
     for node in range(len(skip)):
         before[node + 1] = before[node]
@@ -120,29 +139,28 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
             before[node + 1] += size[leaf]
             leaf += 1
 
-    # Ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the group around (0:
-    # none). (-2, group) is a group's end.
-    pending = np.empty((most + 2, 4), np.int64)
     n, levels, level = 0, 0, 0
     root = 0
     while root < len(skip):
-        pending[0] = (root, before[root], before[skip[root]], 0)
+        _push(pending, 0, root, before[root], before[skip[root]], 0)
         waiting = 1
         while waiting:
             waiting -= 1
-            node, begin, end, around = pending[waiting]
+            node, begin, end, around = (
+                pending[waiting, 0], pending[waiting, 1], pending[waiting, 2], pending[waiting, 3]
+            )  # fmt: skip
             if node == -2:
                 skips[begin] = n
                 level -= 1
                 continue
             points_here = end - begin
             single = node < 0 or skip[node] == node + 1
-            leaf = points_here <= clump
-            made = leaf
-            if nested and not leaf:
+            last = points_here <= clump
+            made = last
+            if nested and not last:
                 made = points_here <= group if around == 0 else points_here <= _PART * around
             if made:
-                _around(points, order, begin, end, boxes[n])
+                _around(points, order, begin, end, boxes, n)
                 begins[n], ends[n] = begin, end
                 polygons[n] = polygon[order[begin]]
                 for i in range(begin, end):
@@ -151,16 +169,16 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
                 around = points_here
                 level += 1
                 levels = max(levels, level)
-                pending[waiting] = (-2, n, 0, 0)
+                _push(pending, waiting, -2, n, 0, 0)
                 waiting += 1
                 n += 1
-            if leaf:
+            if last:
                 continue
             if not single:
                 child = node + 1
                 children = 0
                 while child < skip[node]:
-                    pending[waiting] = (child, before[child], before[skip[child]], around)
+                    _push(pending, waiting, child, before[child], before[skip[child]], around)
                     waiting += 1
                     children += 1
                     child = skip[child]
@@ -170,35 +188,44 @@ def _groups(points, order, size, skip, clump, group, nested, polygon):  # type: 
                         pending[waiting - children + i, k] = pending[waiting - 1 - i, k]
                         pending[waiting - 1 - i, k] = x
             else:
-                middle = _halve(points, order, begin, end)
-                pending[waiting] = (-1, middle, end, around)
-                pending[waiting + 1] = (-1, begin, middle, around)
+                middle = _halve(points, order, begin, end, work)
+                _push(pending, waiting, -1, middle, end, around)
+                _push(pending, waiting + 1, -1, begin, middle, around)
                 waiting += 2
         root = skip[root]
-    return boxes[:n].copy(), skips[:n].copy(), begins[:n].copy(), ends[:n].copy(), polygons[:n].copy(), levels
+    return n, levels
 
 
-@kernel
-def _around(points, order, begin, end, box):  # type: ignore[no-untyped-def]
+@inner_kernel
+def _push(pending, at, node, begin, end, around):  # type: ignore[no-untyped-def]
+    pending[at, 0], pending[at, 1], pending[at, 2], pending[at, 3] = node, begin, end, around
+
+
+@inner_kernel
+def _around(points, order, begin, end, boxes, at):  # type: ignore[no-untyped-def]
     for k in range(3):
-        box[k], box[k + 3] = np.inf, -np.inf
+        low, high = np.inf, -np.inf
         for i in range(begin, end):
-            box[k] = min(box[k], points[order[i], k])
-            box[k + 3] = max(box[k + 3], points[order[i], k])
+            x = points[order[i], k]
+            low, high = min(low, x), max(high, x)
+        boxes[at, k], boxes[at, k + 3] = low, high
 
 
-@kernel
-def _halve(points, order, begin, end):  # type: ignore[no-untyped-def]
+@kernel_part
+def _halve(points, order, begin, end, work):  # type: ignore[no-untyped-def]
     """Part a range in the middle of its longest side, half of the points each; return where."""
-    box = np.empty(6)
-    _around(points, order, begin, end, box)
+    box, keys, by = work.box, work.keys, work.by
+    _around(points, order, begin, end, box, 0)
     axis = 0
     for k in range(1, 3):
-        if box[k + 3] - box[k] > box[axis + 3] - box[axis]:
+        if box[0, k + 3] - box[0, k] > box[0, axis + 3] - box[0, axis]:
             axis = k
-    part = order[begin:end].copy()
-    keys = np.empty(end - begin)
-    for i in range(end - begin):
-        keys[i] = points[part[i], axis]
-    order[begin:end] = part[np.argsort(keys, kind="mergesort")]
-    return begin + (end - begin) // 2
+    n = end - begin
+    for i in range(n):
+        keys[i], by[i] = points[order[begin + i], axis], i
+    merge_sort(keys, by, work.spare, n)
+    for i in range(n):
+        by[i] = order[begin + by[i]]
+    for i in range(n):
+        order[begin + i] = by[i]
+    return begin + n // 2

@@ -12,10 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bvh import Bvh, Float64, Int32
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.shafts.occluders import ENDS, never_hit
 from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
-from glpath.radiosity.shafts.shaft import Strategy, Tree, encloses, form_shaft, gather, overlaps
+from glpath.radiosity.shafts.shaft import (
+    Strategy,
+    Tree,
+    empty_shaft,
+    empty_stack,
+    encloses,
+    form_shaft,
+    gather,
+    overlaps,
+)
+from glpath.radiosity.shafts.sorting import merge_sort
 
 _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
     int(s) for s in (Strategy.KEEP_CLOSED, Strategy.ALWAYS_OPEN, Strategy.RATIO_OPEN)
@@ -36,7 +46,10 @@ class SearchTree(NamedTuple):
     @classmethod
     def of(cls, bvh: Bvh) -> SearchTree:
         tree = Tree.of(bvh)
-        return cls(*tree, *_upwards(tree))
+        parent = np.full(len(tree.skip), -1, np.int32)
+        leaf_of = np.full(len(tree.order), -1, np.int32)
+        _upwards(tree, parent, leaf_of)
+        return cls(*tree, parent, leaf_of)
 
 
 class Settings(NamedTuple):
@@ -70,6 +83,11 @@ class Work(NamedTuple):
     stack                 : of `gather`
     mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
     latest                : (2,) the latest shaft's number, and the latest occluder or -1
+    keys, by, spare       : (M,) of `merge_sort`; empty where lists are not sorted
+    clear, before         : of rays that are tested together, (S, K) and (K,): which are not blocked yet, and which
+                            points lie before the emitter
+    at_a, at_b            : (3, S) and (3, K), forms of a polygon at their ends
+    ends, lists           : (L,) of the groups around the current one where each ends, and (L, 4) its list
     """
 
     nodes: Int32
@@ -83,6 +101,32 @@ class Work(NamedTuple):
     stack: Int32
     mark: NDArray[np.int64]
     latest: NDArray[np.int64]
+    keys: Float64
+    by: NDArray[np.int64]
+    spare: NDArray[np.int64]
+    clear: NDArray[np.uint8]
+    before: NDArray[np.uint8]
+    at_a: Float64
+    at_b: Float64
+    ends: NDArray[np.int64]
+    lists: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, tree: SearchTree, levels: int, samples: int, together: int, mailbox: bool, sorted_lists: bool
+    ) -> Work:
+        """For groups of so many levels, an emitter of so many samples, and at most `together` points at once."""
+        nodes = len(tree.skip)
+        room = (levels + 2) * nodes + 1
+        longest = nodes if sorted_lists else 0
+        planes, near, extent = empty_shaft()
+        return cls(
+            np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
+            np.empty(6), np.empty(6), empty_stack(nodes), np.zeros(nodes if mailbox else 0, np.int64),
+            np.array([0, -1]), np.empty(longest), np.empty(longest, np.int64), np.empty(longest, np.int64),
+            np.empty((samples, together), np.uint8), np.empty(together, np.uint8), np.empty((3, samples)),
+            np.empty((3, together)), np.empty(levels + 2, np.int64), np.empty((levels + 2, 4), np.int64),
+        )  # fmt: skip
 
 
 NUMBER, OCCLUDER = 0, 1
@@ -98,9 +142,8 @@ class CandidateRange(NamedTuple):
 
 
 @kernel
-def _upwards(tree):  # type: ignore[no-untyped-def]
-    parent = np.full(len(tree.skip), -1, np.int32)
-    leaf_of = np.full(len(tree.order), -1, np.int32)
+def _upwards(tree, parent, leaf_of):  # type: ignore[no-untyped-def]
+    """Fill each node's parent and each item's leaf, which are -1."""
     for node in range(len(tree.skip)):
         child = node + 1
         while child < tree.skip[node]:
@@ -108,7 +151,6 @@ def _upwards(tree):  # type: ignore[no-untyped-def]
             child = tree.skip[child]
         for i in range(tree.first[node], tree.first[node] + tree.items[node]):
             leaf_of[tree.order[i]] = node
-    return parent, leaf_of
 
 
 @inner_kernel
@@ -121,19 +163,15 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type: ignore[no-untyped-def]
-    """See `Visibility.emitter_list`.
+def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching, found, flags, pending):  # type: ignore[no-untyped-def]
+    """See `Visibility.emitter_list`. Fills found and flags, (M,) as pending, and returns how many there are.
 
     leaf     : of the emitter's polygon, left out; -1 where it has none
     touching : the flag of what overlaps the emitter's box
     """
-    size = len(tree.skip)
-    found = np.empty(size, np.int32)
-    flags = np.empty(size, np.int8)
     n = 0
-    if not size:
-        return found, flags
-    pending = np.empty(size, np.int32)
+    if not len(tree.skip):
+        return n
     # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or
     # that has a larger box than its polygon, starts at the root.
     below = leaf
@@ -171,7 +209,7 @@ def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching):  # type
         if node < 0:
             break
         below, node = node, tree.parent[node]
-    return found[:n].copy(), flags[:n].copy()
+    return n
 
 
 @inner_kernel
@@ -201,31 +239,34 @@ def objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin
     return n, boxed
 
 
-@kernel
+@kernel_part
 def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
     """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
     n = end - begin
-    keys = np.empty(n)
-    extent = work.extent
+    extent, boxes = work.extent, tree.boxes
+    keys, by, spare = work.keys, work.by, work.spare
     for i in range(n):
-        box = tree.boxes[work.nodes[begin + i]]
-        x = min(box[3], extent[3]) - max(box[0], extent[0])
-        y = min(box[4], extent[4]) - max(box[1], extent[1])
-        z = min(box[5], extent[5]) - max(box[2], extent[2])
+        node = work.nodes[begin + i]
+        x = min(boxes[node, 3], extent[3]) - max(boxes[node, 0], extent[0])
+        y = min(boxes[node, 4], extent[4]) - max(boxes[node, 1], extent[1])
+        z = min(boxes[node, 5], extent[5]) - max(boxes[node, 2], extent[2])
         keys[i] = -(x * y + y * z + z * x)
-    by = np.argsort(keys, kind="mergesort")
-    nodes, flags, objects = (
-        work.nodes[begin:end].copy(),
-        work.flags[begin:end].copy(),
-        work.objects[begin:end].copy(),
-    )
+        by[i] = i
+    merge_sort(keys, by, spare, n)
+    _permute(work.nodes, begin, by, spare, n)
+    _permute(work.objects, begin, by, spare, n)
+    _permute(work.flags, begin, by, spare, n)
+
+
+@inner_kernel
+def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
     for i in range(n):
-        work.nodes[begin + i] = nodes[by[i]]
-        work.flags[begin + i] = flags[by[i]]
-        work.objects[begin + i] = objects[by[i]]
+        spare[i] = values[begin + by[i]]
+    for i in range(n):
+        values[begin + i] = spare[i]
 
 
-@kernel
+@inner_kernel
 def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
     """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
     share = ENDS if settings.tolerance else 0.0

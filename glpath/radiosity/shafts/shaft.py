@@ -110,7 +110,7 @@ class Shaft:
         """
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
         planes, near, extent = empty_shaft()
-        n = form_shaft(a, b, slack, -1.0 if least_cut is None else least_cut, planes, near, extent)
+        n = _form_shaft(a, b, slack, -1.0 if least_cut is None else least_cut, planes, near, extent)
         faces_a = tuple(name for f, name in enumerate(FACES) if _beyond(a, b, f))
         faces_b = tuple(name for f, name in enumerate(FACES) if _beyond(b, a, f))
         full, corners = _with_three_axes(planes[:n], near[:n])
@@ -122,9 +122,10 @@ class Shaft:
         if given.ndim < 2 or given[0:1].size not in (0, 6) or given.size % 6:
             raise UsageError(f"Shaft.classify: boxes of shape {given.shape}; allowed are (N, 2, 3) and (N, 6).")
         planes, near = _with_two_axes(self.planes, self.near)
-        return np.asarray(
-            _classify_boxes(given.reshape(-1, 6), self.box_a, self.box_b, self.extent, planes, near, len(planes))
-        )
+        each = given.reshape(-1, 6)
+        places = np.empty(len(each), np.int8)
+        _classify_boxes(each, self.box_a, self.box_b, self.extent, planes, near, len(planes), places)
+        return places
 
     def classify_spheres(self, centres: ArrayLike, radii: ArrayLike) -> NDArray[np.int8]:
         """(N,) int8 of `Place`, for spheres: centres (N, 3), radii (N,) >= 0.
@@ -137,7 +138,9 @@ class Shaft:
         if not (radius >= 0).all():
             raise UsageError(f"Shaft.classify_spheres: a radius is {radius.min():g}; allowed are those from 0.")
         unit = self.planes / np.linalg.norm(self.planes[:, :3], axis=1, keepdims=True)
-        return np.asarray(_classify_spheres(centre, radius, self.box_a, self.box_b, self.extent, unit))
+        places = np.empty(len(centre), np.int8)
+        _classify_spheres(centre, radius, self.box_a, self.box_b, self.extent, unit, places)
+        return places
 
 
 class Tree(NamedTuple):
@@ -180,7 +183,7 @@ def candidate_list(
     found, flags, stack = np.empty(n, np.int32), np.empty(n, np.int8), empty_stack(n)
     # Without roots to start from it is the root; that it overlaps the first box is not known.
     roots, unknown = np.zeros(min(n, 1), np.int32), np.full(min(n, 1), -1, np.int8)
-    size, _ = gather(
+    size, _ = _gather(
         tree, roots, unknown, 0, len(roots), shaft.box_a, shaft.box_b, shaft.extent, planes, near, len(planes),
         int(strategy), float(ratio), open_enclosing, np.zeros(0, np.int64), 0, stack, found, flags, 0, n,
     )  # fmt: skip
@@ -218,14 +221,12 @@ def _with_two_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, N
     return np.concatenate([planes[rows, axes], planes[:, 3:]], axis=1), np.ascontiguousarray(near[rows, axes])
 
 
-@kernel
-def empty_shaft():  # type: ignore[no-untyped-def]
+def empty_shaft() -> tuple[Float64, NDArray[np.int64], Float64]:
     """Room for planes (8, 4), their near corners (8, 2) and the extent (6,): what `form_shaft` fills."""
     return np.empty((MOST_PLANES, 4)), np.empty((MOST_PLANES, 2), np.int64), np.empty(6)
 
 
-@kernel
-def empty_stack(nodes):  # type: ignore[no-untyped-def]
+def empty_stack(nodes: int) -> Int32:
     """Room for what `gather` has still to look at: node, flag and place, (nodes + 1, 3) int32."""
     return np.empty((nodes + 1, 3), np.int32)
 
@@ -339,20 +340,17 @@ def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _classify_boxes(boxes, a, b, extent, planes, near, n):  # type: ignore[no-untyped-def]
-    places = np.empty(len(boxes), np.int8)
+def _classify_boxes(boxes, a, b, extent, planes, near, n, places):  # type: ignore[no-untyped-def]
     for i in range(len(boxes)):
         place = place_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
         if place == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
             place = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
         places[i] = place
-    return places
 
 
 @kernel
-def _classify_spheres(centres, radii, a, b, extent, planes):  # type: ignore[no-untyped-def]
+def _classify_spheres(centres, radii, a, b, extent, planes, places):  # type: ignore[no-untyped-def]
     """planes: (P, 4), of unit normals."""
-    places = np.empty(len(centres), np.int8)
     for i in range(len(centres)):
         c, r = centres[i], radii[i]
         if _distance_squared(c, extent) > r * r:
@@ -372,7 +370,6 @@ def _classify_spheres(centres, radii, a, b, extent, planes):  # type: ignore[no-
             inside = inside and t <= -r
         if inside:
             places[i] = _INSIDE
-    return places
 
 
 @inner_kernel
@@ -445,3 +442,7 @@ def gather(  # type: ignore[no-untyped-def]
                 found[size], found_flags[size] = node, flag
                 size += 1
     return size, tests
+
+
+# As Python calls them.
+_form_shaft, _gather = kernel(form_shaft.py_func), kernel(gather.py_func)

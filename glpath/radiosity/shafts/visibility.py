@@ -31,7 +31,7 @@ from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, Options, Statistics
 from glpath.radiosity.shafts.points import Groups, group_points
-from glpath.radiosity.shafts.search import SearchTree, Settings, find_emitter_list
+from glpath.radiosity.shafts.search import SearchTree, Settings, Work, find_emitter_list
 
 
 class Prepared(NamedTuple):
@@ -109,10 +109,13 @@ class Visibility:
         leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
-        nodes, known = find_emitter_list(
-            tree, source.box, source.plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1
-        )
-        return nodes, known
+        size = len(tree.skip)
+        nodes, known, pending = np.empty(size, np.int32), np.empty(size, np.int8), np.empty(size, np.int32)
+        n = find_emitter_list(
+            tree, source.box, source.plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1,
+            nodes, known, pending,
+        )  # fmt: skip
+        return nodes[:n], known[:n]
 
     def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
         """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
@@ -129,7 +132,7 @@ class Visibility:
         tree = self._kernel_tree
         roots, flags = self.emitter_list(emitter)
         settings = Settings(
-            STRATEGIES[o.strategy], float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
+            int(STRATEGIES[o.strategy]), float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
             o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
             o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
             self.occluders.slack, self.occluders.size,
@@ -138,11 +141,13 @@ class Visibility:
 
         def some(part: slice) -> NDArray[np.int64]:
             counts = np.zeros(len(fields(Statistics)), np.int64)
-            mark = np.zeros(
-                len(tree.skip) if o.mailbox and o.strategy in ("ratio open", "always open") else 0, np.int64
-            )
+            together = int((groups.end[part] - groups.begin[part]).max(initial=0)) if o.together else 0
+            mailbox = o.mailbox and o.strategy in ("ratio open", "always open")
+            work = Work.of(
+                tree, groups.levels, len(source.points), together, mailbox, o.order == "largest first"
+            )  # fmt: skip
             cast_groups(
-                tree, self._polygons, source, lit, groups, part.start, part.stop, roots, flags, settings, mark,
+                tree, self._polygons, source, lit, groups, part.start, part.stop, roots, flags, settings, work,
                 visible, counts,
             )  # fmt: skip
             return counts

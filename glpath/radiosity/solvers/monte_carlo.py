@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
@@ -143,7 +143,7 @@ class Shooting:
 
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)
-        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, flux)
+        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, np.empty((4, 3)), flux)
         return flux, int(hits)
 
     def irradiance(self) -> Float64:
@@ -199,19 +199,18 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untyped-def]
-    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits."""
+def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-untyped-def]
+    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3)."""
     corners, normals, reflectance = lamps.corners, surfaces.normals, surfaces.reflectance
     hits = 0
     if len(lamps.cdf) == 0:
         return hits
-    o, d, w = np.empty(3), np.empty(3), np.empty(3)
-    found = np.empty(3)
+    o, d, w, found = work[0], work[1], work[2], work[3]
     state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
     state, _ = _random(state ^ (np.uint64(number) << np.uint64(32)))
     for _ in range(BATCH):
         state, u = _random(state)
-        which = min(np.searchsorted(lamps.cdf, u, side="right"), len(lamps.cdf) - 1)
+        which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
         triangle, back = lamps.triangle[which], lamps.back[which]
         state, u = _random(state)
         state, v = _random(state)
@@ -251,7 +250,20 @@ def _shoot(number, seed, rays, surfaces, lamps, flux):  # type: ignore[no-untype
     return hits
 
 
-@inner_kernel
+@kernel_part
+def _above(cdf, u):  # type: ignore[no-untyped-def]
+    """The first of rising numbers that is above u; as many as there are where none is."""
+    low, high = 0, len(cdf)
+    while low < high:
+        middle = (low + high) // 2
+        if cdf[middle] <= u:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel_part
 def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
     """Fill d with a direction by the cosine about a side's normal: a point of the unit sphere about its tip."""
     state, u = _random(state)

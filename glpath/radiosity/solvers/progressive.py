@@ -50,7 +50,9 @@ class Refinement:
 
     def _energy(self) -> Float64:
         """(Q,) unshot."""
-        return np.asarray(_energy(self.unshot, self.transport.areas))
+        energy = np.empty(len(self.unshot))
+        _energy(self.unshot, self.transport.areas, energy)
+        return energy
 
     @property
     def unshot_share(self) -> float:
@@ -80,6 +82,7 @@ class Refinement:
             self.irradiance,
             self.shot,
             self.unshot,
+            np.empty((2, 3)),
         )
         self.steps += 1
         return float(received / t.areas[side])
@@ -140,23 +143,20 @@ class Refinement:
 
 
 @kernel
-def _energy(unshot, areas):  # type: ignore[no-untyped-def]
-    energy = np.empty(len(areas))
+def _energy(unshot, areas, energy):  # type: ignore[no-untyped-def]
     for q in range(len(areas)):
         energy[q] = areas[q] * (abs(unshot[q, 0]) + abs(unshot[q, 1]) + abs(unshot[q, 2]))
-    return energy
 
 
 @kernel
 def _shoot(  # type: ignore[no-untyped-def]
-    side, sent, column, emission, reflectance, share, patch, areas, irradiance, shot, unshot
+    side, sent, column, emission, reflectance, share, patch, areas, irradiance, shot, unshot, parts
 ):
     """Send radiosity (3,) from a patch to irradiance (2, R, 3) and unshot (Q, 3).
 
     Of what is sent, emission is what has not been before: it goes out whole, the first time. All else is reflected.
-    Returns the sum of form factors * areas.
+    parts: (2, 3), room to work in. Returns the sum of form factors * areas.
     """
-    parts = np.empty((2, 3))
     for c in range(3):
         parts[0, c] = emission[side, c] - shot[0, side, c]
         parts[1, c] = sent[c] - parts[0, c]

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from glpath.errors import UsageError
+from glpath.kernels import announced, waiting
 from glpath.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import KINDS, Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
@@ -23,6 +24,7 @@ from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import matrix, monte_carlo
+from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import AnyScene, Scene, load_scene, path_traceable
 from glpath.scene.model import Float64
@@ -46,7 +48,8 @@ _REPORT_INTERVAL = 0.05
 class RadiosityProgress:
     """How far a solution is; what `on_progress` is called with.
 
-    stage       : "form factors", "shooting", "refining" or "particles"
+    stage       : "form factors", "shooting", "refining" or "particles", and before that, at first use,
+                  "compiling kernels: cast_groups 3/12", when there are no elements yet
     steps       : patches that shot, or particles
     unshot      : share of all emitted energy that has not been sent; of a Monte Carlo solution the share of
                   particles yet to come; None of a matrix
@@ -91,6 +94,11 @@ class _Run:
             return
         self.reported = now
         self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
+
+    def compiling(self, text: str) -> None:
+        assert self.on_progress is not None
+        elapsed = time.perf_counter() - self.started
+        self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, elapsed))
 
     def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
         divisions, elements, vertices = resample(mesh, irradiance)
@@ -186,14 +194,17 @@ def solve_radiosity(
         divisions, splits = divisions * 2**splits, 0
     mesh = Mesh.uniform(triangles, divisions, surface, splits)
     run = _Run(triangles, method, _settings(options, size), on_progress)
-    if method == "monte-carlo":
-        return _monte_carlo(run, mesh, particles, seed)
-    cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
-    transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
-    if method == "matrix":
-        return _matrix(run, transport)
-    refinement = Refinement(transport, overshoot)
-    return _progressive(run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element)
+    lighting = Lighting.of(triangles)
+    to_compile = waiting(kernels_of(method, bool(lighting.punctual) or lighting.sky is not None))
+    with announced(to_compile, None if on_progress is None else run.compiling):
+        if method == "monte-carlo":
+            return _monte_carlo(run, mesh, particles, seed)
+        cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
+        transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
+        if method == "matrix":
+            return _matrix(run, transport)
+        refinement = Refinement(transport, overshoot)
+        return _progressive(run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element)
 
 
 def _progressive(

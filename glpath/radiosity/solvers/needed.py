@@ -1,0 +1,26 @@
+"""The kernels that a solution takes, so that it can be said how many there are to compile before the first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from glpath import bvh
+from glpath.radiosity.form_factors import form_factor, lights
+from glpath.radiosity.shafts import casting, occluders, points, search
+from glpath.radiosity.solvers import monte_carlo, progressive
+
+_ALWAYS = (occluders._parallelograms, bvh._build)
+_FORM_FACTORS = (
+    points._groups, form_factor._tiers, search._upwards, search.find_emitter_list, casting.cast_groups,
+    form_factor._factors,
+)  # fmt: skip
+_OF_METHOD: dict[str, tuple[Any, ...]] = {
+    "progressive": (*_FORM_FACTORS, progressive._energy, progressive._shoot),
+    "matrix": _FORM_FACTORS,
+    "monte-carlo": (monte_carlo._shoot,),
+}
+
+
+def kernels_of(method: str, direct_light: bool) -> tuple[Any, ...]:
+    """Those of a method; direct_light: there are lights that are no patches, or a sky."""
+    return (*_ALWAYS, *_OF_METHOD[method], *((lights._free,) if direct_light else ()))
