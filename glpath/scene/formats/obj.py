@@ -31,6 +31,7 @@ def plain(content: bytes, source: str) -> tuple[bytes, list[str]]:
     statements = [(number, words) for number, line in _lines(decoded(content)) if (words := line.split())]
     totals = {kind: sum(words[0] == kind for _, words in statements) for kind in _USED}
     seen = dict.fromkeys(_USED, 0)
+    known: dict[str, str] = {}  # corners that mean the same on every line
     lines, dropped = [], set()
     for number, words in statements:
         kind, values = words[0], words[1:]
@@ -41,7 +42,10 @@ def plain(content: bytes, source: str) -> tuple[bytes, list[str]]:
             # A texture of one dimension has no v.
             values = [*values, "0"] if kind == "vt" and len(values) == 1 else values[: _USED[kind]]
         elif kind == "f":
-            values = [_corner(value, seen, totals, Place(source, f"line {number}")) for value in values]
+            for value in values:
+                if value not in known or "-" in value:
+                    known[value] = _corner(value, seen, totals, source, number)
+            values = [known[value] for value in values]
         elif kind in ("mtllib", "usemtl"):
             dropped.add("materials")
         if kind not in ("f", *_USED, *_KEPT):
@@ -80,7 +84,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
         yield begun, before
 
 
-def _corner(text: str, seen: dict[str, int], totals: dict[str, int], place: Place) -> str:
+def _corner(text: str, seen: dict[str, int], totals: dict[str, int], source: str, line: int) -> str:
     """`v`, `v/vt`, `v//vn` or `v/vt/vn` with indices from 1."""
     indices = []
     for kind, written in zip(_USED, text.split("/"), strict=False):
@@ -93,7 +97,7 @@ def _corner(text: str, seen: dict[str, int], totals: dict[str, int], place: Plac
         # trimesh takes 0 for the last without a word.
         if not 1 <= index <= totals[kind]:
             total = totals[kind]
-            raise place.error(
+            raise Place(source, f"line {line}").error(
                 f"names {_NAMES[kind]} {written}, but the file has {total} {_PLURALS[kind]} (1 to {total}).",
                 "Vertex indices of OBJ files count from 1.",
             )
