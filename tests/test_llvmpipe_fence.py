@@ -83,7 +83,7 @@ def test_with_the_remedy_none_is(library: Path) -> None:
 def test_no_more_fences_are_held_than_needed() -> None:
     context = open_context()
     with context:
-        fences = HeldFences(context._loader.load_opengl_function)
+        fences = HeldFences(context._opened.loader.load_opengl_function)
         for _ in range(2 * HELD):
             fences.hold()
         assert len(fences._held) == HELD

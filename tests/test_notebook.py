@@ -288,7 +288,7 @@ def test_a_shape_that_there_is_not_is_named_with_those_that_are() -> None:
 
 KERNEL = """
 import subprocess, sys
-import glpath, glpath.gl.context as c
+import glpath, glpath.gl.opening as c
 import glpath.rendering.calls
 glpath.rendering.calls.in_notebook = lambda: True
 """
@@ -302,7 +302,7 @@ def python(code: str) -> str:
 
 def test_in_a_kernel_a_driver_that_crashes_is_an_error_not_the_end() -> None:
     out = python(
-        "c._open = lambda candidate: sys.exit('the driver was called')\n"
+        "c.open_device = lambda candidate: sys.exit('the driver was called')\n"
         "c.start_probe = lambda candidate: subprocess.Popen(\n"
         "    [sys.executable, '-c', 'import os; os.kill(os.getpid(), 11)'],\n"
         "    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)\n"

@@ -168,8 +168,8 @@ def in_other(context: Context) -> bool:
 
 def alive(context: Context, glo: int) -> bool:
     """Does GL know a texture of this name?"""
-    ask = ctypes.CFUNCTYPE(ctypes.c_ubyte, ctypes.c_uint)(context._loader.load_opengl_function("glIsTexture"))
-    return bool(ask(glo))
+    address = context._opened.loader.load_opengl_function("glIsTexture")
+    return bool(ctypes.CFUNCTYPE(ctypes.c_ubyte, ctypes.c_uint)(address)(glo))
 
 
 def test_what_is_collected_elsewhere_is_deleted_by_whoever_has_the_context_next(context: Context) -> None:

@@ -16,10 +16,11 @@ import typer
 from rich.table import Table
 
 from glpath.errors import ContextError, ShaderError
-from glpath.gl.context import REQUIRED_VERSION, open_context
+from glpath.gl.context import open_context
 from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, list_devices
 from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.limits import device_limits
+from glpath.gl.opening import REQUIRED_VERSION
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
 from glpath.terminal import clean_console, say, say_json

@@ -1,8 +1,6 @@
 """The OpenGL context: one per process, made when first asked for, on the best device there is.
 
-In order: EGL on a hardware device, EGL on a software device (Mesa's llvmpipe), OSMesa. None needs a display;
-`devices` says how one is chosen. glcontext's own variables (GLCONTEXT_DEVICE_INDEX and others) are not looked at,
-as they would beat an explicit choice.
+`devices` and `opening` say which one that is.
 
 One per process, because GL names its objects by small numbers that mean other objects in another context: an object
 of the first, collected while the second is current, deletes the second's object of the same number, and moderngl
@@ -22,7 +20,7 @@ has it. One render at a time is on the device (`rendering`), as each fills its m
 The second way is for programs of one thread and for exploring. It waits for renders under way; then others who ask
 are refused, as they might wait for ever. In a notebook they wait for the end of the cell instead, and the next cell
 has the context again. What Python collects in a thread that has not got the context is deleted by whoever has it
-next (`_Collecting`). An exception, Ctrl-C too, leaves `with` as always.
+next (`opening.CollectingContext`). An exception, Ctrl-C too, leaves `with` as always.
 
 Whoever asks may have each device tried in a process of its own first, as a broken driver can end the process that
 asks it: renders do so in the kernel of a notebook.
@@ -30,71 +28,29 @@ asks it: renders do so in the kernel of a notebook.
 Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, a Python start more where that is tried
           first; nothing when cached.
 Poor at:  fork (see `Context.check`); being quicker by threads, as they take turns: start processes.
-Source:   EGL 1.5, 3.7.3; EGL_EXT_platform_device.
+Source:   EGL 1.5, 3.7.3.
 """
 
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import threading
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import moderngl
-from glcontext import egl
 
 from glpath.errors import ContextError
-from glpath.gl.devices import (
-    EGL_LIBRARY,
-    GL_LIBRARIES,
-    INSTALL,
-    Candidate,
-    DeviceInfo,
-    chosen,
-    egl_candidates,
-    finish_probe,
-    start_probe,
-)
-from glpath.gl.fences import HeldFences, asks_for_one_thread
-from glpath.gl.osmesa import OSMesaLoader
+from glpath.gl.devices import DeviceInfo, chosen
+from glpath.gl.fences import HeldFences
+from glpath.gl.opening import CollectingContext, Opened, no_gpu, open_best
 from glpath.gl.program import forget_programs
 from glpath.gl.signals import SignalsWait
 from glpath.gl.turns import Turns
 from glpath.interactive import around_cells, in_cell
-
-REQUIRED_VERSION = 430
-
-_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "lavapipe")
-
-_EGL_OPENGL_API = 0x30A2
-
-
-class _Collecting(moderngl.Context):
-    """moderngl's context, with objects that free what they have on the device when Python collects them.
-
-    Python does so in any thread. In the one where the context is current they are deleted at once; in another the
-    calls would reach no context, so they queue up in `objects`, and whoever has the context next deletes them.
-
-    holder : the thread where the context is current
-    """
-
-    holder: int | None
-    _this_thread = staticmethod(threading.get_ident)  # when the last objects die, modules are gone
-
-    @property  # type: ignore[override]  # whose type there leaves out None
-    def gc_mode(self) -> str | None:
-        if self._gc_mode is None:
-            return None
-        return "auto" if self.holder == self._this_thread() else "context_gc"
-
-    @gc_mode.setter
-    def gc_mode(self, mode: str | None) -> None:
-        self._gc_mode = mode
 
 
 class _Kept:
@@ -113,10 +69,10 @@ class Context:
     pid  : the process that made it
     """
 
-    gl: moderngl.Context
+    gl: CollectingContext
     info: DeviceInfo
     pid: int
-    _loader: Any = field(repr=False)
+    _opened: Opened = field(repr=False)
     _destroyed: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -124,7 +80,7 @@ class Context:
         self._here = threading.local()
         self._renders = threading.RLock()
         llvmpipe = self.info.renderer.startswith("llvmpipe")
-        self._fences = HeldFences(self._loader.load_opengl_function) if llvmpipe else None
+        self._fences = HeldFences(self._opened.loader.load_opengl_function) if llvmpipe else None
         self._signals = SignalsWait(Context.__exit__.__code__)
         # In a notebook: the thread whose cells have it, how many of them run, one within another.
         self._cell_thread: int | None = None
@@ -224,16 +180,16 @@ class Context:
 
     def function(self, name: str, *arguments: type) -> Callable[..., None]:
         """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
-        return ctypes.CFUNCTYPE(None, *arguments)(self._loader.load_opengl_function(name))
+        return ctypes.CFUNCTYPE(None, *arguments)(self._opened.loader.load_opengl_function(name))
 
     def _make_current(self) -> None:
-        self._loader.__enter__()
-        self.gl.holder = threading.get_ident()  # type: ignore[attr-defined]
+        self._opened.loader.__enter__()
+        self.gl.holder = threading.get_ident()
         self.gl.gc()
 
     def _make_free(self) -> None:
-        self.gl.holder = None  # type: ignore[attr-defined]
-        self._loader.__exit__(None, None, None)
+        self.gl.holder = None
+        self._opened.loader.__exit__(None, None, None)
 
     def _keep_in_cells(self) -> None:
         """Have it until the present cell ends, and in each later one: others wait, as a cell ends."""
@@ -267,12 +223,8 @@ class Context:
             self._turns.drop()
 
     def _destroy(self) -> None:
-        # Destroying the context frees all it holds. From here on its Python objects must not touch GL any more:
-        # their numbers may be another context's.
-        self.gl.gc_mode = None  # type: ignore[assignment]
         self._destroyed = True
-        self._loader.__exit__(None, None, None)
-        self.gl.release()
+        self._opened.destroy()
 
 
 def _kept_elsewhere(thread: int) -> ContextError:
@@ -311,12 +263,13 @@ def open_context(
     global _context
     with _lock:
         if _context is None:
-            _context = _create(*chosen(backend, device), require_gpu, probe_first)
+            opened = open_best(*chosen(backend, device), require_gpu, probe_first)
+            _context = Context(opened.gl, opened.info, os.getpid(), opened)
         else:
             _context.check()
             _refuse_another(_context.info, backend, device)
             if require_gpu and not _context.info.hardware:
-                raise _no_gpu([str(_context.info)])
+                raise no_gpu([str(_context.info)])
         return _context
 
 
@@ -360,7 +313,7 @@ def _forget_after_fork() -> None:
     global _lock
     _lock = threading.RLock()
     if _context is not None:
-        _context.gl.gc_mode = None  # type: ignore[assignment]
+        _context.gl.gc_mode = None
 
 
 os.register_at_fork(after_in_child=_forget_after_fork)
@@ -377,186 +330,3 @@ def _refuse_another(info: DeviceInfo, backend: str, device: int | None) -> None:
             "A process has one OpenGL context: start another process for another device,\n"
             "or end this one with glpath.gl.context.release_context() when all its renders are done.",
         )
-
-
-def _create(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Context:
-    """The first candidate that works: hardware, then software, then OSMesa."""
-    if asks_for_one_thread(os.environ.get("LP_NUM_THREADS")):
-        os.environ["LP_NUM_THREADS"] = "0"  # read by the driver when it is loaded
-    failures: list[str] = []
-    candidates: list[Candidate] = []
-    if backend != "osmesa":
-        try:
-            candidates += egl_candidates()
-        except ContextError as error:
-            failures.append(error.message)
-    if backend == "osmesa" or (backend == "auto" and not require_gpu):
-        candidates.append(Candidate("osmesa", 0, software=True))
-    if device is not None:
-        candidates = _only(device, backend, candidates, failures)
-
-    demoted = []
-    for candidate in candidates:
-        if candidate.software:
-            continue
-        context = _attempt(candidate, failures, probe_first)
-        if context is None:
-            continue
-        if context.info.hardware:
-            return context
-        # A graphics card without its driver is handed out as llvmpipe: no better than the software devices.
-        context._destroy()
-        demoted.append(candidate)
-        failures.append(str(context.info))
-    software = demoted + [candidate for candidate in candidates if candidate.software]
-    if require_gpu:
-        raise _no_gpu(failures + [f"{c.backend} device {c.index} (software)" for c in software if c not in demoted])
-    for candidate in software:
-        context = _attempt(candidate, failures, probe_first)
-        if context is not None:
-            return context
-    raise _none_works(failures)
-
-
-def _only(device: int, backend: str, candidates: list[Candidate], failures: list[str]) -> list[Candidate]:
-    chosen = [c for c in candidates if c.index == device and c.backend == backend]
-    if not chosen:
-        if failures:
-            raise _none_works(failures)
-        allowed = ", ".join(str(c.index) for c in candidates if c.backend == backend) or "none"
-        raise ContextError(
-            f"{backend} device {device}: there is no such device; this machine has: {allowed}",
-            "`glpath devices` lists them with their names.",
-        )
-    return chosen
-
-
-def _none_works(failures: list[str]) -> ContextError:
-    text = failures[0] if len(failures) == 1 else "no OpenGL context:" + "".join(f"\n  {f}" for f in failures)
-    return ContextError(text, INSTALL)
-
-
-def _no_gpu(found: list[str]) -> ContextError:
-    return ContextError(
-        "a GPU is required, but there is no hardware device that renders; found: "
-        + ("; ".join(found) or "nothing"),
-        "Install the graphics driver with its EGL library, and see that this user may open /dev/dri/renderD*\n"
-        "(`glpath doctor` looks); or render in software: leave out --require-gpu.",
-    )
-
-
-def _attempt(candidate: Candidate, failures: list[str], probe_first: bool) -> Context | None:
-    if probe_first:
-        probe = finish_probe(candidate, start_probe(candidate))
-        if probe.info is None:
-            failures.append(probe.error)
-            return None
-    try:
-        return _open(candidate)
-    except ContextError as error:
-        failures.append(error.message)
-        return None
-
-
-def _open(candidate: Candidate) -> Context:
-    """A context on this device, current nowhere, or a ContextError that names it."""
-    place = f"{candidate.backend} device {candidate.index}"
-    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, place)
-    try:
-        gl = moderngl.create_context(standalone=True, require=REQUIRED_VERSION, context=loader)
-    except Exception as error:  # moderngl raises bare Exception, ValueError and its own
-        loader.__exit__(None, None, None)
-        loader.release()
-        raise ContextError(f"{place}: {error}", INSTALL) from error
-    gl.__class__ = _Collecting
-    gl.holder = None  # type: ignore[attr-defined]
-    gl.gc_mode = "auto"
-    names = gl.info
-    gl.clear_errors()  # asking for all limits asks some drivers too much
-    loader.__exit__(None, None, None)
-    renderer = str(names["GL_RENDERER"])
-    by_name = any(word in renderer.lower() for word in _SOFTWARE_RENDERERS)
-    info = DeviceInfo(
-        backend=candidate.backend,
-        index=candidate.index,
-        renderer=renderer,
-        vendor=str(names["GL_VENDOR"]),
-        gl_version=str(names["GL_VERSION"]),
-        version_code=int(gl.version_code),
-        hardware=not (candidate.software or by_name),
-    )
-    return Context(gl, info, os.getpid(), loader)
-
-
-class _EGLLoader:
-    """glcontext's EGL context, current when made, which says when it could not be made current."""
-
-    def __init__(self, index: int, place: str) -> None:
-        self._place = place
-        self._loader = _egl_context(index, place)
-        library = ctypes.CDLL(EGL_LIBRARY)
-        self._bind_api, self._current, self._error = (
-            library.eglBindAPI,
-            library.eglGetCurrentContext,
-            library.eglGetError,
-        )
-        self._current.restype = ctypes.c_void_p
-        self._handle = self._current()
-
-    def load_opengl_function(self, name: str) -> int:
-        """The address of a GL function, 0 where there is none."""
-        return int(self._loader.load_opengl_function(name))
-
-    def __enter__(self) -> _EGLLoader:
-        self._bind_api(_EGL_OPENGL_API)  # each thread has its own, OpenGL ES at first
-        self._loader.__enter__()
-        if self._handle is not None and self._current() != self._handle:
-            raise ContextError(f"{self._place}: cannot be made current in this thread (EGL {self._error():#x})")
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._loader.__exit__(*exception)
-
-    def release(self) -> None:
-        """Destroy the context and all that lives in it."""
-        self._handle = None
-        self._loader.release()
-
-
-def _egl_context(index: int, place: str) -> Any:
-    """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
-    gl_library = next(name for name in GL_LIBRARIES if _loads(name) or name == EGL_LIBRARY)
-    settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
-    try:
-        return egl.create_context(glversion=REQUIRED_VERSION, **settings)
-    except Exception as error:  # glcontext raises bare Exception
-        reason = error
-    if "eglCreateContext" not in str(reason):
-        raise ContextError(f"{place}: {reason}", INSTALL) from reason
-    try:
-        older = egl.create_context(glversion=330, **settings)
-    except Exception:
-        raise ContextError(f"{place}: {reason}", INSTALL) from reason
-    older.__exit__(None, None, None)
-    older.release()
-    raise ContextError(
-        f"{place}: its driver has OpenGL 3.3 or a little more, but 4.3 is needed ({reason})",
-        "Use a newer driver or another device (`glpath devices`).",
-    ) from reason
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
-def probed(backend: str, index: int, software: str) -> None:
-    """The child of `list_devices`: one line of JSON about one device."""
-    try:
-        answer: dict[str, Any] = {"info": asdict(_open(Candidate(backend, index, bool(software))).info)}
-    except ContextError as error:
-        answer = {"error": error.message}
-    print("\n" + json.dumps(answer), flush=True)

@@ -185,7 +185,7 @@ def list_devices() -> list[DeviceProbe]:
 
 
 def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
-    code = "import sys; from glpath.gl.context import probed; probed(sys.argv[1], int(sys.argv[2]), sys.argv[3])"
+    code = "import sys; from glpath.gl.opening import probed; probed(sys.argv[1], int(sys.argv[2]), sys.argv[3])"
     package = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
     return subprocess.Popen(

@@ -14,9 +14,9 @@ import time
 os.environ["LP_NUM_THREADS"] = sys.argv[2]
 
 import glpath
-from glpath.gl import context
+from glpath.gl import context, opening
 
-context.asks_for_one_thread = lambda threads: False  # type: ignore[assignment]
+opening.asks_for_one_thread = lambda threads: False  # type: ignore[assignment]
 if "without" in sys.argv:
     context.Context.drawn = lambda self: None  # type: ignore[method-assign]
 

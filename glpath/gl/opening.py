@@ -1,0 +1,264 @@
+"""A context on the best device there is, or on the one that is asked for; `context` holds it for the process.
+
+Order:    EGL on a hardware device, EGL on a software device (Mesa's llvmpipe), OSMesa. None needs a display.
+          glcontext's own variables (GLCONTEXT_DEVICE_INDEX and others) are not looked at, as they would beat an
+          explicit choice.
+Source:   EGL 1.5, 3.7.3; EGL_EXT_platform_device.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import threading
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import moderngl
+from glcontext import egl
+
+from glpath.errors import ContextError
+from glpath.gl.devices import (
+    EGL_LIBRARY,
+    GL_LIBRARIES,
+    INSTALL,
+    Candidate,
+    DeviceInfo,
+    egl_candidates,
+    finish_probe,
+    start_probe,
+)
+from glpath.gl.fences import asks_for_one_thread
+from glpath.gl.osmesa import OSMesaLoader
+
+REQUIRED_VERSION = 430
+
+_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "lavapipe")
+
+_EGL_OPENGL_API = 0x30A2
+
+
+class CollectingContext(moderngl.Context):
+    """moderngl's context, with objects that free what they have on the device when Python collects them.
+
+    Python does so in any thread. In the one where the context is current they are deleted at once; in another the
+    calls would reach no context, so they queue up in `objects`, and whoever has the context next deletes them.
+
+    holder : the thread where the context is current
+    """
+
+    holder: int | None
+    _this_thread = staticmethod(threading.get_ident)  # when the last objects die, modules are gone
+
+    @property  # type: ignore[override]  # whose type there leaves out None
+    def gc_mode(self) -> str | None:
+        if self._gc_mode is None:
+            return None
+        return "auto" if self.holder == self._this_thread() else "context_gc"
+
+    @gc_mode.setter
+    def gc_mode(self, mode: str | None) -> None:
+        self._gc_mode = mode
+
+
+@dataclass
+class Opened:
+    """A device that was opened: its context, current nowhere.
+
+    loader : makes it current in this thread by `__enter__`, and free by `__exit__`
+    """
+
+    gl: CollectingContext
+    info: DeviceInfo
+    loader: Any
+
+    def destroy(self) -> None:
+        """Free all that it holds. Its Python objects no longer touch GL: their numbers may be another's."""
+        self.gl.gc_mode = None
+        self.loader.__exit__(None, None, None)
+        self.gl.release()
+
+
+def open_best(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Opened:
+    """The first candidate that works: hardware, then software, then OSMesa."""
+    if asks_for_one_thread(os.environ.get("LP_NUM_THREADS")):
+        os.environ["LP_NUM_THREADS"] = "0"  # read by the driver when it is loaded
+    failures: list[str] = []
+    candidates: list[Candidate] = []
+    if backend != "osmesa":
+        try:
+            candidates += egl_candidates()
+        except ContextError as error:
+            failures.append(error.message)
+    if backend == "osmesa" or (backend == "auto" and not require_gpu):
+        candidates.append(Candidate("osmesa", 0, software=True))
+    if device is not None:
+        candidates = _only(device, backend, candidates, failures)
+
+    demoted = []
+    for candidate in candidates:
+        if candidate.software:
+            continue
+        opened = _attempt(candidate, failures, probe_first)
+        if opened is None:
+            continue
+        if opened.info.hardware:
+            return opened
+        # A graphics card without its driver is handed out as llvmpipe: no better than the software devices.
+        opened.destroy()
+        demoted.append(candidate)
+        failures.append(str(opened.info))
+    software = demoted + [candidate for candidate in candidates if candidate.software]
+    if require_gpu:
+        raise no_gpu(failures + [f"{c.backend} device {c.index} (software)" for c in software if c not in demoted])
+    for candidate in software:
+        opened = _attempt(candidate, failures, probe_first)
+        if opened is not None:
+            return opened
+    raise _none_works(failures)
+
+
+def _only(device: int, backend: str, candidates: list[Candidate], failures: list[str]) -> list[Candidate]:
+    chosen = [c for c in candidates if c.index == device and c.backend == backend]
+    if not chosen:
+        if failures:
+            raise _none_works(failures)
+        allowed = ", ".join(str(c.index) for c in candidates if c.backend == backend) or "none"
+        raise ContextError(
+            f"{backend} device {device}: there is no such device; this machine has: {allowed}",
+            "`glpath devices` lists them with their names.",
+        )
+    return chosen
+
+
+def _none_works(failures: list[str]) -> ContextError:
+    text = failures[0] if len(failures) == 1 else "no OpenGL context:" + "".join(f"\n  {f}" for f in failures)
+    return ContextError(text, INSTALL)
+
+
+def no_gpu(found: list[str]) -> ContextError:
+    return ContextError(
+        "a GPU is required, but there is no hardware device that renders; found: "
+        + ("; ".join(found) or "nothing"),
+        "Install the graphics driver with its EGL library, and see that this user may open /dev/dri/renderD*\n"
+        "(`glpath doctor` looks); or render in software: leave out --require-gpu.",
+    )
+
+
+def _attempt(candidate: Candidate, failures: list[str], probe_first: bool) -> Opened | None:
+    if probe_first:
+        probe = finish_probe(candidate, start_probe(candidate))
+        if probe.info is None:
+            failures.append(probe.error)
+            return None
+    try:
+        return open_device(candidate)
+    except ContextError as error:
+        failures.append(error.message)
+        return None
+
+
+def open_device(candidate: Candidate) -> Opened:
+    """A context on this device, current nowhere, or a ContextError that names it."""
+    place = f"{candidate.backend} device {candidate.index}"
+    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, place)
+    try:
+        gl = moderngl.create_context(standalone=True, require=REQUIRED_VERSION, context=loader)
+    except Exception as error:  # moderngl raises bare Exception, ValueError and its own
+        loader.__exit__(None, None, None)
+        loader.release()
+        raise ContextError(f"{place}: {error}", INSTALL) from error
+    gl.__class__ = CollectingContext
+    assert isinstance(gl, CollectingContext)
+    gl.holder = None
+    gl.gc_mode = "auto"
+    names = gl.info
+    gl.clear_errors()  # asking for all limits asks some drivers too much
+    loader.__exit__(None, None, None)
+    renderer = str(names["GL_RENDERER"])
+    by_name = any(word in renderer.lower() for word in _SOFTWARE_RENDERERS)
+    info = DeviceInfo(
+        backend=candidate.backend,
+        index=candidate.index,
+        renderer=renderer,
+        vendor=str(names["GL_VENDOR"]),
+        gl_version=str(names["GL_VERSION"]),
+        version_code=int(gl.version_code),
+        hardware=not (candidate.software or by_name),
+    )
+    return Opened(gl, info, loader)
+
+
+class _EGLLoader:
+    """glcontext's EGL context, current when made, which says when it could not be made current."""
+
+    def __init__(self, index: int, place: str) -> None:
+        self._place = place
+        self._loader = _egl_context(index, place)
+        library = ctypes.CDLL(EGL_LIBRARY)
+        self._bind_api, self._current, self._error = (
+            library.eglBindAPI,
+            library.eglGetCurrentContext,
+            library.eglGetError,
+        )
+        self._current.restype = ctypes.c_void_p
+        self._handle = self._current()
+
+    def load_opengl_function(self, name: str) -> int:
+        """The address of a GL function, 0 where there is none."""
+        return int(self._loader.load_opengl_function(name))
+
+    def __enter__(self) -> _EGLLoader:
+        self._bind_api(_EGL_OPENGL_API)  # each thread has its own, OpenGL ES at first
+        self._loader.__enter__()
+        if self._handle is not None and self._current() != self._handle:
+            raise ContextError(f"{self._place}: cannot be made current in this thread (EGL {self._error():#x})")
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._loader.__exit__(*exception)
+
+    def release(self) -> None:
+        """Destroy the context and all that lives in it."""
+        self._handle = None
+        self._loader.release()
+
+
+def _egl_context(index: int, place: str) -> Any:
+    """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
+    gl_library = next(name for name in GL_LIBRARIES if _loads(name) or name == EGL_LIBRARY)
+    settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
+    try:
+        return egl.create_context(glversion=REQUIRED_VERSION, **settings)
+    except Exception as error:  # glcontext raises bare Exception
+        reason = error
+    if "eglCreateContext" not in str(reason):
+        raise ContextError(f"{place}: {reason}", INSTALL) from reason
+    try:
+        older = egl.create_context(glversion=330, **settings)
+    except Exception:
+        raise ContextError(f"{place}: {reason}", INSTALL) from reason
+    older.__exit__(None, None, None)
+    older.release()
+    raise ContextError(
+        f"{place}: its driver has OpenGL 3.3 or a little more, but 4.3 is needed ({reason})",
+        "Use a newer driver or another device (`glpath devices`).",
+    ) from reason
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def probed(backend: str, index: int, software: str) -> None:
+    """The child of `list_devices`: one line of JSON about one device."""
+    try:
+        answer: dict[str, Any] = {"info": asdict(open_device(Candidate(backend, index, bool(software))).info)}
+    except ContextError as error:
+        answer = {"error": error.message}
+    print("\n" + json.dumps(answer), flush=True)
