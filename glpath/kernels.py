@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -101,6 +102,11 @@ _compilations = _Compilations()
 def waiting(kernels: Iterable[Any]) -> int:
     """How many of the kernels have yet to be compiled: neither this process nor the cache has them."""
     return sum(not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any())) for k in kernels)
+
+
+def cache_folder(kernel: Any) -> Path | None:
+    """Where a kernel is kept; None where no folder can be written to."""
+    return Path(kernel._cache.cache_path) if isinstance(kernel._cache, KernelCache) else None
 
 
 @contextmanager

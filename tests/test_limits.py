@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -127,3 +129,23 @@ def test_doctor_asks_the_packages_own_metadata(app: typer.Typer, monkeypatch: py
     assert found["status"] == "missing"
     assert "(needed: 999.1); no-such-thing is not installed" in found["found"]
     assert found["remedy"] == 'pip install "numpy>=999.1" "no-such-thing>=2"'
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        ("raise ImportError('Numba needs NumPy 2.4 or less')", "ImportError: Numba needs NumPy 2.4 or less"),
+        ("import os, signal\nos.kill(os.getpid(), signal.SIGILL)", "ends the process with -4"),
+    ],
+)
+def test_doctor_imports_what_rendering_needs(
+    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, why: str
+) -> None:
+    """That a package is installed does not say that it works here."""
+    (tmp_path / "numba.py").write_text(module)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    found = findings(app)["packages"]
+    assert found["status"] == "missing"
+    assert "numba cannot be imported" in found["found"]
+    assert why in found["found"]
+    assert found["remedy"] == 'pip install "numba"'

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pygltflib
@@ -17,8 +20,10 @@ import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
 from glpath.cli.main import app
 from glpath.cli.radiosity import _reporting
+from glpath.cli.warm import _SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
+from glpath.radiosity.solvers.solve import METHODS
 
 
 def run(*arguments):
@@ -229,3 +234,27 @@ def test_bake_solves_where_there_is_no_solution(tmp_path):
 
 def test_the_solver_is_a_public_name():
     assert glpath.solve_radiosity is solve.solve_radiosity
+
+
+def test_what_is_compiled_in_advance_is_what_a_solution_needs(caplog):
+    """`glpath doctor --warm`: afterwards nothing is left to compile, for scenes of other shapes and lights."""
+    compile_kernels(load_scene(_SCENE))
+    caplog.clear()
+    for name, method in product(("cornell-box", "furnace"), METHODS):
+        glpath.solve_radiosity(name, method=method, patches=1, particles=1)
+    assert "compiling kernels" not in caplog.text
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("method", METHODS)
+def test_the_kernels_that_are_counted_are_those_that_are_compiled(method, tmp_path):
+    """A fresh installation: each is named, with its number, and the last one is the last."""
+    done = subprocess.run(
+        [sys.executable, "-m", "glpath", "radiosity", "cornell-box", "--method", method, "--patches", "1",
+         "--particles", "1", "--progress", "lines", "-o", str(tmp_path / "s.npz")],
+        capture_output=True, text=True, check=True, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+    )  # fmt: skip
+    told = re.findall(r"compiling kernels: (\w+) (\d+)/(\d+)", done.stderr)
+    assert len(told) > 2
+    assert [int(number) for _, number, _ in told] == list(range(1, len(told) + 1))
+    assert {int(total) for _, _, total in told} == {len(told)}

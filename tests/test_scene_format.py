@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -532,3 +533,54 @@ def test_a_scene_may_say_its_exposure_which_is_no_part_of_its_content(tmp_path: 
     path.write_text(SPHERE + "[film]\nexposure = 200")
     with pytest.raises(SceneError, match=r"film.exposure is 200.*at most 100"):
         load_scene(path)
+
+
+BASE = '[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\n[[shapes]]\ntype = "sphere"\nradius = 1\n'
+
+
+@pytest.mark.parametrize("depth", [102, 900, 100_000])
+@pytest.mark.parametrize(
+    "text",
+    [
+        lambda n: "name = " + "[" * n + "]" * n + "\n" + BASE,
+        lambda n: "x = " + "{a=" * n + "1" + "}" * n + "\n" + BASE,
+        lambda n: ".".join("a" * n) + " = 1\n" + BASE,
+        lambda n: BASE + "[a" + '."a b"' * n + "]\n",
+    ],
+    ids=["lists", "tables", "a key", "a header"],
+)
+def test_what_is_nested_too_deep_is_an_error_with_a_place(
+    text: Callable[[int], str], depth: int, tmp_path: Path
+) -> None:
+    file = tmp_path / "deep.toml"
+    file.write_text(text(depth))
+    with pytest.raises(SceneError, match=r"deep\.toml: .* a hundred deep"):
+        load_scene(file)
+
+
+def test_a_dictionary_that_is_nested_too_deep_is_an_error() -> None:
+    deep: list[object] = []
+    for _ in range(5000):
+        deep = [deep]
+    with pytest.raises(SceneError, match="a hundred deep"):
+        load_scene({"camera": deep, "shapes": []})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BASE + f'[[shapes]]\ntype = "mesh"\nfile = "{"a" * 5000}.obj"\n',
+        BASE + f'[textures.t]\ntype = "image"\nfile = "{"a" * 5000}.png"\n',
+        BASE + f'[textures.t]\ntype = "image"\nfile = "{"a/" * 5000}b.png"\n',
+        BASE + '[textures.t]\ntype = "image"\nfile = "b\\u0000.png"\n',
+    ],
+    ids=["mesh", "picture", "folders", "a zero byte"],
+)
+def test_names_that_no_file_can_have_are_errors(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "names.toml"
+    file.write_text(text)
+    with pytest.raises(SceneError, match="does not exist"):
+        load_scene(file)
+    for name in ("a" * 5000, "a" * 5000 + ".toml", "a/" * 5000, "zero\0byte.toml"):
+        with pytest.raises(SceneError):
+            load_scene(name)

@@ -6,6 +6,7 @@ import ctypes
 import importlib.metadata
 import os
 import re
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -90,7 +91,12 @@ class Finding:
     remedy: str = ""
 
 
-def doctor(as_json: Json = False) -> None:
+def doctor(
+    as_json: Json = False,
+    warm: Annotated[
+        bool, typer.Option("--warm", help="Then compile all kernels and shaders, for the runs to come.")
+    ] = False,
+) -> None:
     """Say what rendering needs on this machine, what is missing, and the package that brings it.
 
     Exit code 0 when rendering is possible, 1 otherwise.
@@ -107,6 +113,10 @@ def doctor(as_json: Json = False) -> None:
         say("Rendering is possible here." if possible else "Rendering is not possible here.")
     if not possible:
         raise typer.Exit(1)
+    if warm:
+        from glpath.cli.warm import compile_all
+
+        compile_all()
 
 
 def examine() -> list[Finding]:
@@ -129,6 +139,7 @@ def examine() -> list[Finding]:
         lambda: _limits() if renders else iter(()),
         lambda: _threads(threads),
         _shader_cache,
+        _kernel_cache,
         _gpu_access,
     ]
     return [finding for check in checks for finding in check()]
@@ -150,7 +161,7 @@ def _packages() -> Iterator[Finding]:
     except importlib.metadata.PackageNotFoundError:
         yield Finding("packages", "note", "glpath itself is not installed", "pip install .")
         return
-    found, lacking = [], []
+    found, lacking, installed = [], [], []
     for requirement in required:
         if "extra ==" in requirement:
             continue
@@ -164,12 +175,42 @@ def _packages() -> Iterator[Finding]:
             continue
         if _release(version) < _release(least):
             lacking.append((f"{name} {version} (needed: {least})", parts[0]))
+        else:
+            installed.append(name)
         found.append(f"{name} {version} (>= {least})")
+    lacking += [(text, name) for name, text in _not_importable(installed).items()]
     if lacking:
         remedy = "pip install " + " ".join(f'"{what}"' for _, what in lacking)
         yield Finding("packages", "missing", "; ".join(text for text, _ in lacking), remedy)
     else:
         yield Finding("packages", "ok", ", ".join(found))
+
+
+_IMPORT = """
+import importlib, sys
+for name in sys.argv[1:]:
+    print(name, end="\\t", flush=True)
+    try:
+        importlib.import_module(name)
+        print(flush=True)
+    except BaseException as error:
+        print(" ".join(f"{type(error).__name__}: {error}".split()), flush=True)
+"""
+
+
+def _not_importable(packages: list[str]) -> dict[str, str]:
+    """Of packages that are installed, those whose import fails, and how: in a process of its own, which may die."""
+    modules = {module.lower(): module for module in importlib.metadata.packages_distributions()}
+    names = {modules[name.lower()]: name for name in packages if name.lower() in modules}
+    done = subprocess.run(
+        [sys.executable, "-c", _IMPORT, *names], capture_output=True, text=True, errors="replace", check=False
+    )
+    tried = [line.partition("\t") for line in done.stdout.splitlines() if "\t" in line]
+    failed = {names[module]: f"{module} cannot be imported ({why})" for module, _, why in tried if why}
+    if done.returncode and tried:
+        module = tried[-1][0]
+        failed[names[module]] = f"{module} cannot be imported (it ends the process with {done.returncode})"
+    return failed
 
 
 def _release(version: str) -> tuple[int, ...]:
@@ -289,6 +330,19 @@ def _shader_cache() -> Iterator[Finding]:
     else:
         text = f"{existing} is not writable: shaders are compiled anew at each start"
         yield Finding("shader cache", "note", text, "export MESA_SHADER_CACHE_DIR=/a/writable/folder")
+
+
+def _kernel_cache() -> Iterator[Finding]:
+    try:
+        from glpath import bvh, kernels  # numba is slow to import
+    except Exception:  # of which the packages tell
+        return
+    folder = kernels.cache_folder(bvh._build)
+    if folder is not None:
+        yield Finding("kernel cache", "ok", str(folder))
+    else:
+        text = "no folder can be written to: the kernels of radiosity are compiled anew at each start"
+        yield Finding("kernel cache", "note", text, "export NUMBA_CACHE_DIR=/a/writable/folder")
 
 
 def _gpu_access() -> Iterator[Finding]:

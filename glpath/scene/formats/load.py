@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import functools
 import operator
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -30,15 +31,21 @@ from glpath.scene.place import Place, shown
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
+_DEEPEST = 100
+# A key of a hundred parts, `a.a.a...`: tomllib's time goes by their square.
+_DEEP_KEY = re.compile(
+    r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
+)
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
 def read_scene_file(path: Path) -> Scene:
     """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area."""
     place = Place(str(path))
-    if not (path.is_file() or path.is_fifo()):  # bash has a pipe for <(...)
+    # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
+    if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
         raise place.error(
-            "is a folder, not a scene file." if path.is_dir() else "no such file.", _other_files(path)
+            "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
         content = path.read_bytes()
@@ -57,9 +64,13 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str) -> Sc
             f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."
         ) from error
     try:
+        if _DEEP_KEY.search(text):
+            raise RecursionError  # before tomllib takes minutes for it
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(error, text, place) from error
+    except RecursionError as error:
+        raise _too_deep(place) from error
     return scene_of(data, place, folder, name)
 
 
@@ -81,7 +92,10 @@ def scene_from_dict(
 def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
     """See `scene_from_dict`; `place` is that of the whole dictionary, for errors."""
     data, meshes = _without_meshes(data, place)
-    plain = _plain(data)
+    try:
+        plain = _plain(data)
+    except RecursionError as error:
+        raise _too_deep(place) from error
     keys = _unusable(plain)
     if keys is not None:
         number, here = plain, place
@@ -116,14 +130,16 @@ def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str,
     return {**data, "shapes": shapes}, meshes
 
 
-def _plain(value: Any) -> Any:
-    """`value` with numpy and tuples made lists."""
+def _plain(value: Any, depth: int = 0) -> Any:
+    """`value` with numpy and tuples made lists. Raises RecursionError beyond what any scene has."""
+    if depth > _DEEPEST:
+        raise RecursionError
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item, depth + 1) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_plain(item, depth + 1) for item in value]
     return value
 
 
@@ -147,6 +163,13 @@ def _name_the_default_material(data: Any) -> None:
             material.setdefault("type", "diffuse")
 
 
+def _too_deep(place: Place) -> SceneError:
+    return place.error(
+        "has tables or lists in each other, a hundred deep or more; a scene needs five.",
+        "`glpath schema` prints the format.",
+    )
+
+
 def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> SceneError:
     found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
     if not found:
@@ -160,7 +183,7 @@ def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> Sc
 
 
 def _other_files(path: Path) -> str:
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either."
     others = [file.name for file in path.parent.glob("*.toml")]
     nearest = difflib.get_close_matches(path.name, others, 8, 0) or ["none"]

@@ -5,6 +5,7 @@ Image files are read as they are, without their rotation tags, transparency and 
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -79,9 +80,9 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32]:
             f"names {path}, but a texture is a file that ends in {', '.join(FORMATS)}.",
             "Convert it, e.g. with GIMP.",
         )
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
         raise place.error(
-            f"names the picture {path}, which {'is not a file' if path.exists() else 'does not exist'}.",
+            f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Pictures", path, FORMATS),
         )
     try:

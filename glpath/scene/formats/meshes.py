@@ -8,6 +8,7 @@ pictures are not, which a SceneWarning says, and no normals are made up where it
 from __future__ import annotations
 
 import io
+import os
 import sys
 import warnings
 from collections.abc import Mapping
@@ -142,9 +143,9 @@ def read_mesh(path: Path, place: Place) -> Mesh:
         raise place.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
         )
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
         raise place.error(
-            f"names the mesh file {path}, which {'is not a file' if path.exists() else 'does not exist'}.",
+            f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Mesh files", path, FORMATS),
         )
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def unknown(kind: str, name: str, known: Sequence[str], place: Place, define: st
 
 def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     """What lies where a file of these suffixes was not found, the most alike first; `kind` begins the sentence."""
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
     nearest = difflib.get_close_matches(path.name, others, 8, 0)

@@ -185,7 +185,7 @@ def _scene_files() -> dict[str, Path]:
 
 
 def _looks_like_a_path(text: str) -> bool:
-    return text.lower().endswith((".toml", *MESH_FORMATS)) or "/" in text or os.sep in text or Path(text).is_file()
+    return text.lower().endswith((".toml", *MESH_FORMATS)) or "/" in text or os.sep in text or os.path.isfile(text)
 
 
 def _no_such_scene(name: str) -> SceneError:

@@ -1,0 +1,68 @@
+"""`glpath doctor --warm`: all that is compiled at first use, compiled now: numba's kernels and the shaders.
+
+By rendering and solving something small with every engine, so that it is the very same that is compiled.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from glpath.progress import duration
+from glpath.terminal import say
+
+if TYPE_CHECKING:
+    from glpath.radiosity import RadiositySolution
+    from glpath.scene import Scene
+
+#: Shapes that emit, a solid, a sphere, a point light and a sky: what every engine takes.
+_SCENE: dict[str, Any] = {
+    "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
+    "film": {"resolution": [32, 32]},
+    "shapes": [
+        {"type": "quad", "corners": [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]]},
+        {"type": "box", "min": [-1, 0, -1], "max": [0, 1, 0]},
+        {"type": "sphere", "center": [1, 1, 0], "radius": 0.5, "subdivisions": 1},
+        {"type": "box", "min": [-0.3, 2, -0.3], "max": [0.3, 2.05, 0.3], "emission": {"radiance": 12}},
+    ],
+    "lights": [{"type": "point", "position": [2, 3, 2], "intensity": 5}],
+    "sky": {"zenith": 0.2},
+}
+
+
+def compile_all() -> None:
+    """Compile what is not in the caches yet, and say what is done."""
+    from glpath.scene import load_scene
+
+    began = time.perf_counter()
+    scene = load_scene(_SCENE)
+    compile_shaders(scene, compile_kernels(scene))
+    say(f"All kernels and shaders are compiled, in {duration(time.perf_counter() - began)}.", err=True)
+
+
+def compile_kernels(scene: Scene) -> RadiositySolution:
+    """Those of radiosity, by every method; returns a solution."""
+    from glpath.radiosity.solvers.solve import METHODS, solve_radiosity
+
+    for method in METHODS:
+        say(f"radiosity, {method}", err=True)
+        adaptive = 1 if method == "progressive" else 0
+        solution = solve_radiosity(scene, method=method, patches=1, adaptive=adaptive, particles=1)
+    return solution
+
+
+def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
+    """Those of all engines, and the kernels that prepare a scene for them."""
+    from glpath.rendering import render
+
+    renders: tuple[dict[str, Any], ...] = (
+        {"integrator": "path"},
+        {"integrator": "gather", "radiosity_lookup": "interpolated"},
+        {"integrator": "gather", "radiosity_lookup": "constant"},
+        {"integrator": "classic"},
+        *({"integrator": "t-buffer", "shadows": shadows} for shadows in ("rays", "sphere", "cube")),
+    )
+    for options in renders:
+        say(f"render, {', '.join(options.values())}", err=True)
+        given: dict[str, Any] = {"radiosity": solution} if options["integrator"] == "gather" else {}
+        render(scene, spp=2, **options, **given)
