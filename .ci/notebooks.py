@@ -23,7 +23,7 @@ KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 def run(path: Path) -> None:
     """Execute the notebook and write it back."""
     book = nbformat.read(path, 4)
-    NotebookClient(book, timeout=240, kernel_name="python3").execute()
+    NotebookClient(book, timeout=240, startup_timeout=240, kernel_name="python3").execute()
     book.metadata = {"kernelspec": KERNEL, "language_info": LANGUAGE}
     for cell in book.cells:
         cell.metadata = {}

@@ -123,7 +123,8 @@ def auto_exposure(radiance: ArrayLike) -> float:
     if not lit.size:
         return 0.0
     key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
-    wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(np.percentile(y, 99))
+    white = max(float(np.percentile(y, 99)), 1e-300)  # a lamp alone may be seen
+    wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
     return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
 
 

@@ -234,6 +234,9 @@ def test_auto_exposure_follows_its_rule() -> None:
     assert image.auto_exposure(np.full((4, 4, 3), 0.9)) == 0.0, "a bright picture stays bright"
     assert image.auto_exposure(np.full((4, 4, 3), 8.0)) == -3.0, "until its 99th percentile is white"
     assert image.auto_exposure(np.zeros((4, 4, 3))) == 0.0
+    spark = np.zeros((16, 16, 3))
+    spark[0, 0] = 0.18
+    assert image.auto_exposure(spark) == 0.0, "less than a hundredth of it has light"
 
 
 def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
