@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import beside
 import hypothesis
@@ -19,6 +21,7 @@ from glpath.film import Film, FilmMetadata, blocks
 collect_ignore = ["example_project"]
 
 MakeFilm = Callable[..., Film]
+Spoil = Callable[[str, str, str], None]
 
 
 @pytest.fixture(autouse=True)
@@ -63,6 +66,27 @@ def quiet_where_time_is_measured(request: pytest.FixtureRequest) -> Iterator[Non
     yield
     for one in still:
         one.go_on()
+
+
+@pytest.fixture
+def spoil(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Spoil:
+    """An engine that is wrong on purpose: a claim that holds of it as well says nothing.
+
+    `spoil(file, text, other)`: from now on a shader has `other` in place of `text`, which it must have just once.
+    """
+    from glpath.gl import program
+
+    folder = tmp_path / "shaders"
+
+    def spoiled(file: str, text: str, other: str) -> None:
+        if not folder.exists():
+            shutil.copytree(program.shader_folder(), folder)
+            monkeypatch.setattr(program, "shader_folder", lambda: folder)
+        written = (folder / file).read_text()
+        assert written.count(text) == 1, f"shaders/{file} has {text!r} {written.count(text)} times"
+        (folder / file).write_text(written.replace(text, other))
+
+    return spoiled
 
 
 @pytest.fixture

@@ -115,6 +115,19 @@ def test_a_table_shows_what_is_written(monkeypatch) -> None:
         assert text in shown
 
 
+def test_programs_that_disagree_are_a_failure(monkeypatch, tmp_path: Path) -> None:
+    faults = ["agreement >= 0.999 is not so: 0.5"]
+    report = Report("gather", "fast", {"agreement": 0.5}, False, [], {}, {}, faults=faults)
+    monkeypatch.setattr(gather, "bench_gather", lambda *_: report)
+    result = run("gather", "--json", tmp_path / "a.json")
+    assert result.exit_code == 1
+    assert "fast: DOES NOT HOLD" in result.stdout
+    assert "error: bench gather: the programs disagree" in result.stderr
+    assert faults[0] in result.stderr
+    written = json.loads((tmp_path / "a.json").read_text())
+    assert (written["holds"], written["faults"]) == (False, faults)
+
+
 def test_a_file_that_cannot_be_written_is_told_before_the_work(calls, tmp_path: Path) -> None:
     result = run("t-buffer", "--json", tmp_path)
     assert (result.exit_code, calls) == (1, [])
@@ -160,7 +173,9 @@ def test_a_small_bench_measures_what_it_promises() -> None:
         assert sorted(row["kind"] for row in pair) == ["sphere", "triangle"]
         assert report.measured[f"vs_embree_{n}"] == min(row["vs_embree"] for row in pair)
     fast = report.measured["vs_embree_1e3"] >= 1
-    assert report.holds is (fast and report.measured["frame_ms_kept"] < report.measured["frame_ms_first"])
+    agree = report.measured["agreement"] >= 0.999
+    assert report.holds is (agree and fast and report.measured["frame_ms_kept"] < report.measured["frame_ms_first"])
+    assert bool(report.faults) is not agree
     assert any("do not mean" in note for note in report.notes)
 
 
@@ -209,6 +224,7 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
 
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
     monkeypatch.setattr(gather, "PATH_DEPTH", 3)
+    monkeypatch.setattr(gather, "AGREEMENT", ())  # with the picture below, which lacks bounces
     monkeypatch.setattr(gather, "PATCHES", 50)
     path = tmp_path / "reference.exr"
     glpath.render(gather.SCENE, spp=16, max_depth=3).save(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from glpath.bench import shaft
@@ -59,15 +60,17 @@ def test_every_option_is_measured_and_does_something() -> None:
             "best, lists of any length",
         ):
             assert any(row[key] != reference[key] for key in work), name
+    assert np.ptp([row["blocked"] for row in rows]) < 1e-4, "none of them changes what is visible"
 
 
 def test_the_report_of_the_options_names_the_quickest(monkeypatch: pytest.MonkeyPatch) -> None:
     def rows(spacing: float, side: int, rounds: int, names: list[str]) -> list[shaft.Row]:
         times = {"best": 1.0, "best, changed": 0.8, "paper": 1.0, "paper, changed": 1.25}
-        return [{"scene": names[0], "options": key, "time": time} for key, time in times.items()]
+        return [{"scene": names[0], "options": key, "time": time, "blocked": 0.25} for key, time in times.items()]
 
     monkeypatch.setattr(shaft, "option_rows", rows)
     report = shaft.bench_shaft_options()
+    assert report.faults == []
     assert report.measured["best_over_quickest_office"] == 1.25
     assert report.measured["paper_over_quickest_premesh"] == 1.0
     assert len(report.rows) == 8
@@ -87,10 +90,11 @@ def test_embree_sees_the_same_and_marks_are_named() -> None:
     counts = office_table.shoot(shaft.Visibility(where.occluders, shaft.BEST, threads=1), where)()
     assert abs(blocked - counts.blocked) < 2e-3 * counts.rays  # of 32 bits, other distances from the ends
     rows = [
-        {"scene": "office", "program": p, "times ours": 2.0}
+        {"scene": "office", "program": p, "times ours": 2.0, "blocked": 0.25}
         for p in ("shafts, 1 thread", "baseline, 1 thread", "Embree, 1 thread", "Embree, 2 processes")
     ]
-    assert set(shaft.measured(rows)) == {"vs_baseline_office", "vs_embree_1_office", "vs_embree_all_office"}
+    marks = {"vs_baseline_office", "vs_embree_1_office", "vs_embree_all_office"}
+    assert set(shaft.measured(rows)) == marks | {"blocked_off_ours", "blocked_off_embree"}
 
 
 def test_a_small_bench_measures_what_it_promises(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +107,7 @@ def test_a_small_bench_measures_what_it_promises(monkeypatch: pytest.MonkeyPatch
         if rounds == 2:
             programs |= {"Embree, 1 thread": 2.0, "Embree, 2 processes": 0.9}
         return [
-            {"scene": scene, "program": program, "million/s": 1 / time, "times ours": time}
+            {"scene": scene, "program": program, "million/s": 1 / time, "times ours": time, "blocked": 0.25}
             for scene in office_table.OFFICES
             for program, time in programs.items()
         ]

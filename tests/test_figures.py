@@ -22,7 +22,7 @@ from glpath.figures.catalogue import FIGURES
 from glpath.figures.outcome import Outcome, as_csv, write
 from glpath.figures.style import Axis, Series
 
-FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes"]
+FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
 
 
 def outcome(holds: bool | None = True, **report: object) -> Outcome:

@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from glpath.cli.main import app
-from glpath.figures import path_buffer
+from glpath.figures.catalogue import FIGURES
 from glpath.figures.mesh_step import mesh_step
+from glpath.figures.path_buffer_room import post_shadow
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.sides import side_reflectance
@@ -24,7 +25,7 @@ from glpath.scene.shipped.room import POSTS
 SCALE = "0.004"
 
 
-@pytest.mark.parametrize("name", path_buffer.FIGURES)
+@pytest.mark.parametrize("name", [name for name in FIGURES if name.startswith("path-buffer")])
 def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["figure", name, "--scale", SCALE, "-o", str(tmp_path)])
     assert result.exit_code == 0, result.output
@@ -38,17 +39,6 @@ def test_a_small_figure_has_its_files_and_its_numbers(name: str, tmp_path: Path)
     picture = iio.imread(tmp_path / f"{name}.png")
     assert picture.shape[1] >= 480
     assert np.any(picture < 100)
-    if name in ("path-buffer-5", "path-buffer-6"):
-        assert report["holds"] is True, measured
-    if name == "path-buffer-7":
-        stored = Path(__file__).parents[1] / "scenes" / "references" / "cornell-box-36-depth3.npz"
-        with np.load(stored) as file:
-            truth = file[file.files[0]]
-        scene = load_scene("cornell-box-36")
-        assert truth.shape[:2] == scene.camera.resolution
-        mean = truth[EyeHits.of(scene, 1).reflecting].mean()
-        # Eight path sets only, and pixels so large that more is taken for an edge.
-        assert measured["mean_depth_3"] == pytest.approx(mean, rel=0.2)
     if name == "path-buffer-8":
         assert measured["elements"] == 210
     if name == "path-buffer-11":
@@ -111,5 +101,5 @@ def test_the_shadow_of_a_post_is_what_the_plaster_behind_it_lacks() -> None:
     hits = EyeHits.of(load_scene("room").with_camera(resolution=(192, 192)), 2)
     x = hits.position[..., 0].mean(axis=2)
     light = np.where(np.abs(x - POSTS[0]) < 0.06, 0.5, 1.0)[..., None] * [1, 1, 1]
-    assert path_buffer._post_shadow(hits, light) == pytest.approx(0.5, abs=0.03)
-    assert path_buffer._post_shadow(hits, np.ones((192, 192, 3))) == pytest.approx(1)
+    assert post_shadow(hits, light) == pytest.approx(0.5, abs=0.03)
+    assert post_shadow(hits, np.ones((192, 192, 3))) == pytest.approx(1)

@@ -15,7 +15,9 @@ import pytest
 from scipy import integrate
 
 from glpath.bench import mitsuba_peer
+from glpath.compare import relative_mse
 from glpath.errors import GlpathError
+from glpath.experiments.references import stored_reference
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference import closed_forms
@@ -300,16 +302,46 @@ def test_without_mitsuba_the_error_says_what_to_install(monkeypatch):
         mitsuba_peer.load_mitsuba("scalar_rgb")
 
 
-@pytest.mark.parametrize(("depth", "error"), [(3, 1e-5), (64, 5e-5)])
-def test_the_stored_references_are_what_their_notes_say(depth, error):
-    path = DATA / f"cornell-box-36-depth{depth}.npz"
+# Side and error of each.
+REFERENCES = {
+    ("cornell-box-36", 1): (128, 1e-6),
+    ("cornell-box-36", 2): (128, 1e-5),
+    ("cornell-box-36", 3): (256, 1e-5),
+    ("cornell-box-36", 64): (256, 5e-5),
+    ("room", 1): (128, 5e-5),
+    ("room", 64): (128, 1e-3),
+}
+
+
+@pytest.mark.parametrize(("scene", "depth"), REFERENCES)
+def test_the_stored_references_are_what_their_notes_say(scene, depth):
+    side, error = REFERENCES[scene, depth]
+    path = DATA / f"{scene}-depth{depth}.npz"
     with np.load(path) as stored:
         radiance, made_with = stored["radiance"].astype(np.float64), json.loads(str(stored["made_with"]))
-    assert radiance.shape == (256, 256, 3)
-    assert np.allclose(radiance.mean(axis=(0, 1)), made_with["image_mean"], rtol=1e-4)
+    assert radiance.shape == (side, side, 3)
+    assert np.allclose(radiance.mean(axis=(0, 1)), made_with["image_mean"], rtol=3e-4)
     assert made_with["relmse_of_reference"] + made_with["relmse_of_rounding"] < error
     assert made_with["max_depth"] == depth
     assert path.stat().st_size < 600 * 1024
+
+
+def test_every_stored_reference_is_known():
+    assert {path.stem for path in DATA.glob("*.npz")} == {f"{scene}-depth{depth}" for scene, depth in REFERENCES}
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(("scene", "depth"), REFERENCES)
+def test_mitsuba_makes_the_stored_references_again(mitsuba, scene, depth):
+    """With fewer samples of other seeds, whose own spread says how near they have to come."""
+    side, _ = REFERENCES[scene, depth]
+    stored = stored_reference(scene, depth)
+    square = load_scene(scene).with_camera(resolution=(side, side))
+    again = np.stack([mitsuba_peer.render_mitsuba(square, 64, depth, seed=5000 + i) for i in range(4)])
+    assert again.mean() == pytest.approx(stored.mean(), rel=0.01)
+    weight = 1 / (stored**2 + 0.01)
+    expected = np.mean(again.var(axis=0, ddof=1) / 4 * weight)
+    assert relative_mse(again.mean(axis=0), stored) < 1.5 * expected + 2e-4
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import numpy as np
 
 from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError
-from glpath.files import shipped_folder
+from glpath.experiments.references import find_reference
 from glpath.film import read_image
 from glpath.integrators.path_stages import PathStages
 from glpath.rendering.factory import Engine
@@ -42,14 +42,11 @@ def mitsuba_scenes(scene: Scene, depth: int, notes: list[str]) -> Callable[[int]
 
 def reference_picture(given: str | Path | None, name: str, depth: int, mitsuba: bool, say: Say) -> Float64 | None:
     """The image of a file; by default the one that ships, else Mitsuba makes one; None without both."""
-    shipped = shipped_folder("scenes")
-    stored = None if shipped is None else shipped / "references" / f"{name}-depth{depth}.npz"
     if given is not None:
         return read_image(given)
-    if stored is not None and stored.is_file():
-        return read_image(stored)
-    if not mitsuba:
-        return None
+    stored = find_reference(name, depth)
+    if stored is not None or not mitsuba:
+        return stored
     say(f"no stored reference: Mitsuba renders one of {_REFERENCE_SPP} samples")
     scene = load_scene(name)
     parts = [mitsuba_peer.render_mitsuba(scene, _REFERENCE_SPP // 4, depth, seed=1000 + i) for i in range(4)]
@@ -99,6 +96,11 @@ def render_peer_in_steps(
         ms.append(1e3 * float(timing.seconds[0]) / spp)
         images.append(timing.images[0])
     return ms, images
+
+
+def mean_off(means: Sequence[float] | Float64, truth: Float64) -> float:
+    """By how much the mean of pictures with such means is off that of the converged one: |ratio - 1|."""
+    return abs(float(np.mean(means)) / float(truth.mean()) - 1)
 
 
 def line_to_target(samples: Sequence[int], errors: Float64, target: float) -> tuple[float, float]:

@@ -109,7 +109,8 @@ def to_mitsuba(
 ) -> Any:
     """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel.
 
-    Depth: Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. No Russian roulette.
+    Depth: Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. Russian
+    roulette is on from Mitsuba's default vertex, as its users have it; at depth 3 there is none.
     Pixels: box filter, one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis 'y'.
     Materials: Mitsuba's diffuse is one-sided with a black back, as `Material.two_sided = False`.
     Lights: Mitsuba's area light emits on the side of the normal only; a two-sided one becomes two meshes a
@@ -142,7 +143,7 @@ def to_mitsuba(
 def mitsuba_cornell_box(
     max_depth: int = 3, *, sampler: Sampler = "multijitter", spp: int = 64, variant: str | None = None
 ) -> Any:
-    """`mi.cornell_box()` as it is shipped (256 x 256), but box filter, our depth and no Russian roulette."""
+    """`mi.cornell_box()` as it is shipped (256 x 256), but with a box filter and our depth."""
     mi = load_mitsuba(variant)
     described = mi.cornell_box()
     described["integrator"] = _integrator(max_depth)
@@ -234,7 +235,6 @@ def time_to_render(
 
 
 def _integrator(max_depth: int) -> dict[str, Any]:
-    # Russian roulette from its default vertex on, as its users have it: none where depth is compared with depth 3.
     return {"type": "path", "max_depth": max_depth + 1, "rr_depth": 5}
 
 

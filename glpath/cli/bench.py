@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.signals import result_of
-from glpath.errors import UsageError
+from glpath.errors import GlpathError, UsageError
 from glpath.experiments.verdict import Report
 from glpath.files import check_writable, save_all, write_bytes
 from glpath.terminal import clean_console, say
@@ -69,7 +69,8 @@ def bench(
     """Measure how fast an engine is.
 
     Times on shared machines drift; the ratios to other programs, taken in the same run, are what to go by. Install
-    the reference extra (pip install 'glpath[reference]') for these.
+    the reference extra (pip install 'glpath[reference]') for these. A claim that does not hold is reported as such
+    and is no failure; programs that do not find the same are one (exit code 1).
     """
     if list_all:
         for key, (what, _) in BENCHES.items():
@@ -92,7 +93,14 @@ def bench(
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
     if output is not None:
         check_writable(output)
-    _show(result_of(lambda: _measure(name, seeds or 3, reference, rounds or 7, scale or 1.0)), output)
+    report = result_of(lambda: _measure(name, seeds or 3, reference, rounds or 7, scale or 1.0))
+    _show(report, output)
+    if report.faults:
+        raise GlpathError(
+            f"bench {name}: the programs disagree, so that their times compare nothing:\n"
+            + "\n".join(report.faults),
+            "One of them is wrong, unless a small --scale left them too few samples or pixels to tell.",
+        )
 
 
 def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: float) -> Report:

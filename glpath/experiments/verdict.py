@@ -44,6 +44,7 @@ class Report:
     measured : numbers, by name
     holds    : whether the claim does, by the rule in `claim`; None where the peer was not there to compare with
     rows     : one object per line of the table or point of the plot
+    faults   : what says that the programs did not do the same work, so that their times compare nothing
     """
 
     name: str
@@ -54,6 +55,7 @@ class Report:
     machine: dict[str, Any]
     versions: dict[str, str]
     notes: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -77,6 +79,15 @@ def _plain(value: Any) -> Any:
 def judge(claim: str, rule: tuple[Condition, ...], measured: Mapping[str, float]) -> tuple[str, bool]:
     """The claim with its rule in brackets, and whether all of the rule is true of what was measured."""
     return f"{claim} ({', '.join(map(str, rule))})", all(condition.holds(measured) for condition in rule)
+
+
+def faults(agreement: tuple[Condition, ...], measured: Mapping[str, float]) -> list[str]:
+    """A line for each condition of the programs' agreement that was measured and is not so."""
+    return [
+        f"{condition} is not so: {measured[condition.left]:.6g}"
+        for condition in agreement
+        if condition.left in measured and not condition.holds(measured)
+    ]
 
 
 def machine(renderer: str) -> dict[str, Any]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from glpath.figures import path_buffer, shaft, t_buffer
+from glpath.figures import path_buffer_box, path_buffer_room, shaft, shaft_table, t_buffer_curves, t_buffer_pictures
 from glpath.figures.outcome import Outcome, Say
 
 Make = Callable[[float, Say], Outcome]
 
 FIGURES: dict[str, tuple[Make, str]] = {}
-FIGURES |= t_buffer.FIGURES
-FIGURES |= shaft.FIGURES
-FIGURES |= path_buffer.FIGURES
+_T_BUFFER = t_buffer_pictures.FIGURES | t_buffer_curves.FIGURES
+FIGURES |= {name: _T_BUFFER[name] for name in sorted(_T_BUFFER, key=lambda name: int(name.rsplit("-", 1)[1]))}
+FIGURES |= shaft.FIGURES | shaft_table.FIGURES
+FIGURES |= path_buffer_box.FIGURES
+FIGURES |= path_buffer_room.FIGURES

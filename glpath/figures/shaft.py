@@ -1,4 +1,4 @@
-"""Figures 1 to 4 and table 1 of the shaft paper [SC]: how a shaft is formed, and what it saves.
+"""Figures 1 to 4 of the shaft paper [SC]: how a shaft is formed, and what it tells.
 
 Figures 1 to 4 are lost in the text of the paper, and are drawn from what it says of them: in 2D (a section, in
 which all boxes are equally deep) and in 3D. All that is drawn is read off `Shaft` and `candidate_list`.
@@ -17,11 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import Bvh
-from glpath.experiments.office_table import OFFICES, savings_rows, table_1_rows
 from glpath.experiments.verdict import Condition
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
-from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, drawings, table
+from glpath.figures.shaft_drawing import (
+    draw_shaft,
+    flat_box,
+    flat_shaft,
+    frame,
+    look,
+    solid_planes,
+    solid_sphere,
+    wire,
+)
+from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, drawings
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES
 
@@ -29,96 +38,9 @@ Float64 = NDArray[np.float64]
 Panel = tuple[str, Callable[[Any], None], bool]
 
 AXES = "XYZ"
-VIEW = {"elev": 20, "azim": -62}
 
 
 _outcome = partial(judged, with_gl=False)
-
-
-# Drawing. In 3D the paper's Y is up, which is matplotlib's z.
-
-
-def _flat_box(axes: Any, box: ArrayLike, colour: str, label: str = "", **style: Any) -> None:
-    from matplotlib.patches import Rectangle
-
-    b = np.asarray(box, float)
-    kind: Any = {"facecolor": colour, "edgecolor": colour, "linewidth": 1.5, "alpha": 0.9, "zorder": 3} | style
-    axes.add_patch(Rectangle((b[0], b[1]), b[3] - b[0], b[4] - b[1], **kind))
-    if label:
-        middle = (b[:3] + b[3:]) / 2
-        # Without a face, letters stand on white.
-        ink = INK if kind["facecolor"] in ("none", "white") else "white"
-        axes.text(middle[0], middle[1], label, color=ink, fontsize=10, ha="center", va="center", zorder=6)
-
-
-def _frame(axes: Any, boxes: Float64, margin: float = 0.35) -> None:
-    """Limits around everything."""
-    low, high = boxes[:, :2].min(axis=0) - margin, boxes[:, 3:5].max(axis=0) + margin
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-
-
-def _flat_shaft(axes: Any, shaft: Shaft) -> None:
-    """The shaft's section, which is where all of its planes along Z are kept, and a line for each of these."""
-    from matplotlib.patches import Polygon
-
-    planes = shaft_planes(shaft)
-    section = next(f for f, p in zip(faces(planes), planes, strict=True) if p[2] > 0 and len(f))
-    axes.add_patch(Polygon(section[:, :2], facecolor="#DCEBF5", edgecolor="none", zorder=1))
-    for plane in shaft.planes:
-        ends = section[np.abs(section @ plane[:3] + plane[3]) < 1e-9]
-        axes.plot(ends[:, 0], ends[:, 1], color=BLUE, linewidth=2, zorder=4)
-        foot, normal = ends.mean(axis=0), plane[:3] / np.linalg.norm(plane[:3])
-        tip = foot + 0.4 * normal
-        axes.annotate(
-            "", tip[:2], foot[:2], arrowprops={"arrowstyle": "-|>", "color": BLUE, "linewidth": 1.2}, zorder=5
-        )
-
-
-def _up(points: Float64) -> Float64:
-    """x, z, y: of points (N, 3)."""
-    return points[:, [0, 2, 1]]
-
-
-def _solid(axes: Any, planes: Float64, colour: str, alpha: float = 0.9, edge: str = "white", **style: Any) -> None:
-    _polygons(axes, faces(planes), colour, alpha=alpha, edgecolor=edge, **style)
-
-
-def _polygons(axes: Any, polygons: Sequence[Float64], colour: str, **style: Any) -> None:
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    kind = {"facecolor": colour, "linewidth": 0.8} | style
-    axes.add_collection3d(Poly3DCollection([_up(f) for f in polygons if len(f)], **kind))
-
-
-def _wire(axes: Any, box: ArrayLike, colour: str = GREY, dashes: Any = (0, (4, 3)), width: float = 1.0) -> None:
-    corners = box_corners(box)
-    for i in range(8):
-        for bit in (1, 2, 4):
-            if not i & bit:
-                ends = _up(corners[[i, i | bit]])
-                axes.plot(*ends.T, color=colour, linestyle=dashes, linewidth=width)
-
-
-def _look(axes: Any, boxes: Float64, zoom: float = 1.0, **view: float) -> None:
-    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[2], high[2])
-    axes.set_zlim(low[1], high[1])
-    axes.set_box_aspect((high - low)[[0, 2, 1]], zoom=zoom)
-    axes.view_init(**(VIEW | view))
-
-
-def _draw_shaft(axes: Any, shaft: Shaft, zoom: float = 1.0, **view: float) -> None:
-    """The two boxes, the extent box in dashes, the planes of the plane set, and between them the extent's faces."""
-    planes = shaft_planes(shaft)
-    _look(axes, shaft.extent[None], zoom, **view)
-    _wire(axes, shaft.extent)
-    # From back to front: what is far behind the transparent planes has to be there first.
-    _solid(axes, box_planes(shaft.box_b), GREEN)
-    _solid(axes, box_planes(shaft.box_a), ORANGE)
-    _solid(axes, planes[:6], PALE, 0.25, GREY, linewidth=0.4)
-    _polygons(axes, faces(planes)[6:], BLUE, edgecolor=BLUE, linewidth=1.2, alpha=0.28)
 
 
 # Numbers
@@ -170,13 +92,13 @@ def figure_1(scale: float, say: Say) -> Outcome:
     edges = [_edge(p) for p in shaft.planes]
 
     def boxes(axes: Any) -> None:
-        _flat_box(axes, emitter, ORANGE, "emitter")
-        _flat_box(axes, receiver, GREEN, "receiver")
-        _frame(axes, shaft.extent[None], 0.45)
+        flat_box(axes, emitter, ORANGE, "emitter")
+        flat_box(axes, receiver, GREEN, "receiver")
+        frame(axes, shaft.extent[None], 0.45)
 
     def extent(axes: Any) -> None:
         boxes(axes)
-        _flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
+        flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
         # Each list beside the faces it is of.
         middle = (shaft.extent[:2] + shaft.extent[3:5]) / 2
         for listed, colour in ((shaft.faces_a, ORANGE), (shaft.faces_b, GREEN)):
@@ -193,9 +115,9 @@ def figure_1(scale: float, say: Say) -> Outcome:
             axes.plot(*corner, marker="x", color=PURPLE, markersize=11, markeredgewidth=3, zorder=7)
 
     def planes(axes: Any) -> None:
-        _flat_shaft(axes, shaft)
+        flat_shaft(axes, shaft)
         boxes(axes)
-        _flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
+        flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
 
     # [SC, Forming the Testing Structure]: MAX_Y of the emitter with MIN_X of the receiver.
     printed = np.array([receiver[4] - emitter[4], emitter[0] - receiver[0], 0.0, 0.0])
@@ -228,7 +150,7 @@ def figure_1(scale: float, say: Say) -> Outcome:
         ("1. Reference boxes", boxes, False),
         ("2. Extent box, lists, culled edges (x)", extent, False),
         ("3. Planes", planes, False),
-        ("In 3D", partial(_draw_shaft, shaft=deep), True),
+        ("In 3D", partial(draw_shaft, shaft=deep), True),
     ]
     picture = drawings("Figure 1: shaft formation", f"Paper: {said}.\nHere: {here}.", panels, 2, (440, 340))
     rows = _shaft_rows(shaft, "2D") + _shaft_rows(deep, "3D")
@@ -264,9 +186,9 @@ def figure_2(scale: float, say: Say) -> Outcome:
         from matplotlib.patches import Polygon
 
         axes.add_patch(Polygon(outline[:, :2], facecolor="#DCEBF5", edgecolor=BLUE, linewidth=2, zorder=1))
-        _flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
-        _flat_box(axes, shaft.box_b, GREEN, zorder=3)
-        _flat_box(axes, shaft.box_a, ORANGE, zorder=4)
+        flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
+        flat_box(axes, shaft.box_b, GREEN, zorder=3)
+        flat_box(axes, shaft.box_a, ORANGE, zorder=4)
         for plane, share in zip(shaft.planes, cut, strict=True):
             if plane[2] == 0:
                 corner = np.where(plane[:2] > 0, shaft.extent[3:5], shaft.extent[:2])
@@ -275,7 +197,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
                     corner[0], corner[1] + out, f"{100 * share:.1f} %", fontsize=10, color=BLUE, va="center",
                     ha="left" if plane[0] < 0 else "right",
                 )  # fmt: skip
-        _frame(axes, shaft.extent[None], 0.35)
+        frame(axes, shaft.extent[None], 0.35)
 
     measured = {
         "planes_left": float(len(shafts[0].planes)),
@@ -284,6 +206,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
         "top_cut_left": float(top[0].mean()),
         "bottom_cut_left": float(bottom[0].mean()),
         "least_cut_right": float(cuts[1].min()),
+        "hull_error": max(_too_large(s, max(100, round(10_000 * scale))) for s in shafts),
     }
     rule = (
         Condition("planes_left", ">=", 8),
@@ -291,6 +214,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
         Condition("most_planes", "<=", 8),
         Condition("top_cut_left", "<", "bottom_cut_left"),
         Condition("top_cut_left", "<", "least_cut_right"),
+        Condition("hull_error", "<=", 1e-9),
     )
     said = "at most eight planes; the left shaft's top four cut off little, all of the right one's a fair share"
     here = (
@@ -299,7 +223,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
         f"{100 * cuts[1].min():.1f} %. Of random pairs of boxes none has more than {most} planes"
     )
     panels: list[Panel] = [
-        (f"{side}: 8 planes", partial(_draw_shaft, shaft=s, elev=14), True)
+        (f"{side}: 8 planes", partial(draw_shaft, shaft=s, elev=14), True)
         for side, s in zip(("Left", "Right"), shafts, strict=True)
     ]
     panels += [
@@ -385,33 +309,36 @@ def figure_3(scale: float, say: Say) -> Outcome:
         return PURPLE if node in listed else "white"
 
     def flat(axes: Any, listed: Sequence[str]) -> None:
-        _flat_shaft(axes, shaft)
-        _flat_box(axes, EMITTER_3, ORANGE, "emitter")
-        _flat_box(axes, RECEIVER_3, GREEN, "receiver")
+        flat_shaft(axes, shaft)
+        flat_box(axes, EMITTER_3, ORANGE, "emitter")
+        flat_box(axes, RECEIVER_3, GREEN, "receiver")
         for node, box in zip(NODES[1:], boxes[1:], strict=True):
             if node in "AB":
                 line = PURPLE if node in listed else GREY
                 width = 3.0 if node in listed else 1.0
-                _flat_box(axes, box, line, facecolor="none", linewidth=width, alpha=1, zorder=5)
+                flat_box(axes, box, line, facecolor="none", linewidth=width, alpha=1, zorder=5)
                 axes.text(
                     box[0] - 0.1, box[4], node, color=line, fontsize=11, fontweight="bold", ha="right", va="top"
                 )
             else:
-                _flat_box(axes, box, PURPLE if node in listed else GREY, node, facecolor=colour(node, listed))
-        _frame(axes, boxes[:1], 0.25)
+                flat_box(axes, box, PURPLE if node in listed else GREY, node, facecolor=colour(node, listed))
+        frame(axes, boxes[:1], 0.25)
 
     def solid(axes: Any, listed: Sequence[str]) -> None:
-        _draw_shaft(axes, shaft, 0.98)
+        draw_shaft(axes, shaft, 0.98)
         for node, box in zip(NODES[1:], boxes[1:], strict=True):
             if node in "AB":
                 taken = node in listed
-                _wire(axes, box, PURPLE if taken else GREY, "-", 2.4 if taken else 0.8)
+                wire(axes, box, PURPLE if taken else GREY, "-", 2.4 if taken else 0.8)
             else:
-                _solid(axes, box_planes(box), colour(node, listed), 0.95, INK if node not in listed else "white")
+                solid_planes(
+                    axes, box_planes(box), colour(node, listed), 0.95, INK if node not in listed else "white"
+                )
 
     right = {name: float(lists[name] == LISTS[name]) for name in lists}
     measured = {f"{name.replace(' ', '_')}_as_in_the_paper": value for name, value in right.items()}
-    rule = tuple(Condition(name, ">=", 1) for name in measured)
+    rule = (*(Condition(name, ">=", 1) for name in measured), Condition("hull_error", "<=", 1e-9))
+    measured["hull_error"] = _too_large(shaft, max(100, round(10_000 * scale)))
     said = "the candidate lists of the four strategies are those of the paper"
     here = "; ".join(f"{name}: {', '.join(found)}" for name, found in lists.items())
     panels: list[Panel] = [
@@ -467,8 +394,8 @@ def figure_4(scale: float, say: Say) -> Outcome:
         from matplotlib.patches import Circle, Polygon
 
         axes.add_patch(Polygon(_outline(shaft), facecolor="#DCEBF5", edgecolor="none", zorder=1))
-        _flat_box(axes, receiver, GREEN, "receiver")
-        _flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
+        flat_box(axes, receiver, GREEN, "receiver")
+        flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
         for plane in shaft.planes:
             if plane[2] == 0:
                 # Beyond the light, where the plane goes on without bounding anything.
@@ -488,20 +415,20 @@ def figure_4(scale: float, say: Say) -> Outcome:
                 )
             )
         else:
-            _flat_box(axes, above, PURPLE, alpha=0.5)
+            flat_box(axes, above, PURPLE, alpha=0.5)
         axes.plot(0, 3, marker="o", color=ORANGE, markersize=8, markeredgecolor="white", zorder=8)
         axes.set_xlim(-1.8, 1.8)
         axes.set_ylim(-0.15, 4.4)
 
     def solid(axes: Any, kind: str) -> None:
-        _draw_shaft(axes, shaft)
+        draw_shaft(axes, shaft)
         if kind == "sphere":
-            _solid_sphere(axes, centre, radius)
+            solid_sphere(axes, centre, radius)
         else:
-            _solid(axes, box_planes(above), PURPLE, 0.55)
-        _solid(axes, box_planes(np.concatenate([light[:3] - 0.05, light[3:] + 0.05])), ORANGE, 1)
+            solid_planes(axes, box_planes(above), PURPLE, 0.55)
+        solid_planes(axes, box_planes(np.concatenate([light[:3] - 0.05, light[3:] + 0.05])), ORANGE, 1)
         seen = np.concatenate([shaft.extent[:3], shaft.extent[3:] + np.array([0.2, 1.4, 0.2])])[None]
-        _look(axes, seen, 1.1, elev=10, azim=-75)
+        look(axes, seen, 1.1, elev=10, azim=-75)
 
     measured = {
         "called_overlapping": float(sphere == Place.OVERLAPPING),
@@ -542,15 +469,6 @@ def _outline(shaft: Shaft) -> Float64:
     return faces(np.concatenate([shaft_planes(shaft), [[0, 0, 1, 0]]]))[-1][:, :2]
 
 
-def _solid_sphere(axes: Any, centre: Float64, radius: float) -> None:
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, np.pi, 17))
-    x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
-    c = centre[[0, 2, 1]]
-    axes.plot_surface(
-        c[0] + radius * x, c[1] + radius * y, c[2] + radius * z, color=PURPLE, alpha=0.55, linewidth=0, shade=False
-    )
-
-
 def _false_spheres(shaft: Shaft, count: int) -> tuple[int, int]:
     """Of random spheres around a shaft: how many are called overlapping though outside, and how many in all."""
     rng = np.random.default_rng(4)
@@ -561,90 +479,9 @@ def _false_spheres(shaft: Shaft, count: int) -> tuple[int, int]:
     return int((farthest_gap(hull, centres[called]) > radii[called]).sum()), int(called.sum())
 
 
-# Table 1
-
-
-def table_1(scale: float, say: Say) -> Outcome:
-    """Tests and time per ray of every strategy, low and high sampling, both offices [SC, table 1]."""
-    # Points of a mesh this far apart, metres; and so many of the ten lights.
-    spacing, lights = min(0.25 / scale, 2.0), max(1, round(10 * scale))
-    rows = table_1_rows(spacing=spacing, rounds=max(1, round(5 * scale)), say=say, most_lights=lights)
-    savings = savings_rows(spacing=spacing, most_lights=lights)
-    names = dict(zip(OFFICES, ("office", "premesh"), strict=True))
-    measured: dict[str, float] = {}
-    for scene, short in names.items():
-        of = {row["strategy"]: row for row in rows if row["scene"] == scene}
-        ratios = [row for strategy, row in of.items() if strategy.startswith("ratio open")]
-        base = of["baseline"]
-        measured |= {
-            f"tests_gain_{short}": base["tests/ray"] / min(row["tests/ray"] for row in ratios),
-            f"time_gain_{short}": base["high µs"] / min(row["high µs"] for row in ratios),
-            f"closed_tests_gain_{short}": base["tests/ray"] / of["keep closed"]["tests/ray"],
-            f"always_open_tests_gain_{short}": base["tests/ray"] / of["always open"]["tests/ray"],
-        }
-    for row in savings:
-        short = names[row["scene"]]
-        measured |= {
-            f"cache_saves_{short}": row["cache saves"],
-            f"emitter_list_saves_{short}": row["emitter list saves"],
-        }
-    rule = (
-        Condition("tests_gain_office", ">=", 2.0),
-        Condition("tests_gain_premesh", ">=", 3.8),
-        Condition("time_gain_office", ">=", 1.6),
-        Condition("time_gain_premesh", ">=", 2.2),
-    )
-    said = "ratio open divides the tests by 2.0 (standard) and 3.8 (premesh), the time by 1.6 and 2.2"
-    here = (
-        f"tests divided by {measured['tests_gain_office']:.2f} and {measured['tests_gain_premesh']:.2f}, "
-        f"time at high sampling by {measured['time_gain_office']:.2f} and {measured['time_gain_premesh']:.2f}"
-    )
-    caption = (
-        f"Paper: {said}. Its times are of an HP 9000/433.\nHere: {here}. One thread, shafts included; "
-        "rays that the last occluder stopped are not counted. Low: 1 sample of each light, high: 4. Candidates, "
-        "empty shafts and rays without a test (free): at high sampling. Walls and floor, with the "
-        "most rays, have far more candidates than the mean."
-    )
-    columns = (
-        ("Strategy", 150), ("tests/ray\nhere", 88), ("\npaper", 68), ("low µs\nhere", 78), ("\npaper", 68),
-        ("high µs\nhere", 78), ("\npaper", 68), ("rays/shaft\nlow", 96), ("\nhigh", 68),
-        ("candidates\nper shaft", 100), ("empty\nshafts", 78), ("free\nrays", 78),
-    )  # fmt: skip
-    lines: list[list[str]] = []
-    for scene, saved in zip(OFFICES, savings, strict=True):
-        lines.append([f"{'Premesh' if 'premesh' in scene else 'Standard'} ({scene})"])
-        lines += [_line(row) for row in rows if row["scene"] == scene]
-        lines.append([
-            f"Savings in tests: shadow cache {_percent(saved['cache saves'])} (paper: 31 %), emitter list "
-            f"{_percent(saved['emitter list saves'])} (paper: {100 * saved['paper emitter list saves']:.0f} %)"
-        ])  # fmt: skip
-    picture = table("Table 1: statistics for office databases", caption, columns, lines)
-    notes = (
-        [] if scale == 1 else [f"at scale {scale:g}, receiver points {spacing:g} m apart and {lights} of 10 lights"]
-    )
-    return _outcome("shaft-table-1", said, rule, measured, rows, picture, notes)
-
-
-def _line(row: dict[str, Any]) -> list[str]:
-    def number(name: str, form: str) -> str:
-        return "–" if row[name] is None else format(row[name], form)
-
-    return [
-        row["strategy"], number("tests/ray", ".1f"), number("paper tests/ray", ".1f"), number("low µs", ".3f"),
-        number("paper low µs", "d"), number("high µs", ".3f"), number("paper high µs", "d"),
-        number("rays/shaft low", ".1f"), number("rays/shaft high", ".1f"), number("candidates/shaft", ".1f"),
-        _percent(row["empty shafts"]), _percent(row["free rays"]),
-    ]  # fmt: skip
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.1f} %"
-
-
 FIGURES = {
     "shaft-1": (figure_1, "how a shaft is formed: reference boxes, extent box, planes"),
     "shaft-2": (figure_2, "two shafts of eight planes, and what each plane cuts off"),
     "shaft-3": (figure_3, "six objects in two boxes: the candidate list of each strategy"),
     "shaft-4": (figure_4, "a sphere falsely called overlapping, and a box that is not"),
-    "shaft-table-1": (table_1, "tests and time per ray of every strategy, beside the paper's"),
 }

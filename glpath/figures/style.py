@@ -220,15 +220,15 @@ def _rule(figure: Figure, left: float, right: float, level: float) -> None:
 def _wrapped(caption: str, width: int) -> list[str]:
     """Lines of the caption as they fit into a page so many pixels wide."""
     require_matplotlib()
+    from matplotlib.backends import backend_agg
     from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import TextPath
 
-    font = FontProperties(size=_CAPTION_SIZE * DPI / 72)
-    # Hinted on the page, letters are up to 4 % wider than their outlines.
-    room = 0.96 * (width - 2 * _MARGIN)
+    agg: Any = backend_agg  # without types in matplotlib
+    font, page = FontProperties(size=_CAPTION_SIZE), agg.RendererAgg(1, 1, DPI)
+    room = width - 2 * _MARGIN
 
     def fits(line: str) -> bool:
-        return bool(TextPath((0, 0), line, prop=font).get_extents().width <= room)
+        return bool(page.get_text_width_height_descent(line, font, ismath=False)[0] <= room)
 
     lines = []
     for paragraph in caption.splitlines():

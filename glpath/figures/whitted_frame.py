@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from glpath.experiments.timing import seconds_of
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.image import tonemap
 from glpath.integrators.settings import ClassicSettings, Shadows, TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
-from glpath.scene import Scene
+from glpath.scene import Scene, load_scene
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,36 @@ class Setup:
     shadows: Shadows = "rays"
     rows: int = 400
     max_depth: int = 1
+
+
+CLASSIC = Setup("classic")
+T_BUFFER = Setup("t-buffer")
+
+# A pixel differs when a channel of its 8-bit sRGB does by more than this.
+VISIBLE = 2
+
+
+def scaled(number: int, scale: float, least: int) -> int:
+    """A size at this scale, but never too small to mean something."""
+    return max(least, round(number * scale))
+
+
+def size_at(scale: float, of: tuple[int, int]) -> tuple[int, int]:
+    """A viewport at this scale."""
+    return scaled(of[0], scale, 16), scaled(of[1], scale, 12)
+
+
+def stacked(objects: int, size: tuple[int, int]) -> Scene:
+    """The scene of the paper's tests: so many spheres."""
+    width, height = size
+    parameters = {"objects": objects, "kind": "sphere", "resolution": height, "aspect": width / height}
+    return load_scene("stacked", parameters)
+
+
+def differing(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Share of pixels that look different in two pictures (H, W, 3), radiance."""
+    difference = np.abs(tonemap(a).astype(int) - tonemap(b).astype(int)).max(axis=-1)
+    return float((difference > VISIBLE).mean())
 
 
 class WhittedFrame:
@@ -58,21 +89,31 @@ class WhittedFrame:
         )
 
     @cached_property
-    def _counted(self) -> tuple[NDArray[np.float64], dict[str, int]]:
+    def _counted(self) -> tuple[NDArray[np.float64], dict[str, int], NDArray[np.int32]]:
         tracer = self._tracer(count_tests=True)
         tracer.trace_path_set(0)
         radiance = tracer.take()
         tests = tracer.statistics()["intersection_tests"]
         assert isinstance(tests, dict)
-        return radiance, tests
+        return radiance, tests, tracer.eye_buffer.read()[0]
 
     def image(self) -> NDArray[np.float64]:
         """Radiance (H, W, 3)."""
         return self._counted[0]
 
+    def nearest(self) -> NDArray[np.int32]:
+        """(H, W) the primitive that each pixel sees, -1 for none."""
+        return self._counted[2]
+
     def tests(self) -> dict[str, int]:
         """Intersection tests of a frame: primary, shadow_buffer (to fill it), shadow, secondary."""
         return self._counted[1]
+
+    def shadow_entries(self) -> int:
+        """Entries of the light's shadow-buffer that hold an object."""
+        buffer = self._timed.shadow_buffer
+        assert buffer is not None, "a setup without shadow-buffers"
+        return int((buffer.read().primitive >= 0).sum())
 
     @cached_property
     def _timed(self) -> WhittedTracer:

@@ -1,0 +1,49 @@
+"""Converged pictures by Mitsuba 3, which ship with glpath: what somebody else's renderer sees in a scene.
+
+They lie in `scenes/references`, linear radiance as float16, each with the command that made it
+(`tests/reference/make_mitsuba_reference.py`) and its own error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import GlpathError
+from glpath.files import shipped_folder
+from glpath.film import read_image
+from glpath.scene.model import Float64
+
+#: Depth at which all bounces are there: what is beyond is less than a float can hold beside the rest.
+ALL_BOUNCES = 64
+
+
+def find_reference(scene: str, depth: int) -> Float64 | None:
+    """(H, W, 3) float64 radiance of a shipped scene at a path depth as PB counts it; None where none is stored."""
+    folder = shipped_folder("scenes")
+    path = None if folder is None else folder / "references" / f"{scene}-depth{depth}.npz"
+    return read_image(path) if path is not None and path.is_file() else None
+
+
+def stored_reference(scene: str, depth: int) -> Float64:
+    """`find_reference`, for what ships. Raises GlpathError where the file is missing."""
+    found = find_reference(scene, depth)
+    if found is None:
+        raise GlpathError(
+            f"scenes/references/{scene}-depth{depth}.npz: missing from this installation of glpath.",
+            "pip install --force-reinstall glpath",
+        )
+    return found
+
+
+def smaller(image: NDArray[np.floating], side: int) -> Float64:
+    """A square image (S, S, ...) with a side that divides S: the mean of each block, as a camera would see it."""
+    n = len(image) // side
+    assert image.shape[:2] == (n * side, n * side), f"{image.shape[:2]} in {side} x {side} blocks"
+    return np.asarray(image.reshape(side, n, side, n, *image.shape[2:]).mean(axis=(1, 3)), float)
+
+
+def at_one_size(*images: NDArray[np.floating]) -> list[Float64]:
+    """Square images of sides that divide each other, all as small as the smallest."""
+    side = min(map(len, images))
+    return [smaller(image, side) for image in images]
