@@ -43,8 +43,8 @@ bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 docs: $(STAMPS)-test ## build the API reference from the docstrings into out/docs
 	$(BIN)/python .ci/docs.py out/docs
 
-wheel: $(STAMPS) ## build the wheel into dist
-	$(BIN)/python -m pip wheel --disable-pip-version-check --no-deps -w dist .
+wheel: ## build the wheel into dist; needs Python alone, none of the set-up
+	sh .ci/setup --wheel dist
 
 clean: ## remove all that the other targets made
 	rm -rf .venv out dist build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

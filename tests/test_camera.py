@@ -65,3 +65,19 @@ def test_the_corner_rays_go_through_the_corners_of_the_image(camera: Camera):
 
 def test_what_is_behind_the_eye_has_no_positive_depth(camera: Camera):
     assert (camera.project(camera.position - camera.rays())[1] < 0).all()
+
+
+@pytest.mark.parametrize("up", [(0.0, 1.0, 0.0), (0.0, 0.0, 2.0), (1.0, 1.0, 0.0)])
+def test_a_turned_camera_goes_around_its_target_at_its_height_and_distance(up: tuple[float, float, float]) -> None:
+    camera = Camera(np.array([3.0, 1.0, 2.0]), np.array([0.5, 0.0, -1.0]), np.array(up), 40.0, (8, 6))
+    axis = camera.up / np.linalg.norm(camera.up)
+    around = camera
+    for _ in range(8):
+        around = around.turned(45.0)
+        for measure in (np.linalg.norm, lambda arm: arm @ axis):
+            assert measure(around.position - around.target) == pytest.approx(
+                measure(camera.position - camera.target)
+            )
+    assert around.position == pytest.approx(camera.position)
+    quarter = Camera(np.array([1.0, 0.5, 0.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, (8, 6)).turned(90.0)
+    assert quarter.position == pytest.approx([0.0, 0.5, -1.0]), "counter-clockwise seen from above"

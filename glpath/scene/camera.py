@@ -6,7 +6,7 @@ first pixel is (0.5, 0.5). Row 0 of an image is at the top.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,19 @@ class Camera:
         right = np.cross(forward, self.up)
         right = right / np.linalg.norm(right)
         return right, np.cross(right, forward), forward
+
+    def turned(self, degrees: float) -> Camera:
+        """The camera carried around its target, about the axis `up` through it; counter-clockwise seen from above.
+
+        Equal steps of a full turn make a turntable.
+        """
+        axis, angle = self.up / np.linalg.norm(self.up), np.radians(degrees)
+        arm = self.position - self.target
+        # Rodrigues' rotation formula.
+        turned = (
+            np.cos(angle) * arm + np.sin(angle) * np.cross(axis, arm) + (1.0 - np.cos(angle)) * (axis @ arm) * axis
+        )
+        return replace(self, position=self.target + turned)
 
     @property
     def focal(self) -> float:

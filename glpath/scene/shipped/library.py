@@ -30,6 +30,10 @@ from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
 
 
+#: Of the files that are scenes.
+SCENE_SUFFIXES = (".toml", *MESH_FORMATS)
+
+
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
     """The scene of a file, of a shipped name, or of what Python has.
 
@@ -185,7 +189,7 @@ def _scene_files() -> dict[str, Path]:
 
 
 def _looks_like_a_path(text: str) -> bool:
-    return text.lower().endswith((".toml", *MESH_FORMATS)) or "/" in text or os.sep in text or os.path.isfile(text)
+    return text.lower().endswith(SCENE_SUFFIXES) or "/" in text or os.sep in text or os.path.isfile(text)
 
 
 def _no_such_scene(name: str) -> SceneError:

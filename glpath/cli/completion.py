@@ -1,0 +1,56 @@
+"""What the shell completes (`glpath --install-completion`): scenes, the words of a choice, parameters of a scene."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import typer
+
+Completions = list[tuple[str, str]]
+
+
+def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
+    """Completes one of these words."""
+    known = list(allowed)
+
+    def complete(incomplete: str) -> list[str]:
+        return [word for word in known if word.startswith(incomplete)]
+
+    return complete
+
+
+def scenes(incomplete: str) -> Completions:
+    """Names of shipped scenes with what they show, and scene files and folders on the way to them."""
+    from glpath.scene import shipped_scenes
+    from glpath.scene.shipped.library import SCENE_SUFFIXES
+
+    found = [(name, text) for name, text in shipped_scenes().items() if name.startswith(incomplete)]
+    folder, start = os.path.split(incomplete)
+    try:
+        entries = sorted(Path(folder or ".").iterdir())
+    except OSError:
+        entries = []
+    for entry in entries:
+        if entry.name.startswith(start) and (start.startswith(".") or not entry.name.startswith(".")):
+            path = os.path.join(folder, entry.name)
+            if entry.is_dir():
+                found.append((path + os.sep, "folder"))
+            elif entry.suffix.lower() in SCENE_SUFFIXES:
+                found.append((path, "file"))
+    return found
+
+
+def parameters(ctx: typer.Context, incomplete: str) -> Completions:
+    """KEY= of each parameter of the generated scene that the command line names; of all of them before it does."""
+    from glpath.scene.shipped.library import GENERATED, scene_parameters
+
+    given = ctx.params.get("scene") or ctx.params.get("scenes")
+    named = [given] if isinstance(given, str) else list(given or GENERATED)
+    found = {
+        f"{key}=": f"{description} (default {default})"
+        for name in named
+        for key, (default, description) in scene_parameters(name).items()
+    }
+    return [(key, text) for key, text in found.items() if key.startswith(incomplete)]
