@@ -1,4 +1,4 @@
-"""What the shell completes (`glpath --install-completion`): scenes, the words of a choice, parameters of a scene."""
+"""What the shell completes (`glpath --install-completion`): scenes, words of a choice, parameters of a scene."""
 
 from __future__ import annotations
 

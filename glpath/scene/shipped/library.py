@@ -29,7 +29,6 @@ from glpath.scene.shipped.office import office, office_premesh
 from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
 
-
 #: Of the files that are scenes.
 SCENE_SUFFIXES = (".toml", *MESH_FORMATS)
 
