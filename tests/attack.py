@@ -3,8 +3,8 @@
     python tests/attack.py [KIND ...]      all, or some of: scenes, environments, disks, kills, threads
 
 Prints JSON: by kind, how many inputs were `tried`, were `fine` or had a clear `error`; and what must be none: a
-`traceback`, a `crash` (a signal, or another exit code than documented), a `hang`, a film that was `lost` (one on disk
-before or reported as written, which is not there whole afterwards). `first` has the first of those that must not be.
+`traceback`, a `crash` (a signal, or another exit code than documented), a `hang`, a film that was `lost` (on disk
+before, or said to be written, and not there whole afterwards). `first` has the first of those that must not be.
 Deterministic but for when a signal arrives. Damaged data files and meshes are attacked by `damaged.py`.
 """
 
@@ -178,7 +178,7 @@ def scenes() -> Iterator[tuple[str, bytes]]:
         for _ in range(rng.choice((1, 1, 3, 20))):
             changed[rng.randrange(len(changed))] = rng.randrange(256)
         yield "changed", bytes(changed)
-    for name, text in {
+    yield from {
         "empty": b"",
         "nothing": bytes(1000),
         "random": rng.randbytes(5000),
@@ -194,8 +194,7 @@ def scenes() -> Iterator[tuple[str, bytes]]:
         "a folder": b"",
         "big file": whole + b"\n# " + b"x" * 20_000_000,
         "number": b"seed = " + b"9" * 100_000,
-    }.items():
-        yield name, text
+    }.items()
 
 
 def attack_scenes(start: int) -> None:

@@ -262,7 +262,13 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     )
     run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *options.split())
     (call,) = renderer.calls
-    assert call.pop("scene").shapes[0].emission.tolist() == [2, 2, 2]
+    scene = call.pop("scene")
+    assert scene.shapes[0].emission.tolist() == [2, 2, 2]
+    assert (scene.camera.resolution, scene.camera.position.tolist(), scene.camera.fov) == (
+        (64, 32),
+        [-1, 0, 0.5],
+        50,
+    )
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
     unused += ("radiosity", "radiosity_lookup", "light_samples")
@@ -272,9 +278,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "spp": 32,
         "max_depth": 3,
         "seed": 9,
-        "resolution": (64, 32),
         "crop": (1, 2, 30, 20),
-        "camera": {"position": (-1.0, 0.0, 0.5), "fov": 50.0},
         "sampling": "random",
         "directions": "sphere",
         "light_resolution": 128,
@@ -317,7 +321,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
     (call,) = renderer.calls
     assert (call["integrator"], call["seed"], call["count_tests"]) == ("path", 0, False)
     others = ("spp", "sampling", "ambient", "directions", "roulette", "shadows", "shadow_filter", "secondary")
-    others += ("resolution", "crop", "camera", "device", "max_depth", "radiosity", "radiosity_lookup")
+    others += ("crop", "device", "max_depth", "radiosity", "radiosity_lookup")
     assert all(call[name] is None for name in others)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glpath.cli.completion import words
 from glpath.cli.signals import result_of
 from glpath.errors import GlpathError, UsageError
 from glpath.experiments.verdict import Report
@@ -44,7 +45,9 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def bench(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES))] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES), autocompletion=words(BENCHES))
+    ] = None,
     list_all: Annotated[bool, typer.Option("--list", help="Name all benches.")] = False,
     seeds: Annotated[
         int | None,

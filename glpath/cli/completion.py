@@ -44,7 +44,8 @@ def scenes(incomplete: str) -> Completions:
 
 def parameters(ctx: typer.Context, incomplete: str) -> Completions:
     """KEY= of each parameter of the generated scene that the command line names; of all of them before it does."""
-    from glpath.scene.shipped.library import GENERATED, scene_parameters
+    from glpath.scene import scene_parameters
+    from glpath.scene.shipped.library import GENERATED
 
     given = ctx.params.get("scene") or ctx.params.get("scenes")
     named = [given] if isinstance(given, str) else list(given or GENERATED)

@@ -24,7 +24,7 @@ import glpath
 from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes
 from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
-from glpath.terminal import CleanHandler, clean, say
+from glpath.terminal import CleanHandler, say
 
 FAILED, WRONG_USAGE = 1, 2
 
@@ -43,7 +43,15 @@ class Commands(TyperGroup):
                     if text := getattr(part, name, None):
                         setattr(part, name, escape(text))
 
+    def make_context(self, *given: Any, **more: Any) -> Any:
+        with _wrong_usage_as_lines():
+            return super().make_context(*given, **more)
+
     def invoke(self, ctx: Any) -> Any:
+        with _wrong_usage_as_lines():
+            return self._invoke(ctx)
+
+    def _invoke(self, ctx: Any) -> Any:
         with _warnings_and_logs_as_lines(), signals_wait_for_results():
             try:
                 done = super().invoke(ctx)
@@ -57,11 +65,21 @@ class Commands(TyperGroup):
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(INTERRUPTED) from stop
-            except Exception as error:
-                # Wrong usage, which typer prints: it quotes what was typed.
-                if isinstance(getattr(error, "message", None), str):
-                    error.message = clean(error.message)  # type: ignore[attr-defined]
-                raise
+
+
+@contextmanager
+def _wrong_usage_as_lines() -> Iterator[None]:
+    """What the parser finds wrong, in the form of all other errors; typer draws a box."""
+    try:
+        yield
+    except Exception as error:
+        # Click's, of which typer may have a copy of its own. One of them is the help for want of arguments.
+        if not hasattr(error, "format_message") or type(error).__name__ == "NoArgsIsHelpError":
+            raise
+        context = getattr(error, "ctx", None)
+        command = "glpath" if context is None else context.command_path
+        say(f"glpath: error: {error.format_message()}\n  `{command} --help` says what is allowed.", err=True)
+        raise typer.Exit(WRONG_USAGE) from error
 
 
 @contextmanager

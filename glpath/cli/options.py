@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from glpath.cli.completion import words
 from glpath.cli.values import check_choice, colour
 from glpath.errors import UsageError
 from glpath.integrators.settings import INTEGRATORS, Rgb
@@ -71,6 +72,7 @@ def _annotation(option: Option) -> Any:
             help=description[0].upper() + description[1:] + ".",
             show_default=False,
             rich_help_panel=_panel(option),
+            autocompletion=words(setting.words) if setting.words else None,
         ),
     ]
 

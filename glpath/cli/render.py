@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from glpath.cli import completion
+from glpath.cli.completion import words
 from glpath.cli.options import FOR_ALL, option_values, with_integrator_options
-from glpath.cli.scene import HELP, read_scene
+from glpath.cli.scene import HELP, read_scene, seen
 from glpath.cli.signals import INTERRUPTED, arrived, hold, interrupted, result_of
+from glpath.cli.turntable import check_turntable, frame_path, render_turntable
 from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
@@ -29,6 +32,7 @@ from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.film import Film
+    from glpath.scene import Scene
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -60,7 +64,9 @@ def render(
             rich_help_panel=_IMAGE,
         ),
     ],
-    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help=HELP)] = None,
+    scene: Annotated[
+        str | None, typer.Argument(metavar="SCENE", help=HELP, autocompletion=completion.scenes)
+    ] = None,
     job: Annotated[
         Path | None,
         typer.Option(
@@ -95,7 +101,13 @@ def render(
         ),
     ] = None,
     tonemap: Annotated[
-        str, typer.Option(metavar="|".join(TONEMAPS), help="Tone curve of a .png.", rich_help_panel=_IMAGE)
+        str,
+        typer.Option(
+            metavar="|".join(TONEMAPS),
+            help="Tone curve of a .png.",
+            rich_help_panel=_IMAGE,
+            autocompletion=words(TONEMAPS),
+        ),
     ] = "srgb",
     camera_position: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Where it stands.", rich_help_panel=_CAMERA)
@@ -116,19 +128,36 @@ def render(
             metavar="KEY=VALUE",
             help="A parameter of a generated scene; may be repeated.",
             rich_help_panel=_IMAGE,
+            autocompletion=completion.parameters,
         ),
     ] = None,
     integrator: Annotated[
         str,
         typer.Option(
             metavar="|".join(INTEGRATORS),
+            autocompletion=words(INTEGRATORS),
             help="Global illumination, by paths alone or from a radiosity solution; or ray tracing with point "
             "lights and mirrors, by T-buffer or ray by ray.",
             rich_help_panel=_SAMPLING,
         ),
     ] = "path",
+    turntable: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="N images from around the camera's target, about its up: a.png is a-0.png and so on, with the "
+            "exposure of the first.",
+            rich_help_panel=_CAMERA,
+        ),
+    ] = None,
     backend: Annotated[
-        str, typer.Option(metavar="auto|egl|osmesa", help="How OpenGL is reached.", rich_help_panel=_MACHINE)
+        str,
+        typer.Option(
+            metavar="auto|egl|osmesa",
+            help="How OpenGL is reached.",
+            rich_help_panel=_MACHINE,
+            autocompletion=words(("auto", "egl", "osmesa")),
+        ),
     ] = "auto",
     device: Annotated[
         int | None,
@@ -138,7 +167,13 @@ def render(
         bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
     ] = False,
     progress: Annotated[
-        str, typer.Option(metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=_OUTPUT)
+        str,
+        typer.Option(
+            metavar="|".join(MODES),
+            help="Progress on stderr.",
+            rich_help_panel=_OUTPUT,
+            autocompletion=words(MODES),
+        ),
     ] = "auto",
     quiet: Annotated[
         bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)
@@ -177,33 +212,47 @@ def render(
             raise UsageError(f"{option} {count}: must be at least {low}.")
     options = option_values(integrator, options)
     stops = read_exposure(exposure)
+    machine = {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}
+    if turntable is not None:
+        check_turntable(turntable, out, crop, job)
     if job is None:
         assert scene is not None, "asked for above"
-        start, spp = _described(
-            scene,
-            parameters or [],
+        loaded = seen(
+            read_scene(scene, parameters or []),
+            None if resolution is None else read_resolution(resolution),
             {
                 "position": vector("--camera-position", camera_position),
                 "target": vector("--camera-target", camera_target),
                 "up": vector("--camera-up", camera_up),
                 "fov": camera_fov,
             },
-            None if resolution is None else read_resolution(resolution),
-            None if crop is None else read_crop(crop),
-            {"integrator": integrator, "spp": spp, **options},
         )
+        options = {"integrator": integrator, "spp": spp, **options}
+        start, spp = _described(loaded, None if crop is None else read_crop(crop), options)
     else:
         start, spp = _of_file(job)
-    for path in out:
+    for path in out if turntable is None else [frame_path(path, 0, turntable) for path in out]:
         check_writable(path)
         if str(path) == "-" and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
 
     if quiet and progress == "auto":
         progress = "none"
-    film = _film(
-        start, {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}, progress
-    )
+    if turntable is not None:
+        tell = None if progress == "none" else lambda line: say(line, err=True)
+        if render_turntable(
+            loaded,
+            turntable,
+            out,
+            {**options, **machine},
+            lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap),
+            stops,
+            tell,
+            progress == "json",
+        ):
+            raise typer.Exit(INTERRUPTED)
+        return
+    film = _film(start, machine, progress)
     written: list[Path] = []
     failure = None
     if film.path_sets:
@@ -282,30 +331,15 @@ def _refuse_beside_a_job(context: typer.Context) -> None:
         )
 
 
-def _described(
-    scene: str,
-    parameters: Sequence[str],
-    camera: dict[str, Any],
-    resolution: tuple[int, int] | None,
-    crop: tuple[int, int, int, int] | None,
-    options: dict[str, Any],
-) -> tuple[Start, int]:
+def _described(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> tuple[Start, int]:
     """The render of a scene with the options of the command line, and its path sets."""
     from glpath import rendering
 
-    loaded = read_scene(scene, parameters)
     if crop is not None:
-        check_inside(crop, resolution or loaded.camera.resolution)
+        check_inside(crop, scene.camera.resolution)
 
     def start(more: dict[str, Any]) -> Film:
-        return rendering.render(
-            loaded,
-            resolution=resolution,
-            crop=crop,
-            camera={key: value for key, value in camera.items() if value is not None} or None,
-            **options,
-            **more,
-        )
+        return rendering.render(scene, crop=crop, **options, **more)
 
     return start, options["spp"] or INTEGRATORS[options["integrator"]].default_spp
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from glpath.cli import completion
 from glpath.errors import UsageError
 from glpath.scene import Scene, load_scene, parameters_from_options
 from glpath.scene.formats.load import scene_from_toml
@@ -16,11 +18,45 @@ from glpath.scene.place import Place
 
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=HELP)]
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=HELP, autocompletion=completion.scenes)]
 Parameters = Annotated[
     list[str] | None,
-    typer.Option("-D", metavar="KEY=VALUE", help="A parameter of a generated scene; may be repeated."),
+    typer.Option(
+        "-D",
+        metavar="KEY=VALUE",
+        help="A parameter of a generated scene; may be repeated.",
+        autocompletion=completion.parameters,
+    ),
 ]
+
+
+class OptionPlace(Place):
+    """An option of the command line: --camera-up, whose value is written 0,1,0."""
+
+    def __str__(self) -> str:
+        return self.path
+
+    def field(self, name: str) -> Place:
+        path = f"{self.path}-{name}" if self.path else f"--{name}"
+        return OptionPlace("", path.replace("--film-", "--"))
+
+    def written(self, value: object) -> str:
+        parts = np.atleast_1d(np.asarray(value)).tolist()
+        return ("x" if self.path == "--resolution" else ",").join(f"{part:.9g}" for part in parts)
+
+    def setting(self, value: object) -> str:
+        return f"{self.path} {self.written(value)}"
+
+    def error(self, text: str, remedy: str = "") -> UsageError:  # type: ignore[override]
+        return UsageError(f"{self.path} {text}", remedy)
+
+
+def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any]) -> Scene:
+    """The scene with what options replace of its camera; None is not given. Raises UsageError, which names them."""
+    from glpath.rendering.job import with_overrides
+
+    given = {name: value for name, value in camera.items() if value is not None}
+    return with_overrides(scene, resolution, given, OptionPlace(""))
 
 
 def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:

@@ -13,6 +13,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from glpath.cli import completion
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
@@ -21,6 +22,7 @@ from glpath.scene import (
     Material,
     Scene,
     check_scene,
+    scene_parameters,
     scene_schema,
     shipped_scenes,
 )
@@ -59,22 +61,35 @@ def info(
 
 
 def validate(
-    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="TOML files or names of shipped scenes.")],
+    scenes: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENE...", help="Files or names of shipped scenes.", autocompletion=completion.scenes
+        ),
+    ],
     parameters: Parameters = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Take warnings for errors.")] = False,
 ) -> None:
     """Check scenes without rendering. Exits with 1 when one has an error."""
     console = clean_console(soft_wrap=True, highlight=False)
     failed = False
+    told = []
     for name in scenes:
         error, found = _examine(name, parameters)
-        failed |= error is not None or (strict and bool(found))
+        bad = error is not None or (strict and bool(found))
+        failed |= bad
+        if as_json:
+            told.append({"scene": name, "ok": not bad, "error": error, "warnings": found})
+            continue
         if error is not None:
             console.print(f"[red]error[/]    {escape(error)}")
         for warning in found:
             console.print(f"[yellow]warning[/]  {escape(warning)}")
         if error is None and not found:
             console.print(f"[green]ok[/]       {escape(name)}")
+    if as_json:
+        say_json(told, indent=2)
     if failed:
         raise typer.Exit(1)
 
@@ -92,11 +107,28 @@ def schema(
     write_bytes(f"{text}\n".encode(), out)
 
 
-def scenes() -> None:
-    """List the shipped scenes."""
+def scenes(as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False) -> None:
+    """List the shipped scenes, and of generated ones the parameters (-D KEY=VALUE) with their defaults."""
+    shipped = shipped_scenes()
+    if as_json:
+        told = [
+            {
+                "name": name,
+                "description": description,
+                "parameters": {
+                    key: {"default": default, "description": text}
+                    for key, (default, text) in scene_parameters(name).items()
+                },
+            }
+            for name, description in shipped.items()
+        ]
+        say_json(told, indent=2)
+        return
     table = Table("scene", "what it shows", box=None, header_style="bold")
-    for name, description in shipped_scenes().items():
+    for name, description in shipped.items():
         table.add_row(name, escape(description))
+        for key, (default, text) in scene_parameters(name).items():
+            table.add_row("", escape(f"  -D {key}={default}: {text}"), style="dim")
     clean_console().print(table)
 
 

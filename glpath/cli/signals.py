@@ -75,6 +75,13 @@ def hold() -> None:
     _current.held = True
 
 
+def release() -> None:
+    """The result is saved: signals end the command again, and one that had to wait does so now."""
+    _current.held = False
+    if _current.arrived:
+        raise KeyboardInterrupt
+
+
 def interrupted() -> None:
     """A signal came that somebody else took, who gave what there is of a result."""
     _current.arrived = _current.held = True

@@ -39,6 +39,7 @@ from glpath.rendering.options import (
 )
 from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
 from glpath.scene.formats.convert import decode_json
+from glpath.scene.place import Place
 from glpath.sensors import CameraSensor
 
 Window = tuple[int, int, int, int]
@@ -256,8 +257,16 @@ def describe(
     return RenderJob(source, settings, CameraSensor.of(loaded.camera), window, path_sets), loaded
 
 
-def with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any] | None) -> Scene:
-    """The scene with what is replaced of its camera. Raises UsageError, and SceneError for what cannot be."""
+def with_overrides(
+    scene: Scene,
+    resolution: tuple[int, int] | None,
+    camera: Mapping[str, Any] | None,
+    place: Place | None = None,
+) -> Scene:
+    """The scene with what is replaced of its camera, of which an error says that it stands at `place`.
+
+    Raises UsageError, and SceneError for what cannot be.
+    """
     changes: dict[str, Any] = {}
     for name, value in (camera or {}).items():
         if name not in ("position", "target", "up", "fov"):
@@ -270,7 +279,7 @@ def with_overrides(scene: Scene, resolution: tuple[int, int] | None, camera: Map
     if not changes:
         return scene
     changed = scene.with_camera(**changes)
-    check_camera(changed.camera, scene.source or scene.name)
+    check_camera(changed.camera, place or scene.source or scene.name)
     return changed
 
 

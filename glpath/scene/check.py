@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape, sphere_extent
-from glpath.scene.place import Place, shown
+from glpath.scene.place import Place
 
 MAX_PIXELS = 2**28
 
@@ -19,12 +19,14 @@ _PARALLEL = 1e-6
 _TOUCHING = 1e-6
 
 
-def check_camera(camera: Camera, source: str) -> None:
+def check_camera(camera: Camera, source: str | Place) -> None:
     """Raise SceneError for a camera that cannot see: no direction, no up, no angle, no pixels.
 
-    Also for cameras changed by hand (`Scene.with_camera`, `--camera-up`); `source` names the scene in the message.
+    Also for cameras changed by hand (`Scene.with_camera`, `--camera-up`); `source` names the scene in the message,
+    or is its place.
     """
-    place = Place(source, "camera")
+    scene = Place(source) if isinstance(source, str) else source
+    place = scene.field("camera")
     for name in ("position", "target", "up"):
         vector = np.asarray(getattr(camera, name), np.float64)
         if vector.shape != (3,) or not np.isfinite(vector).all():
@@ -35,23 +37,29 @@ def check_camera(camera: Camera, source: str) -> None:
         )
     width, height = camera.resolution
     if not (width >= 1 and height >= 1 and width * height <= MAX_PIXELS):
-        raise Place(source, "film.resolution").wrong(
-            [width, height], f"at least 1 x 1 and at most {MAX_PIXELS:,} pixels", "Choose a smaller resolution."
+        raise (
+            scene.field("film")
+            .field("resolution")
+            .wrong(
+                [width, height], f"at least 1 x 1 and at most {MAX_PIXELS:,} pixels", "Choose a smaller resolution."
+            )
         )
     view = camera.target - camera.position
     distance = np.linalg.norm(view)
+    up = place.field("up")
     if not distance > 1e-12 * np.linalg.norm(camera.position):
         raise place.field("target").error(
-            "is the same point as camera.position, so that the camera looks nowhere.", "Move one of them."
+            f"is the same point as {place.field('position').path}, so that the camera looks nowhere.",
+            "Move one of them.",
         )
     length = np.linalg.norm(camera.up)
     if not length > 0:
-        raise place.field("up").wrong(camera.up, "a vector of any length but zero", "For example up = [0, 1, 0].")
+        raise up.wrong(camera.up, "a vector of any length but zero", f"For example {up.setting([0, 1, 0])}.")
     if np.linalg.norm(np.cross(view / distance, camera.up / length)) < _PARALLEL:
         across = np.eye(3, dtype=int)[np.argmin(np.abs(view))].tolist()
-        raise place.field("up").error(
-            f"is {shown(camera.up)}, parallel to the view from position to target, which leaves the picture no up.",
-            f"Choose another, such as up = {across}.",
+        raise up.error(
+            f"is {up.written(camera.up)}, parallel to the view from position to target, which leaves no up.",
+            f"Choose another, such as {up.setting(across)}.",
         )
 
 

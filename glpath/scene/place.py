@@ -38,13 +38,21 @@ class Place:
         """The place of an element of the list that stands here, counted from 0."""
         return replace(self, path=f"{self.path}[{index}]")
 
+    def written(self, value: object) -> str:
+        """`value` as it is written here."""
+        return shown(value)
+
+    def setting(self, value: object) -> str:
+        """`value` as it is given to what stands here: `up = [0, 1, 0]`."""
+        return f"{self.path.rpartition('.')[2]} = {self.written(value)}"
+
     def error(self, text: str, remedy: str = "") -> SceneError:
         """An error about this place; `text` goes on after its name ("names vertex 9, but ...")."""
         return SceneError(f"{self} {text}", remedy)
 
     def wrong(self, found: object, allowed: str, remedy: str = "") -> SceneError:
         """An error about the value that stands here: what was found and what is allowed."""
-        return self.error(f"is {shown(found)}, but must be {allowed}.", remedy)
+        return self.error(f"is {self.written(found)}, but must be {allowed}.", remedy)
 
 
 class PythonPlace(Place):
