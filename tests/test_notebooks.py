@@ -128,4 +128,4 @@ def test_each_notebook_runs_with_no_more_than_it_names(tmp_path: Path, monkeypat
                 continue
             book = nbformat.read(notebook, 4)
             place = {"metadata": {"path": tmp_path}}
-            NotebookClient(book, kernel_name="only", timeout=240, resources=place).execute()
+            NotebookClient(book, kernel_name="only", timeout=240, startup_timeout=240, resources=place).execute()
