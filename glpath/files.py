@@ -65,8 +65,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     if (kind := _unwritable_kind(path)) is not None:
         raise OSError(f"it is {kind}")
-    # The suffix stays last, as some libraries choose the format by it.
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    temporary = target.with_name(_temporary_name(target))
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield temporary
@@ -115,16 +114,23 @@ def check_writable(path: str | Path) -> None:
         return
     if (kind := _unwritable_kind(path)) is not None:
         raise ImageError(f"{path}: is {kind}.", "Name a file in it." if kind == "a folder" else "Name a file.")
-    folder = Path(os.path.realpath(path)).parent
+    target = Path(os.path.realpath(path))
+    folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
         folder = folder.parent
-    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems.
-    trial = folder / f".glpath.{secrets.token_hex(4)}.part"
+    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems. By
+    # the very name, which may be too long.
+    trial = folder / _temporary_name(target)
     try:
         trial.touch()
         trial.unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
+
+
+def _temporary_name(target: Path) -> str:
+    # The suffix stays last, as some libraries choose the format by it.
+    return f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}"
 
 
 def _mode(path: str | Path) -> int:

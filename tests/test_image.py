@@ -245,3 +245,11 @@ def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
     noisy = radiance * rng.uniform(0.9, 1.1, radiance.shape)
     assert image.auto_exposure(radiance / 8) == image.auto_exposure(radiance) + 3
     assert abs(image.auto_exposure(noisy) - image.auto_exposure(radiance)) <= 0.25
+
+
+@pytest.mark.parametrize("length", [245, 300, 5000])
+def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path: Path) -> None:
+    """245 letters and a suffix fit, but not those of the file that is moved there."""
+    with pytest.raises(ImageError, match="File name too long"):
+        files.check_writable(tmp_path / f"{'a' * length}.png")
+    assert list(tmp_path.iterdir()) == []
