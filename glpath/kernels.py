@@ -20,6 +20,9 @@ from glpath.kernel_cache import KernelCache
 _njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
 
+# NUMBA_DISABLE_JIT leaves plain functions, for debuggers.
+_PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))
+
 Report = Callable[[str], None]
 
 
@@ -33,17 +36,19 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     It works in arrays that it is given, and makes none.
     """
-    return _kept(_for_types(_njit(**_OPTIONS)(function)))
+    return function if _PLAIN else _kept(_for_types(_njit(**_OPTIONS)(function)))
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
     """As `kernel`, for what kernels call: it is compiled as a part of them alone. From Python it runs as Python."""
+    if _PLAIN:
+        return function
     return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True)(function)))
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
     """As `inner_kernel`, for what is called at one place: it is compiled as if it stood there."""
-    return _as_python(_njit(**_OPTIONS, inline="always")(function))
+    return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
 def _as_python(dispatcher: Any) -> Any:

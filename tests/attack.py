@@ -305,7 +305,7 @@ def environments() -> Iterator[tuple[str, dict[str, str | None], dict[str, Any]]
         yield f"{name}={value}", {name: value}, {}
     yield "HOME is a file", {"HOME": "/etc/passwd"}, {}
     yield "no input", {}, {"stdin": None}
-    yield "little memory", {}, {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))}
+    yield "little memory", {}, {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))}
     yield "few files", {}, {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (24, 24))}
     yield "no core", {}, {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_CORE, (0, 0))}
     yield "nice", {}, {"preexec_fn": lambda: os.nice(19)}

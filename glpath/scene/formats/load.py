@@ -71,6 +71,8 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str) -> Sc
         raise _syntax_error(error, text, place) from error
     except RecursionError as error:
         raise _too_deep(place) from error
+    except ValueError as error:  # of an integer of thousands of digits
+        raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     return scene_of(data, place, folder, name)
 
 
