@@ -6,6 +6,7 @@ Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -245,26 +246,28 @@ def picture_size(path: str | Path) -> tuple[int, int]:
         if suffix == ".exr":
             height, width = _exr_header(path)[0]
             return width, height
-        return _pillow_size(path, suffix)
+        return _pillow_header(path, suffix)[:2]
 
 
-def _pillow_size(path: Path, suffix: str) -> tuple[int, int]:
-    """(width, height) of a PNG or JPEG. Raises ValueError where its pixels cannot be in it."""
+def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
+    """Width, height and channels of a PNG or JPEG."""
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 
     # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
     with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
-        width, height = opened.size
-        channels = len(opened.getbands())
-    check_unfolded(width * height * channels, path.stat().st_size)
-    return width, height
+        return *opened.size, len(opened.getbands())
+
+
+def _check_pillow(path: Path, suffix: str) -> None:
+    """Raise ValueError where the pixels that the header promises cannot be in the file."""
+    check_unfolded(math.prod(_pillow_header(path, suffix)), path.stat().st_size)
 
 
 def _read_png(path: Path) -> Float64:
     import imageio.v3 as iio
 
-    _pillow_size(path, ".png")
+    _check_pillow(path, ".png")
     stored = iio.imread(path, plugin="pillow")
     white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
     return decode_srgb(stored / white)
@@ -273,7 +276,7 @@ def _read_png(path: Path) -> Float64:
 def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
-    _pillow_size(path, ".jpg")
+    _check_pillow(path, ".jpg")
     return decode_srgb(iio.imread(path, plugin="pillow", mode="RGB") / 255)  # a JPEG may be CMYK
 
 

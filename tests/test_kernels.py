@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -145,8 +146,7 @@ def a_folder(data: Path) -> None:
 
 
 def no_folder(data: Path) -> None:
-    data.unlink()
-    data.parent.rmdir()
+    shutil.rmtree(data.parent)
     data.parent.write_text("a file where the folder was")
 
 

@@ -95,11 +95,6 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32]:
             f"names a picture that cannot be used. {error}",
             "Open it in another program to see whether it is whole, and write it anew.",
         ) from error
-    if not np.isfinite(stored).all():
-        raise place.error(
-            f"names the picture {path}, in which {np.count_nonzero(~np.isfinite(stored))} values are not finite.",
-            "A texture multiplies the reflectance and lies between 0 and 1: mend the picture.",
-        )
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
         warnings.warn(
