@@ -231,27 +231,32 @@ def run_scenes() -> Iterator[tuple[str, str]]:
     total, done = sum(1 for _ in scenes()), 0
     while done < total:
         command = [sys.executable, __file__, "--child", "scenes", str(done)]
-        child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        assert child.stdout is not None
-        assert child.stderr is not None
-        errors: list[str] = []
-        reader = threading.Thread(target=lambda pipe=child.stderr, into=errors: into.extend(pipe))
-        reader.start()
         name = ""
-        for line in child.stdout:
-            watch = threading.Timer(_SECONDS, child.kill)
-            watch.start()
-            said = json.loads(line)
-            if isinstance(said, list):
-                done, name = said[0] + 1, said[1]
-            else:
-                yield said, f"{name}: {''.join(errors[-3:])}"
+        with (
+            tempfile.TemporaryFile("w+") as errors,
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as child,
+        ):
+            assert child.stdout is not None
+            while True:
+                watch = threading.Timer(_SECONDS, child.kill)
+                watch.start()
+                line = child.stdout.readline()
+                watch.cancel()
+                if not line:
+                    break
+                said = json.loads(line)
+                if isinstance(said, list):
+                    done, name = said[0] + 1, said[1]
+                    continue
+                errors.seek(0)
+                yield said, f"{name}: {errors.read()[-300:]}"
                 name = ""
-            watch.cancel()
-        child.wait()
-        reader.join()
+            child.wait()
         if name:
             yield ("hang" if child.returncode == -signal.SIGKILL else "crash"), name
+        elif done < total:
+            yield "crash", f"after input {done}: exit code {child.returncode}"
+            return
 
 
 def command(*arguments: str | Path) -> list[str]:
