@@ -17,7 +17,6 @@ from glpath.cli.main import app
 from glpath.errors import GlpathError
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
-from glpath.scene.model import Camera
 
 
 @pytest.fixture
@@ -188,15 +187,6 @@ def test_without_embree_the_rest_is_measured_and_nothing_is_claimed(monkeypatch)
     assert (report.holds, set(report.measured)) == (None, {"frame_ms_first", "frame_ms_kept"})
     assert all(row["glpath_ms"] > 0 for row in report.rows)
     assert "embreex cannot be imported" in report.notes[0]
-
-
-def test_a_turntable_goes_around_the_target_once() -> None:
-    camera = Camera(np.array([1.0, 4.0, 2.0]), np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 2.0]), 30.0, (8, 8))
-    around = t_buffer.turntable(camera, 4)
-    np.testing.assert_allclose(around[0].position, camera.position)
-    np.testing.assert_allclose(around[1].position, [-2, 1, 2], atol=1e-12)
-    np.testing.assert_allclose(around[2].position, [1, -2, 2], atol=1e-12)
-    assert all(np.array_equal(c.target, camera.target) for c in around)
 
 
 # Equal error

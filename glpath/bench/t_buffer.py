@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,19 +210,9 @@ def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
         return 1e3 * seconds_of(lambda: tracer.trace_path_set(0), context.gl.finish)
 
     first, kept = [], []
-    for i, camera in enumerate(turntable(scene.camera, FRAMES)):
+    for i, camera in enumerate(scene.camera.turntable(FRAMES)):
         if i % (FRAMES // 6) == 0:
             tracer.shadow_buffer.forget()
             first.append(frame(camera))
         kept.append(frame(camera))
     return {"frame_ms_first": statistics.median(first), "frame_ms_kept": statistics.median(kept)}
-
-
-def turntable(camera: Camera, frames: int) -> list[Camera]:
-    """The camera on its way once around the axis through its target along `up`."""
-    axis = camera.up / np.linalg.norm(camera.up)
-    arm = camera.position - camera.target
-    along = axis * (arm @ axis)
-    across, side = arm - along, np.cross(axis, arm)
-    angles = 2 * np.pi * np.arange(frames) / frames
-    return [replace(camera, position=camera.target + along + np.cos(a) * across + np.sin(a) * side) for a in angles]

@@ -14,10 +14,22 @@ from glpath.cli.completion import words
 from glpath.cli.values import check_choice, colour
 from glpath.errors import UsageError
 from glpath.integrators.settings import INTEGRATORS, Rgb
+from glpath.progress import MODES
 from glpath.rendering.options import Option, options
 
 #: The panel of the help with what all integrators have.
 FOR_ALL = "Sampling"
+OUTPUT = "What is printed"
+
+ProgressOption = Annotated[
+    str,
+    typer.Option(
+        metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=OUTPUT, autocompletion=words(MODES)
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT)
+]
 
 
 def with_integrator_options(function: Callable[..., Any]) -> Callable[..., Any]:

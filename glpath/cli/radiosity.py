@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 
 import typer
 
+from glpath.cli.completion import words
+from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import INTERRUPTED, arrived, interrupted, result_of
+from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
 
 Report = Callable[["RadiosityProgress"], None]
 
-_MESH, _SOLVER, _OUTPUT = "Mesh", "Solver", "What is printed"
+_MESH, _SOLVER = "Mesh", "Solver"
 # Seconds between two lines.
 _LINE_INTERVAL = 5.0
 
@@ -39,12 +42,14 @@ Size = Annotated[
     typer.Option(help="Instead: the longest edge of a patch, scene units.", rich_help_panel=_MESH),
 ]
 MethodOption = Annotated[
-    str, typer.Option(metavar="progressive|matrix|monte-carlo", help="See above.", rich_help_panel=_SOLVER)
+    str,
+    typer.Option(
+        metavar="progressive|matrix|monte-carlo",
+        help="See above.",
+        rich_help_panel=_SOLVER,
+        autocompletion=words(("progressive", "matrix", "monte-carlo")),
+    ),
 ]
-ProgressOption = Annotated[
-    str, typer.Option(metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=_OUTPUT)
-]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)]
 
 
 def register(app: typer.Typer) -> None:
@@ -99,7 +104,7 @@ def radiosity(
     seed: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 0,
     parameters: Parameters = None,
     progress: ProgressOption = "auto",
-    quiet: Quiet = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
 
@@ -110,7 +115,7 @@ def radiosity(
     from glpath.radiosity.solution import check_suffix
 
     check_suffix(out)
-    _check_mode(progress)
+    check_choice("--progress", progress, MODES)
     loaded = read_scene(scene, parameters)
     check_writable(out)
     options: dict[str, Any] = {
@@ -145,7 +150,7 @@ def bake(
     ] = None,
     parameters: Parameters = None,
     progress: ProgressOption = "auto",
-    quiet: Quiet = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Write a scene with its light baked into vertex colours, as glTF (.glb), for any viewer.
 
@@ -155,7 +160,7 @@ def bake(
     from glpath.radiosity.glb import check_suffix
 
     check_suffix(out)
-    _check_mode(progress)
+    check_choice("--progress", progress, MODES)
     if not abs(exposure) <= 100:
         raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
     mesh = {"patches": patches, "size": size, "adaptive": adaptive}
@@ -219,11 +224,6 @@ def _summary(solution: RadiositySolution) -> Iterator[str]:
     if "particles" in s:
         error = "" if s["error_of_mean"] is None else f", error of the mean {percent(s['error_of_mean'])}"
         yield f"  {s['particles']:,} particles, {s['hits']:,} hits{error}"
-
-
-def _check_mode(mode: str) -> None:
-    if mode not in MODES:
-        raise UsageError(f"--progress {mode}: there is no such choice. Allowed: {', '.join(MODES)}.")
 
 
 def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:

@@ -8,14 +8,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from glpath.cli import completion
 from glpath.cli.completion import words
-from glpath.cli.options import FOR_ALL, option_values, with_integrator_options
-from glpath.cli.scene import HELP, read_scene, seen
+from glpath.cli.options import (
+    FOR_ALL,
+    OUTPUT,
+    ProgressOption,
+    QuietOption,
+    option_values,
+    with_integrator_options,
+)
+from glpath.cli.scene import HELP, parameters_option, read_scene, seen
 from glpath.cli.signals import INTERRUPTED, arrived, hold, interrupted, result_of
 from glpath.cli.turntable import check_turntable, frame_path, render_turntable
 from glpath.cli.values import check_choice, check_inside, vector
@@ -42,7 +49,7 @@ _TESTS = {
     "secondary": "reflections",
 }
 
-_IMAGE, _CAMERA, _MACHINE, _OUTPUT = "Image", "Camera", "Machine", "What is printed"
+_IMAGE, _CAMERA, _MACHINE = "Image", "Camera", "Machine"
 _SAMPLING = FOR_ALL
 
 
@@ -121,16 +128,7 @@ def render(
     camera_fov: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Vertical field of view.", rich_help_panel=_CAMERA)
     ] = None,
-    parameters: Annotated[
-        list[str] | None,
-        typer.Option(
-            "-D",
-            metavar="KEY=VALUE",
-            help="A parameter of a generated scene; may be repeated.",
-            rich_help_panel=_IMAGE,
-            autocompletion=completion.parameters,
-        ),
-    ] = None,
+    parameters: Annotated[list[str] | None, parameters_option(_IMAGE)] = None,
     integrator: Annotated[
         str,
         typer.Option(
@@ -166,22 +164,12 @@ def render(
     require_gpu: Annotated[
         bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
     ] = False,
-    progress: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(MODES),
-            help="Progress on stderr.",
-            rich_help_panel=_OUTPUT,
-            autocompletion=words(MODES),
-        ),
-    ] = "auto",
-    quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)
-    ] = False,
+    progress: ProgressOption = "auto",
+    quiet: QuietOption = False,
     verbose: Annotated[
         bool,
         typer.Option(
-            "-v", "--verbose", help="Also settings and time by stage, which costs some.", rich_help_panel=_OUTPUT
+            "-v", "--verbose", help="Also settings and time by stage, which costs some.", rich_help_panel=OUTPUT
         ),
     ] = False,
     **options: Any,
@@ -256,6 +244,7 @@ def render(
     written: list[Path] = []
     failure = None
     if film.path_sets:
+        stops = film.exposure_stops(stops)
         saves: dict[Path, Save] = {path: lambda at: film.save(at, exposure=stops, tonemap=tonemap) for path in out}
         written, failure = save_all(
             saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
@@ -367,10 +356,8 @@ def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:
     say(f"glpath: interrupted: {text}", err=True)
 
 
-def _summary(
-    film: Film, written: Sequence[Path], exposure: float | Literal["auto"] | None, verbose: bool
-) -> Iterator[str]:
-    """What was rendered, on what, how fast and how well."""
+def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool) -> Iterator[str]:
+    """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
     if not film.path_sets:
         return
     m = film.metadata
@@ -399,7 +386,7 @@ def _summary(
         for stage, milliseconds in m.statistics.get("stage_ms", {}).items():
             yield f"  {stage}: {milliseconds / film.path_sets:.3g} ms per path set"
     for path in written:
-        shown = f", exposure {film.exposure_stops(exposure):+g} stops" if path.suffix.lower() == ".png" else ""
+        shown = f", exposure {stops:+g} stops" if path.suffix.lower() == ".png" else ""
         yield f"wrote {path}{shown}"
 
 

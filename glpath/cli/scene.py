@@ -19,15 +19,20 @@ from glpath.scene.place import Place
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=HELP, autocompletion=completion.scenes)]
-Parameters = Annotated[
-    list[str] | None,
-    typer.Option(
+
+
+def parameters_option(panel: str | None = None) -> Any:
+    """`-D`, in a panel of the help."""
+    return typer.Option(
         "-D",
         metavar="KEY=VALUE",
         help="A parameter of a generated scene; may be repeated.",
+        rich_help_panel=panel,
         autocompletion=completion.parameters,
-    ),
-]
+    )
+
+
+Parameters = Annotated[list[str] | None, parameters_option()]
 
 
 class OptionPlace(Place):

@@ -58,12 +58,11 @@ def render_turntable(
     """
     from glpath.rendering import render_frames
 
-    cameras = [scene.camera.turned(360.0 * i / count) for i in range(count)]
     started = time.perf_counter()
     stops: float | None = None
     done = 0
     try:
-        for i, film in enumerate(render_frames(scene, cameras, **options)):
+        for i, film in enumerate(render_frames(scene, scene.camera.turntable(count), **options)):
             hold()
             stops = film.exposure_stops(exposure) if stops is None else stops
             paths = [frame_path(path, i, count) for path in out]

@@ -16,16 +16,15 @@ _ZOOM_PER_NOTCH = 1.15
 
 def turned(camera: Camera, right: float, down: float) -> Camera:
     """The camera gone about its target as the pointer drags the scene by so many pixels; never over the pole."""
+    camera = camera.turned(-_DEGREES_PER_PIXEL * right)
     up = camera.up / np.linalg.norm(camera.up)
     arm = camera.position - camera.target
     length = np.linalg.norm(arm)
     height = np.degrees(np.arcsin(np.clip(arm @ up / length, -1, 1)))
     flat = arm - (arm @ up) * up
-    along = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0 else camera.frame()[1]
+    direction = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0 else camera.frame()[1]
     steepest = max(_STEEPEST, abs(height))
     angle = np.radians(np.clip(height + _DEGREES_PER_PIXEL * down, -steepest, steepest))
-    around = np.radians(-_DEGREES_PER_PIXEL * right)
-    direction = np.cos(around) * along + np.sin(around) * np.cross(up, along)
     position = camera.target + length * (np.cos(angle) * direction + np.sin(angle) * up)
     return replace(camera, position=position)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pyrr import matrix33
 
 from glpath.scene.geometry import Float64
 
@@ -38,17 +39,14 @@ class Camera:
         return right, np.cross(right, forward), forward
 
     def turned(self, degrees: float) -> Camera:
-        """The camera carried around its target, about the axis `up` through it; counter-clockwise seen from above.
-
-        Equal steps of a full turn make a turntable.
-        """
-        axis, angle = self.up / np.linalg.norm(self.up), np.radians(degrees)
+        """The camera carried around its target, about the axis `up` through it, counter-clockwise from above."""
         arm = self.position - self.target
-        # Rodrigues' rotation formula.
-        turned = (
-            np.cos(angle) * arm + np.sin(angle) * np.cross(axis, arm) + (1.0 - np.cos(angle)) * (axis @ arm) * axis
-        )
-        return replace(self, position=self.target + turned)
+        rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
+        return replace(self, position=self.target + arm @ rotation)
+
+    def turntable(self, frames: int) -> list[Camera]:
+        """The camera at so many equal steps of its way once around the target."""
+        return [self.turned(360.0 * i / frames) for i in range(frames)]
 
     @property
     def focal(self) -> float:
