@@ -1,7 +1,7 @@
 """The live view in a real browser: JupyterLab on the loopback, and Chromium without a screen, driven by Selenium.
 
 Needs Debian's chromium and chromium-driver and the extra `browser`; `make evidence` installs them, and without them
-these tests are skipped. `pytest -m evidence -s tests/test_live_view.py -k rate` prints the rates.
+these tests are skipped. `pytest -m evidence -s tests/test_live_view.py -k frames` prints the rates.
 """
 
 from __future__ import annotations
