@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -15,10 +16,12 @@ class Beside:
     """A Python program in the background, of the lowest priority.
 
     seconds : that it ran, without those in which it stood still
+    enough  : seconds after which it may stand still for good, as it would only take time from the tests
     """
 
-    def __init__(self, arguments: list[str], log: Path, **environment: str) -> None:
+    def __init__(self, arguments: list[str], log: Path, enough: float = math.inf, **environment: str) -> None:
         self._log = log
+        self.enough = enough
         with log.open("wb") as file:
             self.process = subprocess.Popen(
                 ["nice", "-n", "19", sys.executable, "-X", "faulthandler", *arguments],
@@ -41,10 +44,14 @@ class Beside:
         return self._before + (time.monotonic() - self._since if self._since is not None else 0.0)
 
     def stand_still(self) -> None:
+        if self._since is None:
+            return
         self._before, self._since = self.seconds, None
         self.process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
+        if self._since is not None or self.seconds >= self.enough:
+            return
         self._since = time.monotonic()
         self.process.send_signal(signal.SIGCONT)
 

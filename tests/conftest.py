@@ -60,7 +60,8 @@ def pytest_sessionfinish() -> None:
 
 @pytest.fixture(autouse=True)
 def quiet_where_time_is_measured(request: pytest.FixtureRequest) -> Iterator[None]:
-    still = list(beside.running.values()) if request.node.get_closest_marker("timed") else []
+    timed = request.node.get_closest_marker("timed") is not None
+    still = [one for one in beside.running.values() if timed or one.seconds >= one.enough]
     for one in still:
         one.stand_still()
     yield

@@ -50,6 +50,7 @@ class Stress(beside.Beside):
         super().__init__(
             [str(HERE / "stress.py"), "3600", str(threads), *arguments],
             self.count.with_suffix(".log"),
+            SECONDS,
             LD_PRELOAD=str(library),
             SLOW_BROADCAST_COUNT=str(self.count),
             PYTHONPATH=os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
