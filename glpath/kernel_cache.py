@@ -20,7 +20,7 @@ import logging
 import os
 import pickle
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -65,12 +65,16 @@ def _short(text: str) -> str:
 
 
 class KernelCache(FunctionCache):
-    """The cache of one function, a file for each signature."""
+    """The cache of one function, a file for each signature.
 
-    def __init__(self, function: Any) -> None:
+    on_wait : told the function's name where another process is compiling it
+    """
+
+    def __init__(self, function: Any, on_wait: Callable[[str], None] | None = None) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
+        self._on_wait = on_wait
         # While it is set, the first signature that is not found is compiled by one process alone.
         self.alone: ExitStack | None = None
 
@@ -83,9 +87,14 @@ class KernelCache(FunctionCache):
         target_context.refresh()
         found = self._stored(sig, target_context)
         if found is None and self.alone is not None:
-            self.alone.enter_context(_alone(self._file(sig, target_context.codegen()).with_suffix(".lock")))
+            lock = self._file(sig, target_context.codegen()).with_suffix(".lock")
+            self.alone.enter_context(_alone(lock, self._tell_of_wait))
             found = self._stored(sig, target_context)
         return found
+
+    def _tell_of_wait(self) -> None:
+        if self._on_wait is not None:
+            self._on_wait(self._py_func.__name__)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled; where that is impossible, say so once."""
@@ -138,10 +147,12 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
+def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
     """Hold a lock among processes; go on without it where there can be none, or after a minute."""
     until = time.monotonic() + _PATIENCE
     handle = _locked(path)
+    if handle is None:
+        on_wait()
     while handle is None and time.monotonic() < until:
         time.sleep(0.05)
         handle = _locked(path)

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -23,6 +24,10 @@ log = logging.getLogger("glpath")
 # NUMBA_DISABLE_JIT leaves plain functions, for debuggers.
 _PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))
 
+#: The one kernel that this process compiles, the others being plain functions; None for all.
+#: Set before any is made.
+only: str | None = None
+
 Report = Callable[[str], None]
 
 
@@ -36,7 +41,8 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     It works in arrays that it is given, and makes none.
     """
-    return function if _PLAIN else _kept(_for_types(_njit(**_OPTIONS)(function)))
+    plain = _PLAIN or (only is not None and function.__name__ != only)
+    return function if plain else _kept(_for_types(_njit(**_OPTIONS)(function)))
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
@@ -93,7 +99,12 @@ class _Compilations:
     def begin(self, name: str) -> None:
         self.done += 1
         count = f" {self.done}/{max(self.expected, self.done)}" if self.expected else ""
-        text = f"compiling kernels: {name.strip('_')}{count}"
+        self._tell(f"compiling kernels: {name.strip('_')}{count}")
+
+    def wait(self, name: str) -> None:
+        self._tell(f"waiting for {name.strip('_')}, which another process compiles")
+
+    def _tell(self, text: str) -> None:
         if self.report is not None:
             self.report(text)
         else:
@@ -106,12 +117,14 @@ _compilations = _Compilations()
 
 def waiting(kernels: Iterable[Any]) -> int:
     """How many of the kernels have yet to be compiled: neither this process nor the cache has them."""
-    return sum(not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any())) for k in kernels)
+    made = [k for k in kernels if not isinstance(k, FunctionType)]
+    return sum(not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any())) for k in made)
 
 
 def cache_folder(kernel: Any) -> Path | None:
     """Where a kernel is kept; None where no folder can be written to."""
-    return Path(kernel._cache.cache_path) if isinstance(kernel._cache, KernelCache) else None
+    cache = getattr(kernel, "_cache", None)
+    return Path(cache.cache_path) if isinstance(cache, KernelCache) else None
 
 
 @contextmanager
@@ -150,10 +163,9 @@ event.register("numba:compile", _Outermost())  # type: ignore[no-untyped-call]
 def _kept(dispatcher: Any) -> Any:
     """The function, with a cache, and compiled by one process at a time."""
     cache = None
-    with suppress(
-        RuntimeError
-    ):  # numba's, where neither the folder of the file nor the user's cache can be written to
-        cache = dispatcher._cache = KernelCache(dispatcher.py_func)
+    # Numba raises where neither the folder of the file nor the user's cache can be written to.
+    with suppress(RuntimeError):
+        cache = dispatcher._cache = KernelCache(dispatcher.py_func, _compilations.wait)
     compile_now = dispatcher.compile
 
     def compile_alone(signature: Any) -> Any:

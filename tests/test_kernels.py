@@ -17,6 +17,9 @@ import pytest
 
 from glpath import kernels
 from glpath.kernel_cache import room_stamp
+from glpath.radiosity.solvers import ahead
+from glpath.radiosity.solvers.needed import kernels_of
+from glpath.radiosity.solvers.solve import METHODS
 
 INNER = """
 from typing import NamedTuple
@@ -211,6 +214,7 @@ def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
     said = [process.communicate(timeout=100) for process in both]
     assert [out.strip() for out, _ in said] == ["2.0", "2.0"]
     assert sorted(err.count("compiling kernels: outer") for _, err in said) == [0, 1]
+    assert sorted(err.count("waiting for outer, which another process compiles") for _, err in said) == [0, 1]
     assert not list((tmp_path / "__pycache__").glob("*.lock"))
 
 
@@ -236,3 +240,83 @@ def test_a_part_of_a_kernel_runs_as_python_when_python_calls_it() -> None:
 
     assert twice("a") == "aa"
     assert thrice("a") == "aaa"
+
+
+FACTORIES = """
+from glpath import kernels
+kernels.only = "second"
+
+@kernels.kernel
+def first(x):
+    return 2 * x
+
+@kernels.kernel
+def second(x):
+    return 3 * x
+
+assert (first(1), second(1)) == (2, 3)
+assert kernels.waiting([first, second]) == 0
+print(type(first).__name__, len(second.signatures))
+"""
+
+
+def test_a_process_can_be_told_to_compile_one_kernel_only(tmp_path: Path) -> None:
+    (tmp_path / "factories.py").write_text(FACTORIES)
+    done = subprocess.run(
+        [sys.executable, "factories.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "function 1", done.stderr
+
+
+class Kernel:
+    """What `compile_ahead` asks a kernel: is it compiled?"""
+
+    def __init__(self, name: str, compiled: bool) -> None:
+        self.__name__ = name
+        self.signatures = [()] if compiled else []
+        self._cache = object.__new__(kernels.KernelCache)
+        self._cache.holds_any = lambda: False  # type: ignore[method-assign]
+        self._cache._cache_path = "/tmp"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("largest", "others", "cores", "processes"),
+    [(False, 3, 2, 1), (True, 3, 2, 0), (False, 2, 2, 0), (False, 3, 1, 0)],
+    ids=["all to do", "the largest is there", "not worth it", "one core"],
+)
+def test_a_process_compiles_the_largest_kernel_ahead(
+    largest: bool, others: int, cores: int, processes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[list[str]] = []
+
+    class Process:
+        def __init__(self, arguments: list[str], **_: object) -> None:
+            started.append(arguments)
+
+        def wait(self) -> int:
+            return 0
+
+    monkeypatch.setattr(ahead.subprocess, "Popen", Process)
+    monkeypatch.setattr(ahead.os, "sched_getaffinity", lambda _: set(range(cores)))
+    needed = [Kernel(ahead.LARGEST, largest), *(Kernel(f"k{i}", i >= others) for i in range(5))]
+    ahead.compile_ahead(needed)
+    assert len(started) == processes
+
+
+def test_the_largest_kernel_is_one_that_a_solution_needs() -> None:
+    names = {k.__name__ for method in METHODS for k in kernels_of(method, direct_light=True)}
+    assert ahead.LARGEST in names
+
+
+@pytest.mark.evidence
+def test_the_first_solution_compiles_in_two_processes(tmp_path: Path) -> None:
+    """The other process meets the very types that this one asks for, or it would be compiled twice."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "glpath", "radiosity", "cornell-box", "--patches", "40"]
+    done = subprocess.run(
+        [*command, "-o", str(tmp_path / "box.npz")], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "compiling kernels: factors" in done.stderr
+    assert f"compiling kernels: {ahead.LARGEST}" not in done.stderr
+    assert len(list(tmp_path.rglob(f"casting.{ahead.LARGEST}*.nbc"))) == 1

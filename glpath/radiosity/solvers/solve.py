@@ -24,6 +24,7 @@ from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import matrix, monte_carlo
+from glpath.radiosity.solvers.ahead import compile_ahead
 from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import AnyScene, Scene, load_scene, path_traceable
@@ -195,8 +196,9 @@ def solve_radiosity(
     mesh = Mesh.uniform(triangles, divisions, surface, splits)
     run = _Run(triangles, method, _settings(options, size), on_progress)
     lighting = Lighting.of(triangles)
-    to_compile = waiting(kernels_of(method, bool(lighting.punctual) or lighting.sky is not None))
-    with announced(to_compile, None if on_progress is None else run.compiling):
+    needed = kernels_of(method, bool(lighting.punctual) or lighting.sky is not None)
+    compile_ahead(needed)
+    with announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
             return _monte_carlo(run, mesh, particles, seed)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))

@@ -1,0 +1,66 @@
+"""The largest kernel, compiled by a second process while this one compiles the others.
+
+Numba compiles under Python's lock, one kernel after the other: on a new machine half of the first solution's time
+is that of the ray caster, `casting.cast_groups`. Whoever is about to compile several kernels lets another process
+begin with it; both keep what they compile in the same cache, where this process finds it, or waits for it
+(`kernel_cache`). Nothing depends on the other process: where it cannot run, this one compiles that kernel as well.
+
+The other process solves two facing squares with plain Python in the place of all other kernels. So the kernel meets
+arguments of the very types that it has elsewhere, and no list of types has to be kept.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.spawn import get_executable
+from typing import Any
+
+from glpath.kernels import cache_folder, waiting
+
+LARGEST = "cast_groups"
+#: Fewer kernels besides take less time than the other process to start.
+_WORTH_A_PROCESS = 3
+
+# The path of modules is this process's; without it a file beside the user's script could stand in for a module.
+_CODE = f"""
+import sys
+sys.path[:] = sys.argv[1:]
+from glpath import kernels
+kernels.only = {LARGEST!r}
+from glpath.radiosity.solvers import ahead
+ahead.solve_something()
+"""
+
+
+def compile_ahead(needed: Sequence[Any]) -> None:
+    """Begin to compile the largest of the kernels needed, where that is worth a process."""
+    largest = [k for k in needed if k.__name__ == LARGEST]
+    others = [k for k in needed if k.__name__ != LARGEST]
+    if not waiting(largest) or waiting(others) < _WORTH_A_PROCESS:
+        return
+    if len(os.sched_getaffinity(0)) == 1 or cache_folder(largest[0]) is None:
+        return
+    with suppress(OSError):  # no program to be started, or too many of them
+        process = subprocess.Popen(
+            [os.fsdecode(get_executable()), "-c", _CODE, *sys.path],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        # Somebody has to ask for its end, or it stays in the table of processes.
+        threading.Thread(target=process.wait, daemon=True, name="kernel compiled ahead").start()
+
+
+def solve_something() -> None:
+    """What calls the largest kernel."""
+    from glpath.radiosity.solvers.solve import solve_radiosity
+
+    lamp = {"type": "quad", "corners": [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]], "emission": {"radiance": 1}}
+    wall = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
+    camera = {"position": [0, 0, 3], "target": [0, 0, 0]}
+    solve_radiosity({"camera": camera, "shapes": [lamp, wall]}, patches=1, max_steps=1)
