@@ -5,6 +5,7 @@ What is compiled is named while it is, since it takes seconds; see `announced`.
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -24,9 +25,9 @@ log = logging.getLogger("glpath")
 # NUMBA_DISABLE_JIT leaves plain functions, for debuggers.
 _PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))
 
-#: The one kernel that this process compiles, the others being plain functions; None for all.
+#: The names of the kernels that this process compiles, the others being plain functions; None for all.
 #: Set before any is made.
-only: str | None = None
+only: frozenset[str] | None = None
 
 Report = Callable[[str], None]
 
@@ -41,7 +42,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     It works in arrays that it is given, and makes none.
     """
-    plain = _PLAIN or (only is not None and function.__name__ != only)
+    plain = _PLAIN or (only is not None and function.__name__ not in only)
     return function if plain else _kept(_for_types(_njit(**_OPTIONS)(function)))
 
 
@@ -160,6 +161,21 @@ class _Outermost(event.Listener):
 event.register("numba:compile", _Outermost())  # type: ignore[no-untyped-call]
 
 
+@contextmanager
+def _running() -> Iterator[None]:
+    """While a kernel is compiled, with all kernels that it calls."""
+    # All that the compiler makes is in use, and to look for cyclic garbage in it takes a twelfth of the time.
+    collects = gc.isenabled()
+    gc.disable()
+    _compilations.running = True
+    try:
+        yield
+    finally:
+        _compilations.running = False
+        if collects:
+            gc.enable()
+
+
 def _kept(dispatcher: Any) -> Any:
     """The function, with a cache, and compiled by one process at a time."""
     cache = None
@@ -169,19 +185,16 @@ def _kept(dispatcher: Any) -> Any:
     compile_now = dispatcher.compile
 
     def compile_alone(signature: Any) -> Any:
-        with global_compiler_lock:
-            if _compilations.running:
+        with global_compiler_lock, ExitStack() as alone:
+            if not _compilations.running:
+                alone.enter_context(_running())
+            if cache is not None:
+                cache.alone = alone
+            try:
                 return compile_now(signature)
-            with ExitStack() as alone:
-                _compilations.running = True
+            finally:
                 if cache is not None:
-                    cache.alone = alone
-                try:
-                    return compile_now(signature)
-                finally:
-                    _compilations.running = False
-                    if cache is not None:
-                        cache.alone = None
+                    cache.alone = None
 
     dispatcher.compile = compile_alone
     return dispatcher

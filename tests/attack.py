@@ -380,6 +380,8 @@ def whole(film: Path) -> bool:
 def run_kills() -> Iterator[tuple[str, str]]:
     """Signals at some moment of a render that replaces a film, once or more."""
     rng = random.Random(1)
+    # Under nohup SIGHUP is ignored, and would be by the children; a handler of one's own makes it a signal again.
+    signal.signal(signal.SIGHUP, lambda *_: None)
     with tempfile.TemporaryDirectory() as folder:
         film, picture = Path(folder, "film.npz"), Path(folder, "a.png")
         subprocess.run(command(*_RENDER, "-o", film, "--spp", "1"), check=True, capture_output=True)

@@ -266,7 +266,7 @@ def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
         values[begin + i] = spare[i]
 
 
-@inner_kernel
+@kernel  # and not a part of its callers, so that it can be compiled beside them
 def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
     """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
     share = ENDS if settings.tolerance else 0.0

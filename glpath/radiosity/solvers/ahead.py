@@ -1,12 +1,13 @@
-"""The largest kernel, compiled by a second process while this one compiles the others.
+"""The largest kernels, compiled by processes beside this one, which meanwhile compiles the others.
 
 Numba compiles under Python's lock, one kernel after the other: on a new machine half of the first solution's time
-is that of the ray caster, `casting.cast_groups`. Whoever is about to compile several kernels lets another process
-begin with it; both keep what they compile in the same cache, where this process finds it, or waits for it
-(`kernel_cache`). Nothing depends on the other process: where it cannot run, this one compiles that kernel as well.
+is that of the ray caster, `casting.cast_groups`. Whoever is about to compile several kernels lets other processes
+begin with it, and with the largest kernel that it calls. All keep what they compile in one cache, where each finds
+what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: where they cannot run, this one
+compiles all.
 
-The other process solves two facing squares with plain Python in the place of all other kernels. So the kernel meets
-arguments of the very types that it has elsewhere, and no list of types has to be kept.
+They solve two facing squares with plain Python in the place of all other kernels. So a kernel meets arguments of
+the very types that it has elsewhere, and no list of types has to be kept.
 """
 
 from __future__ import annotations
@@ -22,16 +23,17 @@ from typing import Any
 
 from glpath.kernels import cache_folder, waiting
 
-LARGEST = "cast_groups"
-#: Fewer kernels besides take less time than the other process to start.
+#: Each with those that it calls behind it.
+LARGEST = ("cast_groups", "shaft_list")
+#: Fewer kernels besides take less time than the other processes to start.
 _WORTH_A_PROCESS = 3
 
 # The path of modules is this process's; without it a file beside the user's script could stand in for a module.
-_CODE = f"""
+_CODE = """
 import sys
-sys.path[:] = sys.argv[1:]
+names, *sys.path = sys.argv[1:]
 from glpath import kernels
-kernels.only = {LARGEST!r}
+kernels.only = frozenset(names.split())
 from glpath.radiosity.solvers import ahead
 ahead.solve_something()
 """
@@ -39,25 +41,26 @@ ahead.solve_something()
 
 def compile_ahead(needed: Sequence[Any]) -> None:
     """Begin to compile the largest of the kernels needed, where that is worth a process."""
-    largest = [k for k in needed if k.__name__ == LARGEST]
-    others = [k for k in needed if k.__name__ != LARGEST]
+    largest = [k for k in needed if k.__name__ in LARGEST]
+    others = [k for k in needed if k.__name__ not in LARGEST]
     if not waiting(largest) or waiting(others) < _WORTH_A_PROCESS:
         return
     if len(os.sched_getaffinity(0)) == 1 or cache_folder(largest[0]) is None:
         return
-    with suppress(OSError):  # no program to be started, or too many of them
-        process = subprocess.Popen(
-            [os.fsdecode(get_executable()), "-c", _CODE, *sys.path],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        # Somebody has to ask for its end, or it stays in the table of processes.
-        threading.Thread(target=process.wait, daemon=True, name="kernel compiled ahead").start()
+    for i in range(len(LARGEST)):
+        with suppress(OSError):  # no program to be started, or too many of them
+            process = subprocess.Popen(
+                [os.fsdecode(get_executable()), "-c", _CODE, " ".join(LARGEST[i:]), *sys.path],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            # Somebody has to ask for its end, or it stays in the table of processes.
+            threading.Thread(target=process.wait, daemon=True, name="kernels compiled ahead").start()
 
 
 def solve_something() -> None:
-    """What calls the largest kernel."""
+    """What calls the largest kernels."""
     from glpath.radiosity.solvers.solve import solve_radiosity
 
     lamp = {"type": "quad", "corners": [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]], "emission": {"radiance": 1}}
