@@ -23,9 +23,9 @@ def mitsuba() -> NDArray[np.float64]:
     return read_image(REFERENCE)
 
 
-def test_256_path_sets_are_within_6e_4_of_mitsuba(mitsuba: NDArray[np.float64]) -> None:
-    film = glpath.render("cornell-box-36", spp=256, max_depth=3)
-    assert relative_mse(film.mean, mitsuba) <= 6e-4
+def test_128_path_sets_are_within_1_2e_3_of_mitsuba(mitsuba: NDArray[np.float64]) -> None:
+    film = glpath.render("cornell-box-36", spp=128, max_depth=3)
+    assert relative_mse(film.mean, mitsuba) <= 1.2e-3
     assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
     # Crowding is weighed up, but it costs: a change that loses more is a change for the worse.
     assert film.metadata.statistics["paths_lost"] < 0.04 * film.metadata.statistics["paths_cast"]

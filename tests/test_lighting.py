@@ -96,7 +96,7 @@ def test_the_sky_is_sampled_by_its_radiance(zenith: float, horizon: float) -> No
     up = np.array([0.6, 0.0, 0.8])
     scene = scene_of(sky={"zenith": [zenith, zenith, 3 * zenith], "horizon": horizon, "up": up.tolist()})
     lighting = Lighting.of(scene)
-    drawn = samples(lighting)
+    drawn = samples(lighting, 5000)
     wi = -np.array([p.direction for p in drawn])
     density = np.array([p.density for p in drawn])
     np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0)
@@ -109,9 +109,9 @@ def test_the_sky_is_sampled_by_its_radiance(zenith: float, horizon: float) -> No
     bins = np.linspace(-1, 1, 9)
     expected, _ = np.histogram(directions @ up, bins, weights=uniform * 4 * np.pi / len(directions))
     found, _ = np.histogram(wi @ up, bins)
-    np.testing.assert_allclose(found / len(wi), expected, atol=0.012)
+    np.testing.assert_allclose(found / len(wi), expected, atol=0.02)
     # About up there is no preferred direction.
-    assert np.linalg.norm((wi - np.outer(wi @ up, up)).mean(axis=0)) < 0.02
+    assert np.linalg.norm((wi - np.outer(wi @ up, up)).mean(axis=0)) < 0.04
 
 
 def test_irradiance_of_punctual_lights_by_their_closed_forms() -> None:

@@ -169,9 +169,9 @@ def test_the_gather_is_path_tracing(kind: str) -> None:
         resolution=(24, 24),
     )  # fmt: skip
     solution = solve_radiosity(scene, patches=600, receiver_points=4)
-    traced = glpath.render(scene, spp=512, max_depth=8)
-    gathered = glpath.render(scene, integrator="gather", radiosity=solution, spp=512)
+    traced = glpath.render(scene, spp=256, max_depth=8)
+    gathered = glpath.render(scene, integrator="gather", radiosity=solution, spp=256)
     assert gathered.mean.mean() == pytest.approx(traced.mean.mean(), rel=0.01)
-    direct = glpath.render(scene, spp=512, max_depth=1)
+    direct = glpath.render(scene, spp=128, max_depth=1)
     # Most of it is not what a picture of direct light alone has.
     assert direct.mean.mean() < 0.97 * gathered.mean.mean()
