@@ -25,8 +25,7 @@ render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png 
 	$(BIN)/glpath render cornell-box -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
 
 test: lint ## set up, check the style and the types, run the test suite and the notebooks
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence"
-	$(BIN)/python -m pytest -n $(JOBS) --nbmake --nbmake-timeout=240 notebooks
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --nbmake-timeout=240 tests notebooks
 
 lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/ruff check .

@@ -1,6 +1,6 @@
 """Sample points of a path set, from a counter: (seed, path set, use) and nothing else.
 
-All paths of a set share their directions and their light point [PB 3.1, 3.3], so these are a handful of numbers per
+All paths of a set share their directions and their light point [PB 3.1, 3.3], so these are a handful of numbers a
 set, made on the CPU. By default they are one point of an Owen-scrambled Sobol sequence: the error then falls almost
 as 1/n instead of 1/sqrt(n). `random` is independent uniform numbers, as in the paper.
 
@@ -17,6 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.sobol import DIMENSIONS, sobol_points, sobol_points_at
+
 Sampling = Literal["sobol", "random"]
 
 # Order of the dimensions: the best ones of the sequence to what varies most, the first two directions. Measured on
@@ -24,7 +26,8 @@ Sampling = Literal["sobol", "random"]
 _DIRECTIONS = ((0, 1, 4, 5), (2, 3, 6, 7))
 _LIGHT = slice(8, 11)
 _PIXEL = slice(11, 13)
-_FURTHER_DIRECTIONS = 13
+_FURTHER_DIRECTIONS = slice(13, 61)
+_SEQUENCE_BOUNCES = 14  # that have their numbers from the sequence
 
 
 @dataclass(frozen=True)
@@ -55,8 +58,9 @@ class PathSetSampler:
 
     def __init__(self, seed: int, max_depth: int, sampling: Sampling = "sobol") -> None:
         self.seed = seed
-        # In steps of 64, as the scrambling depends on how many there are: so depths up to 15 share their numbers.
-        self.dimensions = -(-(_FURTHER_DIRECTIONS + 4 * max(max_depth - 3, 0)) // 64) * 64
+        bounces = max(max_depth - 1, 0)
+        # Always all of the sequence's dimensions, so that depths up to 15 share their numbers.
+        self.dimensions = DIMENSIONS + 4 * max(bounces - _SEQUENCE_BOUNCES, 0)
         self.sampling = sampling
         self._chunk = -1
         self._points = np.empty((0, self.dimensions))
@@ -66,24 +70,29 @@ class PathSetSampler:
             self._chunk = index // self._CHUNK
             self._points = self._make(self._chunk * self._CHUNK)
         u = self._points[index % self._CHUNK]
-        further = u[_FURTHER_DIRECTIONS:]
-        further = further[: len(further) // 4 * 4].reshape(-1, 4)
-        directions = np.concatenate([u[np.array(_DIRECTIONS)], further])
-        return PathSetSample(u[_PIXEL], u[_LIGHT], directions.reshape(-1, 2, 2))
+        further = np.concatenate([u[_FURTHER_DIRECTIONS], u[DIMENSIONS:]]).reshape(-1, 4)
+        directions = np.concatenate([u[np.array(_DIRECTIONS)], further]).reshape(-1, 2, 2)
+        return PathSetSample(u[_PIXEL], u[_LIGHT], directions)
 
     def _make(self, start: int) -> NDArray[np.float64]:
         if self.sampling == "random":
             # A Philox stream per chunk, keyed by the seed: no state is carried from chunk to chunk.
             bits = np.random.Philox(key=self.seed, counter=[0, 0, 0, start])
             return np.random.Generator(bits).random((self._CHUNK, self.dimensions))
-        from scipy.stats import qmc  # slow to import, and not needed to look at a scene
+        points = sobol_points(start, self._CHUNK, DIMENSIONS)
+        keys = np.random.default_rng(self.seed).integers(0, 2**32, DIMENSIONS, dtype=np.uint32)
+        bounces = range(_SEQUENCE_BOUNCES, _SEQUENCE_BOUNCES + (self.dimensions - DIMENSIONS) // 4)
+        return np.concatenate([owen_scrambled(points, keys), *(self._padding(start, b) for b in bounces)], axis=1)
 
-        sobol = qmc.Sobol(self.dimensions, scramble=False, bits=32)
-        if start:
-            sobol.fast_forward(start)
-        points = (sobol.random(self._CHUNK) * 2.0**32).astype(np.uint64).astype(np.uint32)
-        keys = np.random.default_rng(self.seed).integers(0, 2**32, self.dimensions, dtype=np.uint32)
-        return owen_scrambled(points, keys)
+    def _padding(self, start: int, bounce: int) -> NDArray[np.float64]:
+        """(chunk, 4) for a bounce beyond the sequence's: its first dimensions in an order of the bounce's own.
+
+        Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
+        """
+        keys = np.array([counter_hash(self.seed, bounce, use, 8) for use in range(5)], np.uint32)
+        index = np.arange(start, start + self._CHUNK, dtype=np.uint64).astype(np.uint32)
+        shuffled = _owen(index[:, None], keys[:1])[:, 0]
+        return owen_scrambled(sobol_points_at(shuffled.astype(np.uint64), 4), keys[1:])
 
 
 def pixel_place(seed: int, index: int) -> tuple[float, float]:
@@ -108,12 +117,8 @@ _PLACES = 4096
 @lru_cache(maxsize=4)
 def _pixel_places(seed: int) -> NDArray[np.float64]:
     """(4096, 2) places."""
-    from scipy.stats import qmc  # slow to import
-
-    sobol = qmc.Sobol(2, scramble=False, bits=32)
-    points = (sobol.random(_PLACES) * 2.0**32).astype(np.uint64).astype(np.uint32)
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
-    scrambled = (owen_scrambled(points, keys) * 2.0**32).astype(np.uint64).astype(np.uint32)
+    scrambled = _owen(sobol_points(0, _PLACES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)
 
 
@@ -125,12 +130,16 @@ def owen_scrambled(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDAr
     Source: Laine & Karras 2011, Stratified Sampling for Stochastic Transparency; Burley 2020, Practical Hash-based
     Owen Scrambling; constants of Vegdahl 2021.
     """
+    return _owen(points, keys) / 2.0**32
+
+
+def _owen(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDArray[np.uint32]:
     x = _bits_reversed(points)
     with np.errstate(over="ignore"):  # modulo 2**32 is meant
         x = x + keys
         for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
             x ^= x * np.uint32(factor)
-    return _bits_reversed(x) / 2.0**32
+    return _bits_reversed(x)
 
 
 def _bits_reversed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:

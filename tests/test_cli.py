@@ -125,6 +125,16 @@ def test_the_command_line_loads_no_scipy_trimesh_or_exr_to_show_its_help() -> No
     assert done.stdout == "[]\n", done.stderr
 
 
+def test_a_path_tracer_loads_neither_numba_nor_scipys_statistics() -> None:
+    """They take longer to import than a small picture takes to render."""
+    done = python(
+        "import glpath, sys\n"
+        "glpath.render('cornell-box-36', spp=1, resolution=(8, 8))\n"
+        "print([m for m in ('numba', 'scipy.stats', 'scipy') if m in sys.modules])"
+    )
+    assert done.stdout.strip() == "[]", done.stderr
+
+
 def test_render_stays_a_function_whoever_imports_its_module_first() -> None:
     done = python("import glpath.rendering\nimport glpath\nprint(callable(glpath.render), callable(glpath.Film))")
     assert done.stdout == "True True\n", done.stderr

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from glpath.buffers.frame import frame_about, tight_frame
 from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere, uniform_sphere
+from glpath.sobol import DIMENSIONS, sobol_points
 
 
 def numbers(sampler: PathSetSampler, index: int) -> np.ndarray:
@@ -46,6 +48,29 @@ def test_sobol_points_are_stratified_where_it_matters_most() -> None:
     for bounce in range(2):
         cells = (directions[:, bounce] * 8).astype(int)
         assert len({tuple(c) for c in cells}) == 64
+
+
+def test_sobol_points_are_scipys() -> None:
+    for start in (0, 256, 1 << 20):
+        theirs = qmc.Sobol(DIMENSIONS, scramble=False, bits=32)
+        if start:
+            theirs.fast_forward(start)
+        points = (theirs.random(256) * 2.0**32).astype(np.uint64)
+        np.testing.assert_array_equal(sobol_points(start, 256, DIMENSIONS), points)
+
+
+def test_bounces_beyond_the_sequence_are_stratified_and_have_an_order_of_their_own() -> None:
+    sampler = PathSetSampler(4, 30)
+    points = np.array([sampler[i].directions for i in range(64)])
+    assert points.shape == (64, 29, 2, 2)
+    for bounce in (14, 20, 28):
+        for way in range(2):
+            assert len({tuple(cell) for cell in (points[:, bounce, way] * 8).astype(int)}) == 64
+    columns = points[:, 14:].reshape(64, -1).T
+    correlation = np.corrcoef(columns) - np.eye(len(columns))
+    assert np.abs(correlation).max() < 0.7  # 0.46 of as many random numbers
+    shallow = PathSetSampler(4, 15)
+    np.testing.assert_array_equal(points[5, :14], shallow[5].directions[:14])
 
 
 def test_hemisphere_and_sphere_are_uniform() -> None:

@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
+from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.device_scene import DeviceScene
 from glpath.sampling import counter_hash

@@ -1,21 +1,12 @@
-"""Shadow-buffers: what a light sees, looked up instead of shooting shadow rays [PB 3.3, TB III].
+"""Shadow-buffers of lights without extent: what a light sees, looked up instead of shooting shadow rays [TB III].
 
-`HemicubeShadowBuffer` is for the light point of a path set: a hemicube above it (Cohen & Greenberg 1985), five
-faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It holds
-triangle numbers. `shaders/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is needed,
-and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces meet
-within a texel, which averages out as the light point and the hemicube's roll change from set to set.
-
-Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
-Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
-
-`SphereShadowBuffer` and `CubeShadowBuffer` are for lights without extent, which see in every direction: the sphere
-of latitude and longitude of TB, and a cube, which has no poles to waste cells on. An entry is the nearest primitive
-along the ray of its cell, its t, and the plane that touches it there. Filled object by object: the cells in which
-an object can be seen are bounded (`light_bounds`), and each of these rays is intersected exactly, with what is
-nearer kept by the depth test. Looked up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A
-directional light has no such buffer: it has no point that directions could be told apart from, and the orthographic
-one that it would need has no size in a scene with an endless ground; its shadows take rays.
+They see in every direction: `SphereShadowBuffer` by the sphere of latitude and longitude of TB, `CubeShadowBuffer`
+by a cube, which has no poles to waste cells on. An entry is the nearest primitive along the ray of its cell, its t,
+and the plane that touches it there. Filled object by object: the cells in which an object can be seen are bounded
+(`light_bounds`), and each of these rays is intersected exactly, with what is nearer kept by the depth test. Looked
+up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A directional light has no such buffer: it
+has no point that directions could be told apart from, and the orthographic one that it would need has no size in a
+scene with an endless ground; its shadows take rays.
 
 Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
 Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, as they are bounded
@@ -31,7 +22,6 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.buffers.frame import frame_about
 from glpath.buffers.light_bounds import (
     Caps,
     CellRectangles,
@@ -60,76 +50,6 @@ _RECTANGLES_WIDTH = 4096
 #: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
 _POINT = 8
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
-
-
-class HemicubeShadowBuffer:
-    """The triangles that a light point sees.
-
-    Parameters
-    ----------
-    resolution : R, texels along a side of the top face; the atlas is 2 R x 1.5 R. Even.
-    full       : six faces R x R, in an atlas of 3 R x 2 R, for points that shine to all sides as well
-
-    Attributes
-    ----------
-    texture : R32UI, triangle number + 1, 0 for none
-    defines : for a program that includes hemicube.glsl
-    """
-
-    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int, full: bool = False) -> None:
-        self.scene = scene
-        self.resolution = resolution
-        self.defines: dict[str, object] = {"FULL_CUBE": 1} if full else {}
-        size = (3 * resolution, 2 * resolution) if full else (2 * resolution, 3 * resolution // 2)
-        self.texture = gl.texture(size, 1, dtype="u4")
-        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        program = load_program(
-            gl,
-            vertex="hemicube.vert",
-            fragment="hemicube.frag",
-            generated=scene.generated,
-            defines=self.defines,
-        )
-        self._pass = Pass(
-            "shadow-buffer",
-            gl,
-            program,
-            gl.framebuffer([self.texture], gl.depth_texture(size)),
-            triangles=scene.triangles,
-            textures=scene.textures,
-            instances=5,
-            depth=True,
-            clip_distances=5 if full else 4,
-            clear=(0.0, 0.0, 0.0, 0.0),
-        )
-
-    def frame(
-        self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
-    ) -> dict[str, object]:
-        """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal.
-
-        one_sided : it shines to the side of the normal alone, and may lie on a surface
-        """
-        assert one_sided or self.defines, "a light to all sides takes a full cube"
-        tangent, bitangent = frame_about(normal, roll)
-        reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
-        return {
-            "light_position": tuple(position),
-            "light_normal": tuple(normal),
-            "light_tangent": tuple(tangent),
-            "light_bitangent": tuple(bitangent),
-            "light_resolution": float(self.resolution),
-            "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
-            "light_one_sided": one_sided,
-        }
-
-    def scan(self, uniforms: dict[str, object], faces: int | None = None) -> None:
-        """Scan convert the scene as the light point sees it.
-
-        faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
-        """
-        self._pass.instances = faces or (6 if self.defines else 5)
-        self._pass.run(self.scene.uniforms | uniforms)
 
 
 class Entries(NamedTuple):

@@ -136,9 +136,10 @@ class Pass:
         self._mode = moderngl.POINTS if self.points else moderngl.TRIANGLES
         _check_textures(self.name, self.program, self.textures)
 
-    def run(self, uniforms: Mapping[str, object]) -> None:
-        """Set the whole state and draw."""
+    def run(self, uniforms: Mapping[str, object], instances: int | None = None) -> None:
+        """Set the whole state and draw; `instances` of it, where they are not those of the pass."""
         gl = self.gl
+        instances = self.instances if instances is None else instances
         target = self.target
         area = self.area or (0, 0, *target.size)
         target.viewport = area
@@ -165,7 +166,7 @@ class Pass:
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
             if self.indirect is None:
-                self._vertex_array.render(self._mode, vertices=self.vertices, instances=self.instances)
+                self._vertex_array.render(self._mode, vertices=self.vertices, instances=instances)
             else:
                 self._vertex_array.render_indirect(self.indirect, self._mode, count=1)
         context_of(gl).drawn()

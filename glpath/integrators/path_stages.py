@@ -30,8 +30,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, ScanView
-from glpath.buffers.shadow_buffer import HemicubeShadowBuffer
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene

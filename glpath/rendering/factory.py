@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,11 @@ from glpath.integrators.gather import GatherTracer, device_radiosity, solution_d
 from glpath.integrators.path_stages import PathStages
 from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
-from glpath.integrators.whitted import WhittedTracer
 from glpath.scene import Scene, path_traceable
 from glpath.sensors import CameraSensor
 
 if TYPE_CHECKING:
+    from glpath.integrators.whitted import WhittedTracer
     from glpath.radiosity.solution import RadiositySolution
 
 Window = tuple[int, int, int, int]
@@ -246,6 +246,8 @@ class _Whitted:
         return self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> WhittedTracer:
+        from glpath.integrators.whitted import WhittedTracer  # with numba, which is slow to import
+
         return WhittedTracer(
             context.gl,
             DeviceScene(context.gl, scene),
@@ -256,8 +258,7 @@ class _Whitted:
         )
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
-        assert isinstance(engine, WhittedTracer), f"an engine of another plan: {engine!r}"
-        engine.change_scene(scene)
+        cast("WhittedTracer", engine).change_scene(scene)
 
     def remarks(self, film: Film) -> list[str]:
         return []

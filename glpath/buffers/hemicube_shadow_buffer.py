@@ -1,0 +1,89 @@
+"""The shadow-buffer of a path set's light point [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
+
+Five faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It
+holds triangle numbers. `shaders/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is
+needed, and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces
+meet within a texel, which averages out as the light point and the hemicube's roll change from set to set.
+
+Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
+Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.buffers.frame import frame_about
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.passes import Pass
+from glpath.gl.program import load_program
+
+
+class HemicubeShadowBuffer:
+    """The triangles that a light point sees.
+
+    Parameters
+    ----------
+    resolution : R, texels along a side of the top face; the atlas is 2 R x 1.5 R. Even.
+    full       : six faces R x R, in an atlas of 3 R x 2 R, for points that shine to all sides as well
+
+    Attributes
+    ----------
+    texture : R32UI, triangle number + 1, 0 for none
+    defines : for a program that includes hemicube.glsl
+    """
+
+    def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int, full: bool = False) -> None:
+        self.scene = scene
+        self.resolution = resolution
+        self.defines: dict[str, object] = {"FULL_CUBE": 1} if full else {}
+        size = (3 * resolution, 2 * resolution) if full else (2 * resolution, 3 * resolution // 2)
+        self.texture = gl.texture(size, 1, dtype="u4")
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        program = load_program(
+            gl,
+            vertex="hemicube.vert",
+            fragment="hemicube.frag",
+            generated=scene.generated,
+            defines=self.defines,
+        )
+        self._pass = Pass(
+            "shadow-buffer",
+            gl,
+            program,
+            gl.framebuffer([self.texture], gl.depth_texture(size)),
+            triangles=scene.triangles,
+            textures=scene.textures,
+            depth=True,
+            clip_distances=5 if full else 4,
+            clear=(0.0, 0.0, 0.0, 0.0),
+        )
+
+    def frame(
+        self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
+    ) -> dict[str, object]:
+        """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal.
+
+        one_sided : it shines to the side of the normal alone, and may lie on a surface
+        """
+        assert one_sided or self.defines, "a light to all sides takes a full cube"
+        tangent, bitangent = frame_about(normal, roll)
+        reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
+        return {
+            "light_position": tuple(position),
+            "light_normal": tuple(normal),
+            "light_tangent": tuple(tangent),
+            "light_bitangent": tuple(bitangent),
+            "light_resolution": float(self.resolution),
+            "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
+            "light_one_sided": one_sided,
+        }
+
+    def scan(self, uniforms: dict[str, object], faces: int | None = None) -> None:
+        """Scan convert the scene as the light point sees it.
+
+        faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
+        """
+        self._pass.run(self.scene.uniforms | uniforms, instances=faces or (6 if self.defines else 5))
