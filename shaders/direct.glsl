@@ -11,6 +11,9 @@
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light; of a punctual light its intensity
+#ifndef LAST_VERTEX
+uniform int next_views;        // how many directions the path has to choose from when it goes on
+#endif
 uniform float light_density;   // of the light sample, see `glpath.lighting.LightSample`
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "punctual.glsl"
@@ -29,15 +32,14 @@ float sky_density(vec3 direction)
 }
 #endif
 
-// Per solid angle, of the direction in which a path leaves its surface at a cosine; 0: the light sample stands alone.
-float direction_density(float cosine)
+// Per solid angle, of the direction in which a path leaves its surface at a cosine, having had so many to choose from;
+// 0: the light sample stands alone.
+float direction_density(float cosine, int views)
 {
 #if defined(WHOLE_SPHERE)
     return 0.0;
-#elif VIEWS == 2
-    return cosine / PI;
 #else
-    return 0.5 / PI;
+    return views == 2 ? cosine / PI : 0.5 / PI;
 #endif
 }
 
@@ -140,7 +142,7 @@ DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver
         vec3 E = punctual_irradiance(light_radiance, fades, r2, spot, light_cone, cos_light);
         float share = 1.0;
 #if defined(HAS_SKY) && !defined(LAST_VERTEX)
-        if (light_kind == LIGHT_SKY) share = power_heuristic(light_density, direction_density(cos_surface));
+        if (light_kind == LIGHT_SKY) share = power_heuristic(light_density, direction_density(cos_surface, next_views));
 #endif
         if (found.distant || (max(E.r, max(E.g, E.b)) > 0.0 && !in_shadow(position, receiver, receiver_plane)))
             found.light = E * (share * cos_surface / (PI * light_density));
@@ -153,7 +155,7 @@ DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver
     // No direction goes on from here, so no other sample shares this light.
     float share = 1.0;
 #else
-    float share = power_heuristic(light_density * r2 / cos_light, direction_density(cos_surface));
+    float share = power_heuristic(light_density * r2 / cos_light, direction_density(cos_surface, next_views));
 #endif
     if (!in_shadow(position, receiver, receiver_plane)) found.light = light_radiance * (share * g / (PI * light_density));
     return found;

@@ -9,6 +9,7 @@ TEXELS(rgba32f, path_position);
 TEXELS(rgba32f, path_beta);
 TEXELS(rgba32f, path_radiance);
 uniform vec3 path_d[VIEWS];
+uniform int path_views;
 
 struct Arrival
 {
@@ -33,7 +34,7 @@ Arrival arrive(ivec2 pixel)
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
         // Shared with the light sample of the vertex before, as emission is.
-        float course = texel(path_position, pixel).w, escaped = direction_density(course_cosine(course));
+        float course = texel(path_position, pixel).w, escaped = direction_density(course_cosine(course), path_views);
         vec3 seen = path_d[course_view(course)] * sign(course);
         vec3 beta = texel(path_beta, pixel).rgb * weight;
         if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
@@ -53,7 +54,7 @@ Arrival arrive(ivec2 pixel)
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
     float light_point;
     vec3 Le = emitted(a.surface, a.front, light_point);
-    float density = direction_density(course_cosine(from.w));
+    float density = direction_density(course_cosine(from.w), path_views);
     if (density > 0.0) {
         float light = light_point * a.t * a.t / max(abs(dot(a.plane.xyz, d)), 1e-9);
         a.radiance.rgb += a.throughput * Le * power_heuristic(density, light);

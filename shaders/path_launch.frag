@@ -12,6 +12,7 @@ TEXELS(rgba32f, path_position);
 // nothing has to be cleared.
 layout(std430, binding = 0) buffer Heads { uint head[]; };
 uniform uint scan_epoch;
+uniform int cell_columns;
 
 layout(location = 0) out uvec4 flight;
 
@@ -31,7 +32,7 @@ void main()
     cell.x += int(view.first_column);
     flight.x = uint(cell.y << 16 | cell.x);
 
-    int number = cell.y * (VIEWS * int(view_cells.x)) + cell.x;
+    int number = cell.y * cell_columns + cell.x;
     uint before = atomicExchange(head[number], (scan_epoch << NUMBER_BITS) | path_number(path));
     if ((before >> NUMBER_BITS) == scan_epoch) flight.y = before & NUMBER_MASK;
 }

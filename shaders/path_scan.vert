@@ -10,6 +10,8 @@ flat out vec2 corner_c;
 flat out vec3 depth_plane;  // slope per cell in x and y, depth at corner a
 flat out uint triangle_id;
 
+uniform int cell_columns;
+
 // Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
 const float REACH = 0.52;
 
@@ -93,5 +95,5 @@ void main()
     // Views lie side by side; neither may draw into the other.
     gl_ClipDistance[0] = p.x;
     gl_ClipDistance[1] = view_cells.x - p.x;
-    gl_Position = vec4(2.0 * (p + first) / (vec2(VIEWS, 1.0) * view_cells) - 1.0, 0.0, 1.0);
+    gl_Position = vec4(2.0 * (p + first) / vec2(cell_columns, view_cells.y) - 1.0, 0.0, 1.0);
 }

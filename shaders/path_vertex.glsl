@@ -58,18 +58,19 @@ PathState path_vertex(uint path, Surface s, int triangle, vec4 plane, bool front
     // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
     if (c <= 0.0) return ended(radiance);
     float weight = 4.0 * c;
-#elif VIEWS == 2
-    // Of two uniform directions, each turned to the side that the path can see, the one nearer to the normal has the
-    // density cosine / pi: a Lambertian surface's own.
-    float other = dot(normal, next_directions[1]);
-    if (abs(other) > abs(c)) { c = other; view = 1; }
-    float weight = 1.0;
 #else
-    float weight = 2.0 * abs(c);
-    // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
-    float chance = min(1.0, abs(c) * cosine_roulette);
-    if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
-    weight /= chance;
+    float weight = 1.0;
+    if (next_views == 2) {
+        // Of two uniform directions, each turned to the side that the path can see, the one nearer to the normal has
+        // the density cosine / pi: a Lambertian surface's own.
+        float other = dot(normal, next_directions[VIEWS - 1]);
+        if (abs(other) > abs(c)) { c = other; view = 1; }
+    } else {
+        // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
+        float chance = min(1.0, abs(c) * cosine_roulette);
+        if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
+        weight = 2.0 * abs(c) / chance;
+    }
 #endif
     vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
     vec3 throughput = beta * bsdf_eval(b, n, wo, wi) * (weight * shading_cosine(n, normal, wi));

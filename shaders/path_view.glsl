@@ -2,7 +2,7 @@
 // Frame:  u, v, d of a view right-handed and unit; origin at the scene's centre. Cell coordinates are in cells, (0, 0) at
 //         the lower corner; a view has view_cells of them, and the views lie side by side in the buffer. Depth runs along
 //         d, 0 to 1 over the scene's bounding sphere.
-// Needs:  VIEWS
+// Needs:  VIEWS, at most so many
 #include "texels.glsl"
 uniform vec3 path_u[VIEWS];
 uniform vec3 path_v[VIEWS];

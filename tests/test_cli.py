@@ -360,7 +360,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--tonemap filmic", "Allowed: srgb, reinhard, aces"),
         ("--integrator bdpt", "Allowed: path"),
         ("--sampling halton", "Allowed: sobol, random"),
-        ("--directions cone", "Allowed: pair, hemisphere, sphere"),
+        ("--directions cone", "Allowed: pair, lattice, hemisphere, sphere"),
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
         ("-q -v", "contradict each other"),
         ("-D radiance", "not of the form key=value"),

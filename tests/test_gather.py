@@ -332,3 +332,21 @@ def test_a_large_scene_is_solved_by_particles(monkeypatch: pytest.MonkeyPatch, s
     with pytest.raises(glpath.UsageError, match="enough"):
         glpath.render(scene, integrator="gather", spp=1, resolution=(8, 8))
     assert asked == [method]
+
+
+@pytest.mark.evidence
+def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
+    """Measured at 128 x 128: 0.66 of the variance at 64 path sets, 0.58 at 256."""
+    solution = glpath.solve_radiosity("cornell-box-36", patches=100)
+
+    def variance(directions: Any) -> float:
+        films = [
+            glpath.render(
+                "cornell-box-36", integrator="gather", radiosity=solution, spp=256, resolution=(64, 64), seed=seed,
+                directions=directions,
+            ).mean
+            for seed in range(6)
+        ]  # fmt: skip
+        return float(np.mean(np.var(films, axis=0, ddof=1) / (np.mean(films, axis=0) ** 2 + 0.01)))
+
+    assert variance("lattice") < 0.75 * variance("pair")

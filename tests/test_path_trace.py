@@ -96,7 +96,7 @@ def mean_of_the_box() -> float:
 
 
 @pytest.mark.parametrize("sampling", ["sobol", "random"])
-@pytest.mark.parametrize("directions", ["pair", "hemisphere", "sphere"])
+@pytest.mark.parametrize("directions", ["pair", "lattice", "hemisphere", "sphere"])
 def test_the_papers_estimator_and_ours_have_one_mean(
     sampling: Any, directions: Any, mean_of_the_box: float
 ) -> None:

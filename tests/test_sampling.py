@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import qmc
 
 from glpath.buffers.frame import frame_about, tight_frame
-from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere, uniform_sphere
+from glpath.sampling import PathSetSampler, counter_hash, lattice_point, uniform_hemisphere, uniform_sphere
 from glpath.sobol import DIMENSIONS, sobol_points
 
 
@@ -44,10 +44,36 @@ def test_a_deeper_render_repeats_the_numbers_of_a_shallower_one() -> None:
 def test_sobol_points_are_stratified_where_it_matters_most() -> None:
     """Of 64 path sets, the first directions fall one into each cell of an 8 x 8 grid, and so do the second."""
     sampler = PathSetSampler(11, 3)
+    assert not np.any(sampler[5].directions == PathSetSampler(11, 3, lattice=True)[5].directions[0, 0])
     directions = np.array([sampler[i].directions[:, 0] for i in range(64)])
     for bounce in range(2):
         cells = (directions[:, bounce] * 8).astype(int)
         assert len({tuple(c) for c in cells}) == 64
+
+
+def shortest(points: np.ndarray) -> float:
+    """The least distance of two points on the torus, over that in the hexagonal lattice of as many."""
+    difference = (points[1:] - points[0] + 0.5) % 1.0 - 0.5
+    return float(np.linalg.norm(difference, axis=1).min() / np.sqrt(2 / np.sqrt(3) / len(points)))
+
+
+def test_any_power_of_two_of_the_lattice_is_a_good_lattice() -> None:
+    """As far apart as a lattice's points can be, but for three tenths, wherever it begins."""
+    for k in range(3, 15):
+        for start in (0, 3 << k):
+            points = np.array([lattice_point(5, start + i) for i in range(1 << k)])
+            assert shortest(points) > 0.7, (k, start)
+            cells = {tuple(cell) for cell in np.round((points - points[0]) % 1.0 * (1 << k)).astype(int)}
+            generated = {tuple(cell) for cell in np.outer(np.arange(1 << k), [1, 17939]) % (1 << k)}
+            assert {(x % (1 << k), y % (1 << k)) for x, y in cells} == generated
+
+
+def test_the_lattice_does_not_repeat_and_is_shifted_by_the_seed() -> None:
+    points = np.array([lattice_point(5, i) for i in range(1 << 16)])
+    assert len(np.unique(points[:, 0])) == len(np.unique(points[:, 1])) == 1 << 16
+    shift = {tuple((lattice_point(6, i) - points[i]) % 1.0) for i in range(64)}
+    assert len(shift) == 1
+    assert (0.0, 0.0) not in shift
 
 
 def test_sobol_points_are_scipys() -> None:

@@ -45,7 +45,7 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 class ScanView:
     """The views of one scan.
 
-    directions : one or two (3,) unit, the ways of paths with sign +1; as many as the buffer has views
+    directions : one or two (3,) unit, the ways of paths with sign +1; at most as many as the buffer has views
     jitter    : (2,) in [0, 1), where the grid starts, in cells
     seed      : decides who wins the collisions in a crowded cell
     """
@@ -89,7 +89,7 @@ class PathBuffer:
     scene : what is scanned
     paths : (columns, rows) of the path states; columns * rows <= 2**20
     cells : (columns, rows) of each view; by default as many in all as paths
-    views : 1, or 2: a scan then has two directions, and each path takes one of them
+    views : 1, or 2: a scan may then have two directions, and each path takes one of them
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -113,10 +113,10 @@ class PathBuffer:
         self.scene = scene
         self.paths = paths
         share = views**-0.5
-        self.view_cells = cells or (max(1, round(share * paths[0])), max(1, round(share * paths[1])))
+        cells = cells or (max(1, round(share * paths[0])), max(1, round(share * paths[1])))
         self.views = views
-        # The views lie side by side in one buffer.
-        self.cells = cells = (views * self.view_cells[0], self.view_cells[1])
+        # The views of a scan lie side by side in one buffer; the only one has it all.
+        self.cells = cells = (views * cells[0], cells[1])
         count = cells[0] * cells[1]
         self.id_bits = max(1, (scene.triangle_count - 1).bit_length())
         self.packed = self.id_bits <= MAX_PACKED_BITS
@@ -200,7 +200,6 @@ class PathBuffer:
                     program("path_scan.frag", "path_scan.vert", **defines),
                     target(found),
                     vertices=3 * scene.triangle_count,
-                    instances=views,
                     blend=blend,
                     clip_distances=2,
                     clear=(clear,) * 4,
@@ -226,7 +225,8 @@ class PathBuffer:
 
     def _view_uniforms(self, view: ScanView) -> dict[str, object]:
         """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
-        assert len(view.directions) == self.views, f"{len(view.directions)} directions for {self.views} views"
+        views = len(view.directions)
+        assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
         frames = [tight_frame(d, self.scene.box) for d in view.directions]
         if self._epoch == 0:
             # Heads of another epoch are of no meaning; when the epochs run out, start over.
@@ -235,12 +235,13 @@ class PathBuffer:
         self._epoch -= 1
         return {
             **self.scene.uniforms,
-            "path_u": vectors([u for u, _ in frames]),
-            "path_v": vectors([v for _, v in frames]),
-            "path_d": vectors(view.directions),
+            "path_u": vectors([u for u, _ in frames], self.views),
+            "path_v": vectors([v for _, v in frames], self.views),
+            "path_d": vectors(view.directions, self.views),
+            "path_views": views,
             "scene_centre": tuple(self.scene.centre),
             "scene_diameter": 2.0 * self.scene.radius,
-            "view_cells": (float(self.view_cells[0]), float(self.view_cells[1])),
+            "view_cells": (float(self.cells[0] // views), float(self.cells[1])),
             "cell_jitter": view.jitter,
             "scan_epoch": self._epoch + 1,
             "permutation_seed": view.seed & 0xFFFFFFFF,
@@ -273,7 +274,7 @@ class PathBuffer:
     def scan_scene(self, uniforms: dict[str, object]) -> None:
         """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
         for stage in self._scene_passes:
-            stage.run(uniforms)
+            stage.run(uniforms, instances=int(uniforms["path_views"]))  # type: ignore[call-overload]
 
     def cast(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Hits:
         """The nearest surface beyond each origin, exactly: what lost a collision is cast again.

@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def vectors(vectors: Sequence[NDArray[np.float64]]) -> object:
-    """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more."""
+def vectors(vectors: Sequence[NDArray[np.float64]], size: int = 0) -> object:
+    """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more.
+
+    size : of the array in the shader; the last vector fills up what is left of it
+    """
     tuples = [tuple(float(x) for x in v) for v in vectors]
+    tuples += tuples[-1:] * (size - len(tuples))
     return tuples if len(tuples) > 1 else tuples[0]

@@ -8,14 +8,16 @@ What is done otherwise than in the paper, and why:
 
 - A set has two directions a bounce. Each serves both hemispheres, a path turning it to the side that it can see,
   and a path takes the one nearer to its normal: its density is then the cosine over pi, importance sampling that
-  needs no more than a comparison. `directions="hemisphere"` has one direction, density 1/(2 pi); `"sphere"` is the
-  paper's, 1/(4 pi), which loses every other path.
-- Directions and light points come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
+  needs no more than a comparison. `directions="hemisphere"` has one direction, density 1/(2 pi); `"lattice"` has
+  one for the first bounce, a point of an extensible lattice: what the eye sees of all bounces is first of all a
+  smooth integral over the hemisphere, which a lattice does best. `"sphere"` is the paper's, 1/(4 pi), which loses
+  every other path.
+- Light points and further directions come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
 - An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
   so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
   alone, as in the paper's equation 5.
-- With "hemisphere", a path that leaves at a flat angle goes on with a chance of the cosine, else it would crowd the
-  cells. So it is with surfaces that parallel light grazes.
+- Where there is one direction, a path that leaves at a flat angle goes on with a chance of the cosine, else it
+  would crowd the cells. So it is with surfaces that parallel light grazes.
 - Point lights see all around, by a cube instead of a hemicube; the shadow of parallel light and of the sky is one
   scan of a path-buffer along its direction, for the vertices of all paths.
 """
@@ -103,9 +105,11 @@ class PathStages(ABC):
         self._sum = 0
         self._distant = False  # the set's light is from infinitely far
         self._distant_scan: Uniforms = {}
-        self._sampler = PathSetSampler(settings.seed, settings.max_depth, settings.sampling)
+        self._sampler = PathSetSampler(
+            settings.seed, settings.max_depth, settings.sampling, lattice=settings.directions == "lattice"
+        )
         size = window[2:]
-        views = 2 if settings.directions == "pair" else 1
+        views = max((_views(settings, bounce) for bounce in range(settings.max_depth - 1)), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
         self.lighting = lighting = lighting or scene.lighting
@@ -240,7 +244,7 @@ class PathStages(ABC):
         u = sample.directions[bounce]
         if self._settings.directions == "sphere":
             return (uniform_sphere(u[0]),)
-        return tuple(uniform_hemisphere(u[: self.path_buffer.views]))
+        return tuple(uniform_hemisphere(u[: _views(self._settings, bounce)]))
 
     def _plays_roulette(self, depth: int) -> bool:
         """Do paths end by chance at vertex number `depth`, the one that the eye sees being 0?"""
@@ -260,11 +264,13 @@ class PathStages(ABC):
         if last:
             self._end_paths(passes, uniforms)
             return
+        directions = self._directions(sample, depth)
         passes.inner[self._current].run(
             self._constant
             | uniforms
             | {
-                "next_directions": vectors(self._directions(sample, depth)),
+                "next_directions": vectors(directions, self.path_buffer.views),
+                "next_views": len(directions),
                 "roulette": self._plays_roulette(depth + 1),
             }
         )
@@ -441,6 +447,11 @@ class PathStages(ABC):
                 for state in self._state
             ],
         )
+
+
+def _views(settings: PathSetSettings, bounce: int) -> int:
+    """How many directions the paths have to choose from, the first bounce being 0."""
+    return 2 if settings.directions == "pair" or (settings.directions == "lattice" and bounce > 0) else 1
 
 
 def _cells(share: float, size: tuple[int, int]) -> tuple[int, int]:

@@ -24,7 +24,7 @@ from glpath.sampling import Sampling
 from glpath.scene.model import Scene
 
 Integrator = Literal["path", "gather", "classic", "t-buffer"]
-Directions = Literal["pair", "hemisphere", "sphere"]
+Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
@@ -75,7 +75,7 @@ class PathSetSettings(IntegratorSettings):
     """What "path" and "gather" have in common.
 
     cell_share      : the root of the path-buffer's number of cells, in that of the window's pixels
-    cosine_roulette : with "hemisphere", paths whose cosine is below 1 / this are thinned
+    cosine_roulette : of bounces with one direction, paths whose cosine is below 1 / this are thinned
     """
 
     default_spp = 256
@@ -88,8 +88,9 @@ class PathSetSettings(IntegratorSettings):
     directions: Annotated[
         Directions,
         Meta(
-            description='the shared directions of a bounce: "pair", each path the better of two; "hemisphere", '
-            'one, quicker for meshes of very many triangles; "sphere", as in the paper'
+            description='the shared directions of a bounce: "pair", each path the better of two; "lattice", one of '
+            'a lattice for the first bounce, then as "pair"; "hemisphere", one, quicker for meshes of very many '
+            'triangles; "sphere", as in the paper'
         ),
     ] = "pair"
     light_resolution: Annotated[
