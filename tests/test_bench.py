@@ -10,8 +10,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
-from glpath.bench import embree_peer, gather, mitsuba_peer, path_buffer, shaft, t_buffer
+from glpath.bench import embree_peer, gather, mitsuba_peer, path_buffer, shaft, start_up, t_buffer
 from glpath.bench.equal_error import line_to_target, samples_to_target
+from glpath.bench.start_up import bench_start_up
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
@@ -48,7 +49,7 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft", "shaft-options"]
+    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft", "shaft-options", "start-up"]
 
 
 @pytest.mark.parametrize(
@@ -73,8 +74,8 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer, gather, t-buffer, shaft, shaft-options"),
-        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, t-buffer, shaft, shaft-options"),
+        ([], "no name; allowed are path-buffer, gather, t-buffer, shaft, shaft-options, start-up"),
+        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, t-buffer, shaft, shaft-options, start-up"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
@@ -226,3 +227,21 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
     assert "gather_ms_per_set.look up" in measured
     assert "Mitsuba 3 cannot be imported" in report.notes[0]
     assert "vs_mitsuba" not in measured
+
+
+def test_start_up_is_that_of_whole_processes_and_a_peer_that_fails_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(start_up, "_MITSUBA", "import sys; sys.exit('no such peer')")
+    monkeypatch.setattr(start_up.importlib.util, "find_spec", lambda name: name)
+    report = bench_start_up(rounds=1)
+    assert [row["program"] for row in report.rows] == ["python", "glpath"]
+    assert 0 < report.measured["python_s"] < report.measured["glpath_s"]
+    assert report.notes == [f"left out: mitsuba {v}: no such peer" for v in ("scalar_rgb", "llvm_ad_rgb")]
+    assert report.holds is (report.measured["glpath_s"] <= 1.2)
+
+
+def test_start_up_fails_where_glpath_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start_up, "_SIZE", 0)
+    with pytest.raises(GlpathError, match="bench start-up: glpath render failed"):
+        bench_start_up(rounds=1)

@@ -41,6 +41,7 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "shafts: what each enhancement of the paper, and of its future work, is worth",
         ("--rounds", "--scale"),
     ),
+    "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
 }
 
 
@@ -59,11 +60,11 @@ def bench(
     ] = None,
     rounds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="t-buffer, shafts: turns of each program, whose median counts; 7."),
+        typer.Option(metavar="N", help="t-buffer, shafts, start-up: turns of each program; the median counts; 7."),
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(metavar="S", help="All but path-buffer: below 1, less work; 1."),
+        typer.Option(metavar="S", help="gather, t-buffer, shafts: below 1, less work; 1."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -126,6 +127,10 @@ def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: 
         from glpath.bench.shaft import bench_shaft_options
 
         return bench_shaft_options(scale, rounds, progress)
+    if name == "start-up":
+        from glpath.bench.start_up import bench_start_up
+
+        return bench_start_up(rounds, progress)
     from glpath.bench.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, progress)
