@@ -66,11 +66,11 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
     dispatches: list[Used] = []
     draw, dispatch = Pass.run, Dispatch.run
 
-    def seen_draw(self: Pass, *arguments: object) -> None:
+    def seen_draw(self: Pass, *arguments: object, **named: object) -> None:
         program, attachments = self.program, len(self.target.color_attachments)
         sizes = attachments, self.clip_distances, len(program.samplers), len(program.images)
         draws.append(Used(self.name, *sizes, dict(self.buffers)))
-        draw(self, *arguments)  # type: ignore[arg-type]
+        draw(self, *arguments, **named)  # type: ignore[arg-type]
 
     def seen_dispatch(self: Dispatch, *arguments: object) -> None:
         program = self.program

@@ -81,7 +81,7 @@ def test_the_camera_can_be_replaced_field_by_field() -> None:
         ({"max_depth": 0}, "max_depth: 0"),
         ({"seed": -1}, "seed: -1"),
         ({"sampling": "halton"}, "sobol, random"),
-        ({"directions": "cube"}, "pair, hemisphere, sphere"),
+        ({"directions": "cube"}, "pair, lattice, hemisphere, sphere"),
         ({"ambient": -1.0}, "ambient"),
         ({"ambient": (1.0, 2.0)}, "ambient"),
         ({"ambient": "red"}, "ambient"),
