@@ -24,6 +24,7 @@ from glpath.bench.mitsuba_peer import find_llvm
 from glpath.errors import GlpathError
 from glpath.experiments.timing import in_turns, seconds_of
 from glpath.experiments.verdict import Condition, Report, judge, machine
+from glpath.gl.context import get_context
 from glpath.versions import versions
 
 RULE = (Condition("glpath_s", "<=", 1.2),)
@@ -74,7 +75,7 @@ def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda tex
         measured,
         holds,
         rows=[{"program": name, "seconds": s} for name, s in seconds.items()],
-        machine=machine("the default"),
+        machine=machine(get_context().info.renderer),
         versions=versions("glpath", "moderngl", "numpy", "mitsuba"),
         notes=[f"left out: {name}: {why}" for name, why in failed.items()],
     )

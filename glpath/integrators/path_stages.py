@@ -12,7 +12,8 @@ What is done otherwise than in the paper, and why:
   one for the first bounce, a point of an extensible lattice: what the eye sees of all bounces is first of all a
   smooth integral over the hemisphere, which a lattice does best. `"sphere"` is the paper's, 1/(4 pi), which loses
   every other path.
-- Light points and further directions come from a scrambled Sobol sequence; `sampling="random"` is the paper's.
+- Light points and directions, but for the lattice's, come from a scrambled Sobol sequence; `sampling="random"` is
+  the paper's, for all of them.
 - An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
   so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
   alone, as in the paper's equation 5.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,7 +258,10 @@ class _Whitted:
         )
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
-        cast("WhittedTracer", engine).change_scene(scene)
+        from glpath.integrators.whitted import WhittedTracer
+
+        assert isinstance(engine, WhittedTracer), f"an engine of another plan: {engine!r}"
+        engine.change_scene(scene)
 
     def remarks(self, film: Film) -> list[str]:
         return []

@@ -48,7 +48,7 @@ def compile_ahead(needed: Sequence[Any]) -> None:
     if len(os.sched_getaffinity(0)) == 1 or cache_folder(largest[0]) is None:
         return
     for i in range(len(LARGEST)):
-        with suppress(OSError):  # no program to be started, or too many of them
+        with suppress(OSError, RuntimeError):  # no program to be started, or too many of them or of threads
             process = subprocess.Popen(
                 [os.fsdecode(get_executable()), "-c", _CODE, " ".join(LARGEST[i:]), *sys.path],
                 stdin=subprocess.DEVNULL,
