@@ -112,10 +112,10 @@ def lattice_point(seed: int, index: int) -> NDArray[np.float64]:
     Source: Hickernell, Hong, L'Ecuyer & Lemieux 2000, Extensible Lattice Sequences for Quasi-Monte Carlo
     Quadrature.
     """
-    reversed_bits = int(f"{index & 0xFFFFFFFF:032b}"[::-1], 2)
-    shift = (counter_hash(seed, axis, 7) for axis in range(2))
-    point = [reversed_bits * g + s & 0xFFFFFFFF for g, s in zip((1, _GENERATOR), shift, strict=True)]
-    return np.array(point) / 2.0**32
+    shift = np.array([counter_hash(seed, axis, 7) for axis in range(2)], np.uint32)
+    # Modulo 2**32, which is modulo 1.
+    point = _bits_reversed(np.array([index & 0xFFFFFFFF], np.uint32)) * np.array([1, _GENERATOR], np.uint32) + shift
+    return np.asarray(point / 2.0**32)
 
 
 def pixel_place(seed: int, index: int) -> tuple[float, float]:
