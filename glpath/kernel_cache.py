@@ -68,13 +68,19 @@ class KernelCache(FunctionCache):
     """The cache of one function, a file for each signature.
 
     on_wait : told the function's name where another process is compiling it
+    on_load : told it where it was found instead of being compiled
     """
 
-    def __init__(self, function: Any, on_wait: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self,
+        function: Any,
+        on_wait: Callable[[str], None] | None = None,
+        on_load: Callable[[str], None] | None = None,
+    ) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
-        self._on_wait = on_wait
+        self._on_wait, self._on_load = on_wait, on_load
         # While it is set, the first signature that is not found is compiled by one process alone.
         self.alone: ExitStack | None = None
 
@@ -90,6 +96,8 @@ class KernelCache(FunctionCache):
             lock = self._file(sig, target_context.codegen()).with_suffix(".lock")
             self.alone.enter_context(_alone(lock, self._tell_of_wait))
             found = self._stored(sig, target_context)
+        if found is not None and self._on_load is not None:
+            self._on_load(self._py_func.__name__)
         return found
 
     def _tell_of_wait(self) -> None:

@@ -87,23 +87,30 @@ class _Compilations:
     """Of this process. Whoever holds the lock of numba's compiler owns it.
 
     running  : a kernel is being made, and all that is compiled is part of it
-    expected : how many kernels are to be compiled, 0 where that is not known
-    done     : how many of them were begun
+    expected : names of the kernels that are not compiled yet; empty where that is not known
+    done     : how many of them were begun, or came from another process
     report   : what hears of each; None for a line of the log
     """
 
     def __init__(self) -> None:
         self.running = False
-        self.expected = self.done = 0
+        self.expected: frozenset[str] = frozenset()
+        self.done = 0
         self.report: Report | None = None
 
     def begin(self, name: str) -> None:
+        self._tell(f"compiling kernels: {name.strip('_')}{self._next()}")
         self.done += 1
-        count = f" {self.done}/{max(self.expected, self.done)}" if self.expected else ""
-        self._tell(f"compiling kernels: {name.strip('_')}{count}")
 
     def wait(self, name: str) -> None:
-        self._tell(f"waiting for {name.strip('_')}, which another process compiles")
+        self._tell(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
+
+    def loaded(self, name: str) -> None:
+        # Were it not counted, the last would not seem to be the last.
+        self.done += name in self.expected
+
+    def _next(self) -> str:
+        return f" {self.done + 1}/{max(len(self.expected), self.done + 1)}" if self.expected else ""
 
     def _tell(self, text: str) -> None:
         if self.report is not None:
@@ -116,10 +123,10 @@ class _Compilations:
 _compilations = _Compilations()
 
 
-def waiting(kernels: Iterable[Any]) -> int:
-    """How many of the kernels have yet to be compiled: neither this process nor the cache has them."""
+def waiting(kernels: Iterable[Any]) -> list[Any]:
+    """Those of the kernels that have yet to be compiled: neither this process nor the cache has them."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
-    return sum(not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any())) for k in made)
+    return [k for k in made if not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
 
 
 def cache_folder(kernel: Any) -> Path | None:
@@ -129,14 +136,15 @@ def cache_folder(kernel: Any) -> Path | None:
 
 
 @contextmanager
-def announced(expected: int, report: Report | None = None) -> Iterator[None]:
+def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator[None]:
     """While it lasts, kernels that are compiled are told as `compiling kernels: cast_groups 3/12`.
 
-    expected : how many of them are not compiled yet
+    expected : those that are not compiled yet
     report   : what is told; without it, it is a line of the log
     """
     before = _compilations.expected, _compilations.done, _compilations.report
-    _compilations.expected, _compilations.done, _compilations.report = expected, 0, report
+    names = frozenset(k.__name__ for k in expected)
+    _compilations.expected, _compilations.done, _compilations.report = names, 0, report
     try:
         yield
     finally:
@@ -181,7 +189,7 @@ def _kept(dispatcher: Any) -> Any:
     cache = None
     # Numba raises where neither the folder of the file nor the user's cache can be written to.
     with suppress(RuntimeError):
-        cache = dispatcher._cache = KernelCache(dispatcher.py_func, _compilations.wait)
+        cache = dispatcher._cache = KernelCache(dispatcher.py_func, _compilations.wait, _compilations.loaded)
     compile_now = dispatcher.compile
 
     def compile_alone(signature: Any) -> Any:

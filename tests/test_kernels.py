@@ -111,7 +111,7 @@ class Session:
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         self.compiled.clear()
-        with kernels.announced(0, self.compiled.append):
+        with kernels.announced((), self.compiled.append):
             result: float = kernels.kernel(module.twice)(2.0)
         return result
 
@@ -219,14 +219,28 @@ def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
 
 
 def test_kernels_are_told_by_name_and_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that another process has made count as well, or the last one would not be the last."""
+
+    def _first() -> None: ...
+    def second() -> None: ...
+    def third() -> None: ...
+    def fourth() -> None: ...
+
     told: list[str] = []
-    with kernels.announced(2, told.append):
+    with kernels.announced((_first, second, third, fourth), told.append):
         kernels._compilations.begin("_first")
-        kernels._compilations.begin("second")
+        kernels._compilations.loaded("second")
+        kernels._compilations.loaded("another")
+        kernels._compilations.wait("third")
+        kernels._compilations.loaded("third")
+        kernels._compilations.begin("fourth")
         kernels._compilations.begin("unforeseen")
     assert told == [
-        "compiling kernels: first 1/2", "compiling kernels: second 2/2", "compiling kernels: unforeseen 3/3"
-    ]  # fmt: skip
+        "compiling kernels: first 1/4",
+        "waiting for third 3/4, which another process compiles",
+        "compiling kernels: fourth 4/4",
+        "compiling kernels: unforeseen 5/5",
+    ]
 
 
 def test_a_part_of_a_kernel_runs_as_python_when_python_calls_it() -> None:
@@ -255,7 +269,7 @@ def second(x):
     return 3 * x
 
 assert (first(1), second(1)) == (2, 3)
-assert kernels.waiting([first, second]) == 0
+assert not kernels.waiting([first, second])
 print(type(first).__name__, len(second.signatures))
 """
 

@@ -43,7 +43,7 @@ def compile_ahead(needed: Sequence[Any]) -> None:
     """Begin to compile the largest of the kernels needed, where that is worth a process."""
     largest = [k for k in needed if k.__name__ in LARGEST]
     others = [k for k in needed if k.__name__ not in LARGEST]
-    if not waiting(largest) or waiting(others) < _WORTH_A_PROCESS:
+    if not waiting(largest) or len(waiting(others)) < _WORTH_A_PROCESS:
         return
     if len(os.sched_getaffinity(0)) == 1 or cache_folder(largest[0]) is None:
         return
