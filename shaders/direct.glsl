@@ -11,9 +11,6 @@
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // 0 without light; of a punctual light its intensity
-#ifndef LAST_VERTEX
-uniform int next_views;        // how many directions the path has to choose from when it goes on
-#endif
 uniform float light_density;   // of the light sample, see `glpath.lighting.LightSample`
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "punctual.glsl"
@@ -48,6 +45,13 @@ float power_heuristic(float a, float b)
 {
     float a2 = a * a, b2 = b * b;
     return a2 / max(a2 + b2, 1e-37);
+}
+
+// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
+// so many directions to choose from; 0 where it ends, so that no other sample has this light.
+float light_share(float density, float cosine, int views)
+{
+    return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
 }
 
 // Share of the way to the light that rounding may take.
@@ -121,8 +125,8 @@ struct DirectLight
     bool distant;  // from infinitely far: whether something stands between is not known yet
 };
 
-// `normal` is on the lit side.
-DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane)
+// normal: on the lit side; views: see light_share.
+DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
     vec3 w = light_position - position;
     DirectLight found = DirectLight(vec3(0.0), vec3(0.0), false);
@@ -140,10 +144,8 @@ DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver
     if (light_kind != LIGHT_AREA) {
         bool spot = light_kind == LIGHT_SPOT, fades = light_quadratic && !found.distant;
         vec3 E = punctual_irradiance(light_radiance, fades, r2, spot, light_cone, cos_light);
-        float share = 1.0;
-#if defined(HAS_SKY) && !defined(LAST_VERTEX)
-        if (light_kind == LIGHT_SKY) share = power_heuristic(light_density, direction_density(cos_surface, next_views));
-#endif
+        // No direction finds what has no extent.
+        float share = light_kind == LIGHT_SKY ? light_share(light_density, cos_surface, views) : 1.0;
         if (found.distant || (max(E.r, max(E.g, E.b)) > 0.0 && !in_shadow(position, receiver, receiver_plane)))
             found.light = E * (share * cos_surface / (PI * light_density));
         return found;
@@ -151,12 +153,7 @@ DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver
 #endif
     if (cos_light <= 0.0) return found;
     float g = cos_surface * cos_light / r2;
-#ifdef LAST_VERTEX
-    // No direction goes on from here, so no other sample shares this light.
-    float share = 1.0;
-#else
-    float share = power_heuristic(light_density * r2 / cos_light, direction_density(cos_surface, next_views));
-#endif
+    float share = light_share(light_density * r2 / cos_light, cos_surface, views);
     if (!in_shadow(position, receiver, receiver_plane)) found.light = light_radiance * (share * g / (PI * light_density));
     return found;
 }

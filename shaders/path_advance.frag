@@ -11,8 +11,6 @@
 #include "path_arrival.glsl"
 #include "path_state.glsl"
 
-uniform ivec4 image_window;
-
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -21,8 +19,6 @@ void main()
         leave(pixel, ended(a.radiance.rgb), a.radiance.a);
         return;
     }
-    ivec2 whole = pixel + image_window.xy;
-    uint path = uint(whole.y * image_window.z + whole.x);
-    PathState next = path_vertex(path, a.surface, a.triangle, a.plane, a.front, a.wo, a.throughput, a.radiance.rgb);
-    leave(pixel, next, a.radiance.a);
+    PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
+    leave(pixel, lit_and_gone_on(v, path_in_image(pixel), a.throughput, a.radiance.rgb), a.radiance.a);
 }

@@ -12,7 +12,6 @@
 #include "path_state.glsl"
 
 UINT_TEXELS(r32ui, eye_buffer);
-uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
 void main()
 {
@@ -33,7 +32,6 @@ void main()
     bool front = front_hit(plane.xyz, d);
     float light_point;
     vec3 Le = emitted(s, front, light_point);
-    ivec2 whole = pixel + image_window.xy;
-    uint path = uint(whole.y * image_window.z + whole.x);
-    leave(pixel, path_vertex(path, s, triangle, plane, front, -d, vec3(1.0), Le), 0.0);
+    PathVertex v = path_vertex(s, triangle, plane, front, -d);
+    leave(pixel, lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le), 0.0);
 }

@@ -1,17 +1,23 @@
 // radiosity.glsl: a radiosity solution, looked up at a point [PB A.4].
 // Needs:  <RADIOSITY>
-// Units:  irradiance W m^-2, linear Rec. 709.
+// Units:  irradiance W m^-2, linear Rec. 709; a: how much of the direct light there is in it, 0 to 1.
 // A triangle's edges are in n parts. The cell (i, j) of its lattice has a lower element, (i, j) (i + 1, j) (i, j + 1),
 // and an upper one beyond the diagonal, (i + 1, j + 1) (i, j + 1) (i + 1, j), but for the last cell of a row.
 #include <RADIOSITY>
 
-vec3 irradiance_value(int first, int place, int back)
+vec4 irradiance_value(int first, int place, int back)
 {
-    return radiosity_texel(2 * (first + place) + back, RADIOSITY_IRRADIANCE).rgb;
+    return radiosity_texel(2 * (first + place) + back, RADIOSITY_IRRADIANCE);
+}
+
+// How wide the triangle's elements are.
+float element_width(int triangle)
+{
+    return lattice_texel(triangle, LATTICE_RANGE).z;
 }
 
 // front: of the triangle, or its back.
-vec3 irradiance_at(int triangle, vec3 position, bool front)
+vec4 irradiance_at(int triangle, vec3 position, bool front)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
     vec2 range = lattice_texel(triangle, LATTICE_RANGE).xy;

@@ -5,6 +5,7 @@ uniform uint random_seed;  // (seed, path set, depth) folded on the CPU
 const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;
 const uint USE_LIGHT = 3u;
+const uint USE_LOOKUP = 4u;
 
 uint pcg(uint v)
 {

@@ -21,10 +21,13 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.settings import GatherSettings
+from glpath.lighting import Lighting
+from glpath.radiosity import lookup as lookup_module
+from glpath.radiosity.lookup import lookup_table, near_lamps
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.rendering import tiles
-from glpath.sampling import PathSetSampler, uniform_hemisphere
+from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
 Float64 = NDArray[np.float64]
@@ -81,10 +84,52 @@ def room(size: int = 24, lamp: bool = False) -> Scene:
     )
 
 
-def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int) -> Float64:
-    """One path set in numpy: each pixel's ray, its better direction, and the solution where that one ends."""
+def pcg(v: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """random.glsl's hash of 32 bits."""
+    state = (v * 747796405 + 2891336453) & 0xFFFFFFFF
+    word = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
+    return (word >> 22) ^ word
+
+
+def random_numbers(index: int, depth: int, use: int, count: int) -> Float64:
+    """Those of a vertex of all paths, counted from the image's lower left."""
+    seed = np.array([(counter_hash(0, index, depth, 5) + use) & 0xFFFFFFFF], np.uint64)
+    return (pcg((np.arange(count, dtype=np.uint64) + pcg(seed)) & 0xFFFFFFFF) >> 8) / 2.0**24
+
+
+class Bounce:
+    """Where paths in the better of two directions arrive, in numpy, and what the solution says of it."""
+
+    def __init__(self, scene: Scene, position: Float64, normal: Float64, directions: Float64) -> None:
+        two = uniform_hemisphere(directions)
+        cosines = normal @ two.T
+        better = np.where(np.abs(cosines[:, 1]) > np.abs(cosines[:, 0]), 1, 0)
+        out = two[better] * np.sign(cosines[np.arange(len(normal)), better])[:, None]
+        self.scene = scene
+        self.triangle, self.t = nearest_hits(scene.triangles, position + 1e-6 * normal, out)
+        self.position = position + self.t[:, None] * out
+        normals = scene.normals[self.triangle]
+        self.back = np.sum(normals * out, axis=1) > 0
+        self.normal = np.where(self.back[:, None], -normals, normals)
+
+    def reflectance(self) -> Float64:
+        return side_reflectance(self.scene)[self.back.astype(int), self.triangle]
+
+    def looked_up(self, solution: RadiositySolution, lookup: Any) -> Float64:
+        corner = self.scene.triangles[self.triangle]
+        edges = corner[:, 1:] - corner[:, :1]
+        place = np.einsum("nki,ni->nk", edges, self.position - corner[:, 0])
+        barycentric = np.linalg.solve(np.einsum("nki,nli->nkl", edges, edges), place[..., None])[..., 0]
+        return solution.lookup(self.scene, self.triangle, barycentric, self.back.astype(int), lookup) / np.pi
+
+
+def gathered(
+    scene: Scene, solution: RadiositySolution, lookup: Any, index: int, widths: float = 0.0, weight: float = 0.0
+) -> Float64:
+    """One path set in numpy, without lamps: each pixel's ray, its better direction, and the solution where that one
+    ends; nearer than `widths` of an element, `weight` times what the next direction finds instead."""
     scene = path_traceable(scene)
-    sample = PathSetSampler(0, 2)[index]
+    sample = PathSetSampler(0, 3)[index]
     camera = scene.camera
     width, height = camera.resolution
     right, up, forward = camera.frame()
@@ -96,43 +141,48 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int)
     position = camera.position + t[:, None] * d
     front = np.sum(scene.normals[first] * d, axis=1) < 0
     normal = scene.normals[first] * np.where(front, 1.0, -1.0)[:, None]
-    two = uniform_hemisphere(sample.directions[0])
-    cosines = normal @ two.T
-    better = np.where(np.abs(cosines[:, 1]) > np.abs(cosines[:, 0]), 1, 0)
-    rows = np.arange(len(d))
-    out = two[better] * np.sign(cosines[rows, better])[:, None]
-    second, t = nearest_hits(scene.triangles, position + 1e-6 * normal, out)
-    where = position + t[:, None] * out
-    corner = scene.triangles[second]
-    edges = corner[:, 1:] - corner[:, :1]
-    place = np.einsum("nki,ni->nk", edges, where - corner[:, 0])
-    barycentric = np.linalg.solve(np.einsum("nki,nli->nkl", edges, edges), place[..., None])[..., 0]
-    back = (np.sum(scene.normals[second] * out, axis=1) > 0).astype(int)
-    material = [scene.materials[scene.shapes[s].material] for s in scene.triangle_shape]
-    rho = np.array([m.reflectance for m in material])[first]
-    rho = np.where((front | np.array([m.two_sided for m in material])[first])[:, None], rho, 0.0)
-    found = rho * solution.lookup(scene, second, barycentric, back, lookup) / np.pi
+    rho = side_reflectance(scene)[(~front).astype(int), first]
+    second = Bounce(scene, position, normal, sample.directions[0])
+    third = Bounce(scene, second.position, second.normal, sample.directions[1])
+    corner = scene.triangles[second.triangle]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    # Rows of pixels run downwards here.
+    u = random_numbers(index, 1, 4, len(d)).reshape(height, width)[::-1].ravel()
+    near = second.t < widths * u * np.sqrt(area) / solution.divisions[second.triangle]
+    further = weight * second.reflectance() * third.looked_up(solution, lookup)
+    found = rho * np.where(near[:, None], further, second.looked_up(solution, lookup))
     return found.reshape(height, width, 3)
 
 
+@pytest.mark.parametrize("widths", [0.0, 2.0])
 @pytest.mark.parametrize("lookup", ["interpolated", "constant"])
-def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any) -> None:
+def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any, widths: float) -> None:
     """In the dark, with a solution of random values, on both sides of everything and meshes of any fineness."""
     scene = flat(path_traceable(room()))
     solution = solution_of(scene, np.random.default_rng(2).integers(1, 9, len(scene.triangles)))
     gl = get_context().gl
     # Cells enough that no path loses its roulette.
+    settings = GatherSettings(
+        cell_share=8.0,
+        radiosity_lookup=lookup,
+        directions="pair",
+        direct_light="solution",
+        lookup_distance=widths,
+        near_every=2,
+    )
     tracer = GatherTracer(
         gl,
         DeviceScene(gl, scene),
-        device_radiosity(gl, scene, solution, lookup),
-        GatherSettings(cell_share=8.0),
+        device_radiosity(gl, scene, solution, settings),
+        settings,
         (0, 0, *scene.camera.resolution),
         hardware=False,
     )
-    for index in range(3):
+    for index in range(4):
+        casts = widths > 0 and counter_hash(0, index // 2, 9) % 2 == index % 2
+        expected = gathered(scene, solution, lookup, index, widths, 2.0 * casts)
         tracer.trace_path_set(index)
-        difference = np.abs(tracer.take() - gathered(scene, solution, lookup, index)).max(axis=-1)
+        difference = np.abs(tracer.take() - expected).max(axis=-1)
         # A path through an edge, or to the border of two elements, may be rounded to its other side.
         assert np.mean(difference > 2e-5) < 0.01
     assert tracer.statistics()["paths_lost"] == 0
@@ -144,7 +194,8 @@ def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
     # Whatever the surface, so much is reflected.
     irradiance = np.array([1.0, 2.0, 3.0]) / side_reflectance(scene)
     with pytest.warns(glpath.SceneWarning, match="light"):
-        film = gather(scene, solution_of(scene, 1, irradiance, np.repeat(irradiance, 3, axis=1)), spp=8)
+        solution = solution_of(scene, 1, irradiance, np.repeat(irradiance, 3, axis=1))
+        film = gather(scene, solution, spp=8, direct_light="solution", lookup_distance=0)
     wall = film.mean[0, 0]
     np.testing.assert_allclose(wall, 0.5 * np.array([1.0, 2.0, 3.0]) / np.pi, rtol=1e-6)
 
@@ -160,17 +211,105 @@ def test_furnace_is_the_endless_series_at_any_depth(depth: int, directions: Any)
     assert abs(film.mean.mean() - 2.5) < 4 * error
 
 
-def test_a_dark_solution_leaves_direct_light() -> None:
-    dark = gather(BOX, even(load_scene(BOX), 0.0), spp=256, resolution=(16, 16))
-    direct = glpath.render(BOX, max_depth=1, spp=256, resolution=(16, 16))
-    assert dark.mean.mean() == pytest.approx(direct.mean.mean(), rel=0.005)
-    assert relative_mse(dark.mean, direct.mean) < 1e-3
+def test_a_dark_solution_leaves_what_is_traced() -> None:
+    """Direct light at the first vertex, at the second as well, and at a third where a path ended near by."""
+    size = (16, 16)
+    dark = even(load_scene(BOX), 0.0)
+    direct = glpath.render(BOX, max_depth=1, spp=256, resolution=size)
+    looked_up = gather(BOX, dark, spp=256, resolution=size, direct_light="solution", lookup_distance=0)
+    assert looked_up.mean.mean() == pytest.approx(direct.mean.mean(), rel=0.005)
+    assert relative_mse(looked_up.mean, direct.mean) < 1e-3
+    two = glpath.render(BOX, max_depth=2, spp=64, resolution=size)
+    traced = gather(BOX, dark, spp=64, resolution=size, lookup_distance=0)
+    np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
+    # Elements of half a wall: every path ends near by.
+    three = glpath.render(BOX, max_depth=3, spp=256, resolution=size)
+    near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000)
+    assert near.mean.mean() == pytest.approx(three.mean.mean(), rel=0.01)
+
+
+def sun_and_sky() -> Scene:
+    """An open court under a sun and a sky."""
+    corners = [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]]
+    return scene_from_dict(
+        {
+            "camera": {"position": [0, 1.5, 4], "target": [0, 0.3, 0], "fov": 45},
+            "film": {"resolution": [16, 16]},
+            "materials": {"half": {"reflectance": 0.6}},
+            "lights": [{"type": "directional", "direction": [0.4, -1, -0.2], "irradiance": 2.0}],
+            "sky": {"zenith": 0.5, "horizon": 0.7},
+            "shapes": [
+                {"type": "quad", "corners": corners, "material": "half"},
+                {"type": "box", "center": [0.2, 0.4, 0], "size": [0.8, 0.8, 0.8], "material": "half"},
+            ],
+        }
+    )
+
+
+def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None:
+    scene = sun_and_sky()
+    dark = even(scene, 0.0)
+    two = glpath.render(scene, max_depth=2, spp=64)
+    traced = gather(scene, dark, spp=64, lookup_distance=0)
+    np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
+    three = glpath.render(scene, max_depth=3, spp=512)
+    near = gather(scene, dark, spp=512, lookup_distance=1000)
+    assert near.mean.mean() == pytest.approx(three.mean.mean(), rel=0.01)
+
+
+def test_near_a_lamp_direct_light_is_the_solutions() -> None:
+    """A square lamp of side 1: all of it within 0.46 of a side, nothing from 0.8 on; halves of two lamps count less."""
+    scene = room(lamp=True)
+    lamp = Lighting.of(scene)
+    places = np.array([[0.0, 2.9 - d, 0.0] for d in (0.0, 0.2, 0.7, 1.2)])
+    touching, near, between, far = near_lamps(lamp, places)
+    assert (touching, near, far) == (1.0, 1.0, 0.0)
+    # Both sides shine, each chosen half of the time.
+    assert between == pytest.approx(np.clip(2.0 / (np.pi * 0.7**2) - 0.5, 0.0, 1.0), abs=0.02)
+    np.testing.assert_array_equal(near_lamps(Lighting.of(room()), places), 0.0)
+    all_of_it = lookup_table(path_traceable(scene), even(scene, 1.0), "interpolated", "solution")
+    np.testing.assert_allclose(all_of_it.values, 1.0, rtol=1e-6)
+    for lookup in ("interpolated", "constant"):
+        table = lookup_table(path_traceable(scene), even(scene, 1.0), lookup, "traced")
+        assert table.direct_share.shape == table.values.shape[1:2]
+        np.testing.assert_allclose(table.values[0], 0.7 + 0.3 * table.direct_share[:, None] * [1, 1, 1], rtol=1e-6)
+        assert 0.0 < table.direct_share.mean() < 1.0
+
+
+def test_a_lamp_by_a_wall_leaves_no_bright_spots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All paths of a set share the light point: the wall's 1/r^2 around it would be an image of it in the picture."""
+    scene = lamp_by_the_wall()
+    solution = glpath.solve_radiosity(scene, patches=200)
+
+    def worst() -> float:
+        films = [gather(scene, solution, spp=16, seed=seed).mean for seed in range(4)]
+        return float(np.max(np.std(films, axis=0)))
+
+    mended = worst()
+    monkeypatch.setattr(lookup_module, "near_lamps", lambda _, places: np.zeros(len(places)))
+    assert worst() > 2.0 * mended
+
+
+def lamp_by_the_wall() -> Scene:
+    lamp = [[-1.9, 1.4, -0.4], [-1.9, 1.4, 0.4], [-1.9, 2.2, 0.4], [-1.9, 2.2, -0.4]]
+    return scene_from_dict(
+        {
+            "camera": {"position": [1.9, 1.4, 1.9], "target": [-1.0, 1.2, -0.5], "fov": 60},
+            "film": {"resolution": [24, 24]},
+            "materials": {"half": {"reflectance": 0.6}},
+            "shapes": [
+                {"type": "box", "min": [-2, 0, -2], "max": [2, 3, 2], "flip_normals": True, "material": "half"},
+                # It shines at the wall behind it.
+                {"type": "quad", "corners": lamp, "emission": {"radiance": 5.0, "two_sided": True}},
+            ],
+        }
+    )
 
 
 def test_emission_is_not_looked_up() -> None:
     """A two-sided lamp in the room: found by the direction and by the light sample, it counts once."""
     scene = room(size=16, lamp=True)
-    film = gather(scene, even(scene, 0.0), spp=256)
+    film = gather(scene, even(scene, 0.0), spp=256, direct_light="solution", lookup_distance=0)
     direct = glpath.render(scene, max_depth=1, spp=256)
     assert film.mean.mean() == pytest.approx(direct.mean.mean(), rel=0.01)
 
@@ -269,11 +408,16 @@ def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pyt
 
 
 def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
-    film = gather(BOX, even(load_scene(BOX), 1.0), spp=2, resolution=(16, 16), timings=True)
+    options = {"spp": 4, "resolution": (16, 16), "timings": True}
+    film = gather(BOX, even(load_scene(BOX), 1.0), lookup_distance=0, **options)
     stages = film.metadata.statistics["stage_ms"]
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
     assert film.metadata.max_depth == GatherSettings().max_depth == 2
-    assert film.metadata.statistics["paths_cast"] <= 2 * 16 * 16
+    cast = film.metadata.statistics["paths_cast"]
+    assert cast <= 4 * 16 * 16
+    # One of four sets casts those that came back from near by.
+    near = gather(BOX, even(load_scene(BOX), 1.0), **options)
+    assert cast < near.metadata.statistics["paths_cast"] <= 5 * 16 * 16
 
 
 def plates() -> Scene:

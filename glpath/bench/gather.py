@@ -179,11 +179,12 @@ def bench_gather(
 def _gather(
     context: Context, scene: Scene, solution: RadiositySolution, seed: int, timings: bool = False
 ) -> GatherTracer:
+    settings = GatherSettings(seed=seed)
     tracer = GatherTracer(
         context.gl,
         DeviceScene(context.gl, scene),
-        device_radiosity(context.gl, scene, solution, "interpolated"),
-        GatherSettings(seed=seed),
+        device_radiosity(context.gl, scene, solution, settings),
+        settings,
         (0, 0, *scene.camera.resolution),
         hardware=context.info.hardware,
         timings=timings,

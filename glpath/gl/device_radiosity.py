@@ -22,9 +22,9 @@ LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
-        "RANGE": "n; number of the first of its values",
+        "RANGE": "n; number of the first of its values; width of an element, scene units",
     },
-    "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns"},
+    "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns; how much of direct light is in it"},
 }
 # A float holds the number of a value.
 _MOST = 1 << 24
@@ -44,6 +44,7 @@ class DeviceRadiosity:
     divisions : (T,) n of each triangle
     values    : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
                 triangle
+    direct_share : (N,) how much of the direct light is in them, 0 to 1
     starts    : (T,) number of each triangle's first value
     reflectance  : (2, T, 3) of the triangles' fronts and backs
     interpolated : are `values` those of the vertices?
@@ -61,7 +62,8 @@ class DeviceRadiosity:
         gl: moderngl.Context,
         corners: Float64,
         divisions: NDArray[np.int32],
-        values: NDArray[np.float32],
+        values: Float64,
+        direct_share: Float64,
         starts: NDArray[np.int64],
         reflectance: Float64,
         *,
@@ -81,8 +83,10 @@ class DeviceRadiosity:
         lattice[:, :2] = _lattice_rows(corners, divisions)
         lattice[:, 2, 0] = divisions
         lattice[:, 2, 1] = starts
+        lattice[:, 2, 2] = _element_widths(corners, divisions)
         irradiance = np.zeros((2 * places, 1, 4))
         irradiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
+        irradiance[:, 0, 3] = np.repeat(direct_share, 2)
         most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
         tables = {"lattice": lattice, "radiosity": irradiance}
@@ -90,6 +94,12 @@ class DeviceRadiosity:
         self.textures = {"radiosity": texture}
         self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
         self.generated = {"RADIOSITY": radiosity_glsl()}
+
+
+def _element_widths(corners: Float64, divisions: NDArray[np.int32]) -> Float64:
+    """(T,): the side of a square that two of a triangle's elements would fill."""
+    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.asarray(np.sqrt(twice_area) / divisions)
 
 
 def _lattice_rows(corners: Float64, divisions: NDArray[np.int32]) -> Float64:

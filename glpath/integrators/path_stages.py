@@ -107,10 +107,10 @@ class PathStages(ABC):
         self._distant = False  # the set's light is from infinitely far
         self._distant_scan: Uniforms = {}
         self._sampler = PathSetSampler(
-            settings.seed, settings.max_depth, settings.sampling, lattice=settings.directions == "lattice"
+            settings.seed, self._bounces() + 1, settings.sampling, lattice=settings.directions == "lattice"
         )
         size = window[2:]
-        views = max((_views(settings, bounce) for bounce in range(settings.max_depth - 1)), default=1)
+        views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
         self.lighting = lighting = lighting or scene.lighting
@@ -246,6 +246,10 @@ class PathStages(ABC):
         if self._settings.directions == "sphere":
             return (uniform_sphere(u[0]),)
         return tuple(uniform_hemisphere(u[: _views(self._settings, bounce)]))
+
+    def _bounces(self) -> int:
+        """How many directions a path takes at most."""
+        return self._settings.max_depth - 1
 
     def _plays_roulette(self, depth: int) -> bool:
         """Do paths end by chance at vertex number `depth`, the one that the eye sees being 0?"""

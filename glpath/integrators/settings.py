@@ -26,6 +26,7 @@ from glpath.scene.model import Scene
 Integrator = Literal["path", "gather", "classic", "t-buffer"]
 Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
+DirectLight = Literal["traced", "solution"]
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
 Secondary = Literal["classic", "bvh"]
@@ -137,7 +138,10 @@ class PathTraceSettings(PathSetSettings):
 
 @dataclass(frozen=True)
 class GatherSettings(PathSetSettings):
-    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees."""
+    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
+
+    near_every : one of so many path sets, chosen by chance, casts the paths that go on, with so much weight
+    """
 
     integrator = "gather"
 
@@ -162,6 +166,24 @@ class GatherSettings(PathSetSettings):
         Lookup,
         Meta(description='"interpolated" between the vertices of an element, or "constant" over it'),
     ] = "interpolated"
+    direct_light: Annotated[
+        DirectLight,
+        Meta(
+            description='light straight from lamps where the solution is looked up: "traced", with the shadows of the '
+            'path set\'s light point, or from the "solution", as in the paper'
+        ),
+    ] = "traced"
+    lookup_distance: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=1000,
+            description="a path that would look up nearer to where it came from than a random share of so many widths "
+            "of an element goes on to a further vertex; 0: none does, as in the paper",
+            extra={"metavar": "WIDTHS"},
+        ),
+    ] = 2.0
+    near_every: int = 4
 
     def recorded(self) -> dict[str, Any]:
         """Without the solution: what is recorded of it is its digest, known when it is there."""

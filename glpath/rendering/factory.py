@@ -206,7 +206,7 @@ class _Gathering:
         return GatherTracer(
             context.gl,
             DeviceScene(context.gl, scene),
-            device_radiosity(context.gl, scene, self.solution, self.settings.radiosity_lookup),
+            device_radiosity(context.gl, scene, self.solution, self.settings),
             self.settings,
             window,
             hardware=context.info.hardware,

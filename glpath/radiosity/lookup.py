@@ -1,0 +1,82 @@
+"""What a gather finds in a solution: a table of irradiance for the places of its lattice.
+
+Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there a
+light sample's 1/r^2 knows no bound, and as all paths of a set share the light point, it would be a bright spot in the
+picture. So a place has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest is traced.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.lighting import Lighting
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.mesh import Elements
+from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolution
+from glpath.sampling import owen_scrambled
+from glpath.scene.model import Float64, Scene
+from glpath.sobol import sobol_points
+
+DirectLight = Literal["traced", "solution"]
+
+# What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance, from where on
+# the table has some direct light, and all of it.
+_FIRST, _ALL = 0.5, 1.5
+_LIGHT_POINTS = 512
+_CHUNK = 8192
+
+
+class LookupTable(NamedTuple):
+    """Values for the lattices of a scene's triangles, one after the other.
+
+    values       : (2, N, 3) float64, irradiance W m^-2 of fronts and backs, at vertices or of elements
+    direct_share : (N,) float64, how much of the direct light is in them, 0 to 1
+    starts       : (T,) int64, number of each triangle's first value
+    """
+
+    values: Float64
+    direct_share: Float64
+    starts: NDArray[np.int64]
+
+
+def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, direct: DirectLight) -> LookupTable:
+    """The table of a scene in triangles; direct "solution": all direct light is in it."""
+    interpolated = lookup == "interpolated"
+    parts = solution.vertices if interpolated else solution.elements
+    count = lattice.vertex_count if interpolated else lattice.element_count
+    share = np.ones(parts.shape[2])
+    if direct == "traced":
+        share = near_lamps(Lighting.of(scene), _places(scene, solution.divisions, interpolated))
+    values = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
+    return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1])
+
+
+def near_lamps(lighting: Lighting, places: Float64) -> Float64:
+    """(N,) from 0 to 1: how near places (N, 3) are to shapes that emit, beside the size of these."""
+    closeness = np.zeros(len(places))
+    if not lighting.sides:
+        return closeness
+    u = owen_scrambled(sobol_points(0, _LIGHT_POINTS, 3), np.arange(3, dtype=np.uint32))
+    samples = [s for s in (lighting.sample(v) for v in u) if s.kind == "area"]
+    points = np.array([s.position for s in samples]).reshape(-1, 3)
+    least = np.pi * np.array([s.density for s in samples])
+    for start in range(0, len(places), _CHUNK):
+        apart = places[start : start + _CHUNK, None] - points
+        square = np.einsum("npi,npi->np", apart, apart) * least
+        closeness[start : start + _CHUNK] = 1.0 / np.maximum(square.min(axis=1, initial=np.inf), 1e-9)
+    return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
+
+
+def _places(scene: Scene, divisions: NDArray[np.int32], interpolated: bool) -> Float64:
+    """(N, 3): the vertices of all triangles' lattices, or the middles of the elements."""
+    if not interpolated:
+        return Elements.of_lattices(divisions.astype(np.int64)).points(scene, np.full((1, 3), 1 / 3))[:, 0]
+    n = divisions.astype(np.int64)
+    triangle = np.repeat(np.arange(len(n)), lattice.vertex_count(n))
+    b = np.concatenate([lattice.vertex_barycentrics(int(k)) for k in n]) if len(n) else np.zeros((0, 2))
+    corners = scene.triangles[triangle]
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(corners[:, 0] + np.einsum("nx,nxd->nd", b, edges))
