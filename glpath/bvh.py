@@ -12,12 +12,12 @@ Ray Tracing, 33-40.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.bvh_nodes import Bvh
 from glpath.errors import UsageError
 from glpath.kernels import inner_kernel, kernel, kernel_part
 
@@ -27,52 +27,6 @@ Int32 = NDArray[np.int32]
 BINS = 16
 #: Testing the boxes of two children, in units of testing one item of a leaf.
 NODE_COST = 2.0
-
-
-@dataclass(frozen=True)
-class Bvh:
-    """A tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
-
-    lower, upper : (M, 3) float64, corners of each node's box; node 0 is the root
-    skip         : (M,) int32, the node that follows this one's whole subtree; M after the last
-    first        : (M,) int32, where the node's items begin in `order`
-    count        : (M,) int32, items of a leaf; 0 for an inner node
-    order        : (N,) int32, a permutation of the items: a leaf is order[first : first + count], and the items
-                   below any node are order[first[node] : first[skip[node]]] (to the end where skip[node] is M)
-
-    Without items there are no nodes. The children of an inner node are node + 1, skip[node + 1] and so on, while
-    below skip[node]; this builder gives two. A traversal needs no stack: begin at 0; after a node whose box is hit
-    go to node + 1, else to skip[node]; end at M. For a leaf, skip is node + 1.
-    """
-
-    lower: Float64
-    upper: Float64
-    skip: Int32
-    first: Int32
-    count: Int32
-    order: Int32
-
-    def __len__(self) -> int:
-        return len(self.skip)
-
-    @property
-    def depth(self) -> int:
-        """Levels of the tree: 1 for a leaf alone, 0 without items. A stack of the second children needs no more."""
-        return int(_depth(self.skip, np.empty_like(self.skip)))
-
-    def children(self, node: int) -> list[int]:
-        """The nodes directly below one; none for a leaf."""
-        found = []
-        child = node + 1
-        while child < self.skip[node]:
-            found.append(child)
-            child = int(self.skip[child])
-        return found
-
-    def items(self, node: int) -> Int32:
-        """(n,) int32, all items below a node."""
-        end = self.skip[node]
-        return self.order[self.first[node] : self.first[end] if end < len(self) else len(self.order)]
 
 
 def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
@@ -264,17 +218,3 @@ def _area(boxes, i):  # type: ignore[no-untyped-def]
     """Half of the surface; of a box that encloses something."""
     x, y, z = boxes[i, 3] - boxes[i, 0], boxes[i, 4] - boxes[i, 1], boxes[i, 5] - boxes[i, 2]
     return x * y + y * z + z * x
-
-
-@kernel
-def _depth(skip, ends):  # type: ignore[no-untyped-def]
-    """ends: (M,) int32, room for the ends of the subtrees around the current node."""
-    deepest = 0
-    level = 0
-    for node in range(len(skip)):
-        while level and ends[level - 1] <= node:
-            level -= 1
-        ends[level] = skip[node]
-        level += 1
-        deepest = max(deepest, level)
-    return deepest

@@ -240,7 +240,7 @@ class Lighting:
             root = np.sqrt(s)
             a, b, c = self.scene.triangles[side.first + k]
             position = (1 - root) * a + root * ((1 - u[1]) * b + u[1] * c)
-            normal = _normal(self.scene.triangles[side.first + k])
+            normal = self.scene.normals[side.first + k]
             density = float(self.triangle_density[side.first + k])
         return LightSample("area", position, normal * side.sign, side.radiance, density)
 

@@ -1,61 +1,22 @@
 // direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
-// Needs:  <CONSTANTS>, <SCENE>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
-// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
+// Needs:  <CONSTANTS>, <SCENE>; those of light_sample.glsl
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
 // plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
 // At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
 #include "texels.glsl"
 #include "hemicube.glsl"
+#include "light_sample.glsl"
 
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
-uniform vec3 light_radiance;   // 0 without light; of a punctual light its intensity
-uniform float light_density;   // of the light sample, see `glpath.lighting.LightSample`
+uniform vec3 light_radiance;   // of a light sample, see light_sample.glsl; 0 without light
+uniform float light_density;
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
-#include "punctual.glsl"
-uniform uint light_kind;       // LIGHT_AREA ...
-uniform vec2 light_cone;       // see punctual.glsl
+uniform uint light_kind;
+uniform vec2 light_cone;
 uniform bool light_quadratic;
 #endif
-#ifdef HAS_SKY
-#include "sky.glsl"
-uniform float sky_density_scale;
-
-// Per solid angle, of the light sample in this direction.
-float sky_density(vec3 direction)
-{
-    return dot(sky(direction), vec3(sky_density_scale));
-}
-#endif
-
-// Per solid angle, of the direction in which a path leaves its surface at a cosine, having had so many to choose from;
-// 0: the light sample stands alone.
-float direction_density(float cosine, int views)
-{
-#if defined(WHOLE_SPHERE)
-    return 0.0;
-#else
-    return views == 2 ? cosine / PI : 0.5 / PI;
-#endif
-}
-
-// Veach's power heuristic: the share of a sample drawn with density a where b could have drawn it as well.
-float power_heuristic(float a, float b)
-{
-    float a2 = a * a, b2 = b * b;
-    return a2 / max(a2 + b2, 1e-37);
-}
-
-// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
-// so many directions to choose from; 0 where it ends, so that no other sample has this light.
-float light_share(float density, float cosine, int views)
-{
-    return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
-}
-
-// Share of the way to the light that rounding may take.
-const float ROUNDING = 1e-5;
 
 // Does the way from the light point along w, from 0 to just before 1, pass through the triangle? Either side counts.
 // Source: Moeller & Trumbore 1997.
@@ -118,42 +79,18 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
-struct DirectLight
-{
-    vec3 wi;       // unit, towards the light
-    vec3 light;    // radiance that a white Lambertian surface makes of it, over the sample's density
-    bool distant;  // from infinitely far: whether something stands between is not known yet
-};
-
-// normal: on the lit side; views: see light_share.
+// `normal` is on the lit side; views: see light_share. Light from infinitely far is not known to arrive yet.
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
-    vec3 w = light_position - position;
-    DirectLight found = DirectLight(vec3(0.0), vec3(0.0), false);
-#ifdef HAS_DISTANT_LIGHTS
-    found.distant = light_kind == LIGHT_DIRECTIONAL || light_kind == LIGHT_SKY;
-    if (found.distant) w = -light_normal;
-#endif
-    float r2 = dot(w, w);
-    vec3 wi = w * inversesqrt(r2);
-    float cos_surface = dot(normal, wi);
-    float cos_light = -dot(light_normal, wi);
-    if (cos_surface <= 0.0 || r2 == 0.0) return found;
-    found.wi = wi;
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
-    if (light_kind != LIGHT_AREA) {
-        bool spot = light_kind == LIGHT_SPOT, fades = light_quadratic && !found.distant;
-        vec3 E = punctual_irradiance(light_radiance, fades, r2, spot, light_cone, cos_light);
-        // No direction finds what has no extent.
-        float share = light_kind == LIGHT_SKY ? light_share(light_density, cos_surface, views) : 1.0;
-        if (found.distant || (max(E.r, max(E.g, E.b)) > 0.0 && !in_shadow(position, receiver, receiver_plane)))
-            found.light = E * (share * cos_surface / (PI * light_density));
-        return found;
-    }
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, light_kind,
+                                            light_cone, light_quadratic);
+#else
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, LIGHT_AREA,
+                                            vec2(0.0), true);
 #endif
-    if (cos_light <= 0.0) return found;
-    float g = cos_surface * cos_light / r2;
-    float share = light_share(light_density * r2 / cos_light, cos_surface, views);
-    if (!in_shadow(position, receiver, receiver_plane)) found.light = light_radiance * (share * g / (PI * light_density));
+    DirectLight found = light_from(sample_of_set, position, normal, views);
+    bool arrives = max(found.light.r, max(found.light.g, found.light.b)) > 0.0;
+    if (arrives && !found.distant && in_shadow(position, receiver, receiver_plane)) found.light = vec3(0.0);
     return found;
 }

@@ -7,6 +7,7 @@
 #include "direct.glsl"
 #include "path_course.glsl"
 #include "path_vertex.glsl"
+#include "path_next.glsl"
 #include "path_flight.glsl"
 #include "path_arrival.glsl"
 #include "path_state.glsl"

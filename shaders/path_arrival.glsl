@@ -1,5 +1,5 @@
 // path_arrival.glsl: the vertex that the scan found for a path, and the emission found there, or the sky.
-// Needs:  surface.glsl, direct.glsl, path_vertex.glsl, path_flight.glsl
+// Needs:  surface.glsl, direct.glsl, path_next.glsl, path_flight.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "texels.glsl"
 #include "path_course.glsl"

@@ -11,6 +11,7 @@
 #include "direct.glsl"
 #include "path_course.glsl"
 #include "path_vertex.glsl"
+#include "path_next.glsl"
 #include "path_flight.glsl"
 #include "path_arrival.glsl"
 #include "radiosity.glsl"
@@ -29,7 +30,7 @@ void main()
         uint path = path_in_image(pixel);
         bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * element_width(a.triangle);
         vec4 found = near ? vec4(0.0) : irradiance_at(a.triangle, a.position, a.front);
-        vec3 looked_up = a.throughput * v.bsdf.diffuse * found.rgb / PI;
+        vec3 looked_up = a.throughput * (v.bsdf.diffuse * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX
         if (near) next = go_on(v, path, a.throughput * next_weight, next.radiance);

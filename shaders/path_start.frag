@@ -9,6 +9,7 @@
 #include "direct.glsl"
 #include "path_course.glsl"
 #include "path_vertex.glsl"
+#include "path_next.glsl"
 #include "path_state.glsl"
 
 UINT_TEXELS(r32ui, eye_buffer);

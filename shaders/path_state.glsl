@@ -1,5 +1,5 @@
 // path_state.glsl: where a vertex pass leaves its paths: their states, or, with TO_SUMS, the sums.
-// Needs: path_vertex.glsl
+// Needs: path_next.glsl
 #ifdef TO_SUMS
 #include "accumulate.glsl"
 

@@ -52,14 +52,19 @@ def test_a_lamp_that_faces_away_gives_no_light_unless_both_sides_emit(integrator
 
 
 @pytest.mark.parametrize(
-    ("name", "sets", "texels"),
+    ("name", "sets", "path_options"),
     # Of the room's blinds and chair legs, texels of the default see too little: 0.2 % of its light.
-    [("cornell-box", 128, 256), pytest.param("room", 1024, 1024, marks=pytest.mark.evidence)],
+    [
+        ("cornell-box", 128, {}),
+        ("cornell-box", 128, {"directions": "pair"}),
+        ("room", 512, {}),
+        pytest.param("room", 1024, {"directions": "pair", "light_resolution": 1024}, marks=pytest.mark.evidence),
+    ],
 )
-def test_engines_agree_on_direct_light(name: str, sets: int, texels: int):
-    """As near to the path-buffer as its own two renders are to each other; the means within 0.3 %."""
+def test_engines_agree_on_direct_light(name: str, sets: int, path_options: Any):
+    """As near to the path tracer as its own two renders are to each other; the means within 0.3 %."""
     options: Any = {"max_depth": 1, "resolution": (64, 48)}
-    paths = [glpath.render(name, spp=sets, seed=s, light_resolution=texels, **options).mean for s in (1, 2)]
+    paths = [glpath.render(name, spp=sets, seed=s, **path_options, **options).mean for s in (1, 2)]
     rays = glpath.render(name, integrator="t-buffer", spp=sets // 2, seed=3, **options).mean
     path = 0.5 * (paths[0] + paths[1])
     assert relative_mse(rays, path) < relative_mse(paths[0], paths[1])

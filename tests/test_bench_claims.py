@@ -15,14 +15,19 @@ from conftest import Spoil
 from glpath.bench import gather, path_buffer, shaft, t_buffer
 from glpath.experiments import office_table
 from glpath.experiments.references import smaller, stored_reference
-from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.settings import PathTraceSettings
 from glpath.scene import load_scene
 
 SIDE = 64
-NO_Z0 = ("path_scan.frag", "greaterThan(t, vec4(least))", "greaterThan(abs(t), vec4(0.0))")
-BRIGHT = ("direct.glsl", "found.light = light_radiance *", "found.light = 2.0 * light_radiance *")
-A_TENTH_BRIGHTER = ("direct.glsl", "found.light = light_radiance *", "found.light = 1.1 * light_radiance *")
-BLACK_LOOK_UP = ("path_gather.frag", "irradiance_at(a.triangle, a.position, a.front) / PI", "0.0")
+NOT_THE_NEAREST = (
+    "ray_bvh.glsl",
+    "if (at < t && candidate != exclude)",
+    "if (at < NO_HIT && candidate != exclude)",
+)
+NO_SHADOWS = ("ray_bvh.glsl", "blocked = candidate != exclude &&", "blocked = false &&")
+BRIGHT = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
+A_TENTH_BRIGHTER = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
+BLACK_LOOK_UP = ("path_rays.frag", "L += beta * v.bsdf.diffuse * found.rgb / PI;", "")
 
 
 @pytest.fixture
@@ -48,7 +53,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     in_steps = gather.trace_in_steps
 
     def timed(tracer, counts):
-        ms = 1000.0 if isinstance(tracer, PathTracer) else 10.0
+        ms = 1000.0 if isinstance(tracer.settings, PathTraceSettings) else 10.0
         return [ms for _ in counts], in_steps(tracer, counts)[1]
 
     monkeypatch.setattr(gather, "trace_in_steps", timed)
@@ -65,7 +70,7 @@ def test_the_bench_of_the_path_buffer_holds() -> None:
 
 
 @pytest.mark.usefixtures("small")
-@pytest.mark.parametrize("wrong", [NO_Z0, BRIGHT, A_TENTH_BRIGHTER])
+@pytest.mark.parametrize("wrong", [NOT_THE_NEAREST, BRIGHT, A_TENTH_BRIGHTER])
 def test_the_bench_of_the_path_buffer_fails_with_a_wrong_engine(wrong, spoil: Spoil) -> None:
     spoil(*wrong)
     report = path_buffer.bench_path_buffer(seeds=1)
@@ -87,7 +92,7 @@ def test_the_bench_of_the_gather_holds() -> None:
 
 
 @pytest.mark.usefixtures("small")
-@pytest.mark.parametrize("wrong", [NO_Z0, BLACK_LOOK_UP, A_TENTH_BRIGHTER])
+@pytest.mark.parametrize("wrong", [NO_SHADOWS, BLACK_LOOK_UP, A_TENTH_BRIGHTER])
 def test_the_bench_of_the_gather_fails_with_a_wrong_engine(wrong, spoil: Spoil) -> None:
     spoil(*wrong)
     report = gather.bench_gather(seeds=1)

@@ -281,8 +281,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     )
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
-    unused += ("radiosity", "radiosity_lookup", "light_samples")
-    assert [call.pop(name) for name in unused] == [None] * 8
+    unused += ("radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "light_samples")
+    assert [call.pop(name) for name in unused] == [None] * 10
     assert call == {
         "integrator": "path",
         "spp": 32,
@@ -360,7 +360,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--tonemap filmic", "Allowed: srgb, reinhard, aces"),
         ("--integrator bdpt", "Allowed: path"),
         ("--sampling halton", "Allowed: sobol, random"),
-        ("--directions cone", "Allowed: pair, lattice, hemisphere, sphere"),
+        ("--directions cone", "Allowed: own, pair, lattice, hemisphere, sphere"),
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
         ("-q -v", "contradict each other"),
         ("-D radiance", "not of the form key=value"),

@@ -71,17 +71,17 @@ def scaled(direct: float, indirect: float) -> Callable:
 
 
 NO_Z0 = shader("path_scan.frag", "greaterThan(t, vec4(least))", "greaterThan(abs(t), vec4(0.0))")
-BRIGHT = shader("direct.glsl", "found.light = light_radiance *", "found.light = 2.0 * light_radiance *")
+BRIGHT = shader("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 NO_SHADOWS = shader(
     "direct.glsl",
     "    vec3 w = position - light_position;\n    vec3 p",
     "    return false;\n    vec3 w = position - light_position;\n    vec3 p",
 )
-BLACK_LOOK_UP = shader("path_gather.frag", "irradiance_at(a.triangle, a.position, a.front) / PI", "0.0")
+BLACK_LOOK_UP = shader("path_gather.frag", "v.bsdf.diffuse * found.rgb / PI", "0.0")
 BRIGHT_LOOK_UP = shader(
     "path_gather.frag",
-    "irradiance_at(a.triangle, a.position, a.front) / PI",
-    "irradiance_at(a.triangle, a.position, a.front)",
+    "v.bsdf.diffuse * found.rgb / PI",
+    "v.bsdf.diffuse * found.rgb",
 )
 ONE_BOUNCE_LESS, ONE_MORE = (
     renderer(max_depth=lambda depth: max(depth - 1, 1)),

@@ -57,8 +57,8 @@ def test_a_crop_is_that_part_of_the_picture() -> None:
 
 
 def test_a_wide_picture_shows_more_at_the_sides_and_the_same_in_the_middle() -> None:
-    square = glpath.render(BOX, spp=64, max_depth=1, resolution=(32, 32)).mean
-    wide = glpath.render(BOX, spp=64, max_depth=1, resolution=(64, 32)).mean
+    square = glpath.render(BOX, spp=128, max_depth=1, resolution=(32, 32)).mean
+    wide = glpath.render(BOX, spp=128, max_depth=1, resolution=(64, 32)).mean
     assert relative_mse(wide[:, 16:48], square) < 1e-4
 
 
@@ -166,10 +166,14 @@ def test_progress_counts_up_to_the_end() -> None:
 
 
 def test_timings_are_there_when_asked_for() -> None:
-    film = glpath.render(BOX, spp=2, max_depth=2, resolution=(16, 16), timings=True)
-    stages = film.metadata.statistics["stage_ms"]
-    assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "advance"}
-    assert all(ms > 0 for ms in stages.values())
+    scans = {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "advance"}
+    for directions, expected in (("own", {"eye", "paths"}), ("pair", scans)):
+        film = glpath.render(
+            BOX, spp=2, max_depth=2, resolution=(16, 16), directions=directions, timings=True
+        )  # fmt: skip
+        stages = film.metadata.statistics["stage_ms"]
+        assert set(stages) == expected
+        assert all(ms > 0 for ms in stages.values())
 
 
 def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
@@ -189,7 +193,7 @@ def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
         }
     )
     with pytest.warns(glpath.SceneWarning, match="lost the roulette"):
-        glpath.render(scene, spp=4, max_depth=3)
+        glpath.render(scene, spp=4, max_depth=3, directions="pair")
 
 
 @pytest.mark.filterwarnings("ignore::glpath.SceneWarning")  # paths crowd into few cells

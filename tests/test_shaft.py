@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import linprog
 
-from glpath.bvh import Bvh, build_bvh
+from glpath.bvh import build_bvh
+from glpath.bvh_nodes import Bvh
 from glpath.errors import UsageError
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list, cluster
 

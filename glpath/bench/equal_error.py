@@ -17,7 +17,7 @@ from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError
 from glpath.experiments.references import find_reference
 from glpath.film import read_image
-from glpath.integrators.path_stages import PathStages
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.rendering.factory import Engine
 from glpath.scene import load_scene
 from glpath.scene.model import Float64, Scene
@@ -60,7 +60,7 @@ def warm_up(tracer: Engine) -> None:
     tracer.take()
 
 
-def stage_times(tracer: PathStages, sets: int = 24) -> dict[str, float]:
+def stage_times(tracer: PathSetEngine, sets: int = 24) -> dict[str, float]:
     """Milliseconds of each stage, the median over path sets of a tracer that times them."""
     each: dict[str, list[float]] = {}
     for index in range(sets):

@@ -39,8 +39,9 @@ from glpath.compare import relative_mse
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherTracer, device_radiosity
-from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.gather import device_radiosity
+from glpath.integrators.path_engines import path_engine
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers.solve import solve_radiosity
@@ -178,14 +179,14 @@ def bench_gather(
 
 def _gather(
     context: Context, scene: Scene, solution: RadiositySolution, seed: int, timings: bool = False
-) -> GatherTracer:
+) -> PathSetEngine:
     settings = GatherSettings(seed=seed)
-    tracer = GatherTracer(
+    tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),
-        device_radiosity(context.gl, scene, solution, settings),
         settings,
         (0, 0, *scene.camera.resolution),
+        radiosity=device_radiosity(context.gl, scene, solution, settings),
         hardware=context.info.hardware,
         timings=timings,
     )
@@ -193,10 +194,10 @@ def _gather(
     return tracer
 
 
-def _path(context: Context, scene: Scene, seed: int) -> PathTracer:
+def _path(context: Context, scene: Scene, seed: int) -> PathSetEngine:
     settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed)
     window = (0, 0, *scene.camera.resolution)
-    tracer = PathTracer(
+    tracer = path_engine(
         context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware
     )
     warm_up(tracer)

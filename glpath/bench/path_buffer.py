@@ -38,8 +38,9 @@ from glpath.compare import relative_mse
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_trace import PathTracer
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.path_engines import path_engine
+from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.settings import Directions, PathTraceSettings
 from glpath.scene import load_scene
 from glpath.scene.model import Scene
 from glpath.versions import versions
@@ -142,11 +143,13 @@ def bench_path_buffer(
     )
 
 
-def _tracer(context: Context, scene: Scene, seed: int, timings: bool = False) -> PathTracer:
-    tracer = PathTracer(
+def _tracer(
+    context: Context, scene: Scene, seed: int, directions: Directions = "own", timings: bool = False
+) -> PathSetEngine:
+    tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),
-        PathTraceSettings(max_depth=DEPTH, seed=seed),
+        PathTraceSettings(max_depth=DEPTH, seed=seed, directions=directions),
         (0, 0, *scene.camera.resolution),
         hardware=context.info.hardware,
         timings=timings,

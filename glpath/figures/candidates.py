@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import Bvh, build_bvh
+from glpath.bvh import build_bvh
+from glpath.bvh_nodes import Bvh
 from glpath.errors import UsageError
 from glpath.figures.polyhedron import box_corners, faces, shaft_planes
 from glpath.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, require_matplotlib

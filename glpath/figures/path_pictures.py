@@ -78,7 +78,7 @@ def traced(say: Say, what: str, hits: EyeHits, path_sets: int, max_depth: int) -
     """A picture by path tracing."""
     say(f"{what}: {path_sets} path sets of depth {max_depth}")
     start = time.perf_counter()
-    film = render(hits.scene, spp=path_sets, max_depth=max_depth)
+    film = render(hits.scene, spp=path_sets, max_depth=max_depth, directions="pair")
     return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
 
 
@@ -86,7 +86,15 @@ def gathered(say: Say, what: str, hits: EyeHits, path_sets: int, solution: Radio
     """A picture gathered from a solution."""
     say(f"{what}: gather of {path_sets} path sets")
     start = time.perf_counter()
-    film = render(hits.scene, integrator="gather", spp=path_sets, radiosity=solution)
+    film = render(
+        hits.scene,
+        integrator="gather",
+        spp=path_sets,
+        radiosity=solution,
+        directions="pair",
+        direct_light="solution",
+        lookup_distance=0,
+    )
     return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
 
 

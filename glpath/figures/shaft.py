@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Bvh
+from glpath.bvh_nodes import Bvh
 from glpath.experiments.verdict import Condition
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume

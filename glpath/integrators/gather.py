@@ -10,8 +10,8 @@ What is done otherwise than in the paper, which looks up all light there:
 - Direct light at the second vertex has the set's shadow-buffer, so that no element smears a shadow's edge; close to
   a lamp, whose 1/r^2 has no bound, it is the solution's (`glpath.radiosity.lookup`).
 - A path that comes back from nearer than an element is wide would show the element itself, in corners and at
-  contacts. It goes on to a third vertex instead, the more often the nearer, so that no seam shows. As few do so, one
-  set of four casts them, and they count four times there.
+  contacts. It goes on to a third vertex instead, the more often the nearer, so that no seam shows. As few do so,
+  one set of four casts them, and they count four times there.
 
 Cost:     a path set of depth two plus the lookup, and a quarter of a scan; whatever the solver took. A camera that
           moves needs no new solution.
@@ -31,7 +31,8 @@ import numpy as np
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_stages import PathStages, Uniforms
+from glpath.integrators.path_set_engine import Uniforms
+from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import GatherSettings, Lookup
 from glpath.sampling import PathSetSample, counter_hash
 from glpath.scene.model import Scene
@@ -76,10 +77,10 @@ class GatherTracer(PathStages):
         self,
         gl: moderngl.Context,
         scene: DeviceScene,
-        radiosity: DeviceRadiosity,
         settings: GatherSettings,
         window: tuple[int, int, int, int],
         *,
+        radiosity: DeviceRadiosity,
         hardware: bool,
         timings: bool = False,
     ) -> None:

@@ -25,7 +25,6 @@ What is done otherwise than in the paper, and why:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -35,14 +34,12 @@ from numpy.typing import NDArray
 
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, ScanView
-from glpath.gl.camera import eye_uniforms
-from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sample_uniforms, sky_uniforms
-from glpath.gl.passes import Pass, Stopwatch
+from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
-from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
+from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import PathSetSettings
 from glpath.lighting import NO_LIGHT, Lighting
 from glpath.sampling import (
@@ -52,9 +49,6 @@ from glpath.sampling import (
     uniform_hemisphere,
     uniform_sphere,
 )
-from glpath.sensors import CameraSensor
-
-Uniforms = dict[str, object]
 
 
 class VertexPasses(NamedTuple):
@@ -70,14 +64,10 @@ class VertexPasses(NamedTuple):
     unlit: bool = False
 
 
-class PathStages(ABC):
+class PathStages(PathSetEngine):
     """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
 
-    Parameters
-    ----------
-    window    : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
-    max_radiance : what a path may bring home besides emission, for the quantum of the sums
-    lighting  : what path sets are lit by; the scene's, where it is not given
+    See `PathSetEngine` for the parameters.
     """
 
     _advance_passes: VertexPasses  # set by the subclass
@@ -94,16 +84,17 @@ class PathStages(ABC):
         hardware: bool,
         timings: bool = False,
     ) -> None:
-        self.gl = gl
-        self.scene = scene
-        self._settings = settings
-        self.sensor = CameraSensor.of(scene.scene.camera)
-        self.window = window
-        self.stopwatch = Stopwatch(gl, hardware, timings)
-        self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
-        # Which of the two sets of path states, and of sums, holds the present ones.
-        self._current = 0
-        self._sum = 0
+        super().__init__(
+            gl,
+            scene,
+            settings,
+            window,
+            max_radiance=max_radiance,
+            lighting=lighting,
+            hardware=hardware,
+            timings=timings,
+        )
+        self._current = 0  # which of the two sets of path states holds the present ones
         self._distant = False  # the set's light is from infinitely far
         self._distant_scan: Uniforms = {}
         self._sampler = PathSetSampler(
@@ -113,35 +104,19 @@ class PathStages(ABC):
         views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
-        self.lighting = lighting = lighting or scene.lighting
-        self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lighting.positional)
+        lights = self.lighting
+        self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lights.positional)
         # One direction for all paths, so that each scan has one view of it.
         self._distant_buffer = (
-            PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lighting.infinite else None
+            PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lights.infinite else None
         )
-        self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._make_states(size)
         self.look_at(window)
 
-    @abstractmethod
-    def trace_path_set(self, index: int) -> None:
-        """One path for every pixel; which, the index says alone."""
-
     def look_at(self, window: tuple[int, int, int, int]) -> None:
         """Go on with another window of the same size."""
-        assert window[2:] == self.path_buffer.paths, f"a window of {window[2:]}, made for {self.path_buffer.paths}"
-        self.window = window
+        super().look_at(window)
         self._constant = self._constant_uniforms()
-
-    def look_from(self, sensor: CameraSensor) -> None:
-        """Start paths at another sensor of the same resolution."""
-        assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
-        self.sensor = sensor
-
-    def forget_statistics(self) -> None:
-        """Begin to count anew."""
-        self._counts[:] = 0
-        self.stopwatch.milliseconds.clear()
 
     # The stages, in the order of a frame.
 
@@ -164,8 +139,7 @@ class PathStages(ABC):
     def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
         eye = self._eye_uniforms(sample.pixel)
-        with self.stopwatch.stage("eye"):
-            self._eye_pass.run(self.scene.uniforms | eye)
+        self._see(eye)
         with self.stopwatch.stage("first vertex"):
             self._run_vertex(self._start_passes, index, 0, sample, eye | light, self._settings.max_depth == 1)
 
@@ -214,30 +188,6 @@ class PathStages(ABC):
                 self._sum = 1 - self._sum
             else:
                 self._light_passes.inner[self._current].run(self._distant_scan)
-
-    def take(self) -> NDArray[np.float64]:
-        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
-
-        Multiples of one power of two, so that float64 adds them without rounding.
-        """
-        taken = self._sums.take(self._sum)
-        lost, dropped = taken.high & ((1 << DROPPED_SHIFT) - 1), taken.high >> DROPPED_SHIFT
-        self._counts += np.array([taken.low.sum(), lost.sum(), dropped.sum()], dtype=np.int64)
-        return taken.radiance
-
-    def statistics(self) -> dict[str, object]:
-        """What was counted in the path sets taken so far.
-
-        paths_cast      : rays cast through the path-buffer
-        paths_lost      : of these, how many lost the collision in their cell
-        dropped_samples : not finite, and counted as 0
-        stage_ms        : milliseconds by stage, where timed
-        """
-        names = ("paths_cast", "paths_lost", "dropped_samples")
-        counts: dict[str, object] = {name: int(n) for name, n in zip(names, self._counts, strict=True)}
-        if self.stopwatch.enabled:
-            counts["stage_ms"] = dict(self.stopwatch.milliseconds)
-        return counts
 
     # What the frame is made of.
 
@@ -289,29 +239,16 @@ class PathStages(ABC):
             self._sum = 1 - self._sum
 
     def _constant_uniforms(self) -> Uniforms:
-        width, height = self.sensor.resolution
-        x, y, _, h = self.window
         return {
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
             "cosine_roulette": self._settings.cosine_roulette,
-            "image_window": (x, height - y - h, width, height),
+            "image_window": self._image_window(),
         }
-
-    def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
-        reach = float(np.linalg.norm(self.scene.centre - self.sensor.camera.position)) + self.scene.radius
-        eye = eye_uniforms(self.sensor.camera, self.window, (float(pixel[0]), float(pixel[1])))
-        return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * reach)}
-
-    def _texture(self, size: tuple[int, int], components: int, dtype: str) -> moderngl.Texture:
-        texture = self.gl.texture(size, components, dtype=dtype)
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return texture
 
     def _make_states(self, size: tuple[int, int]) -> None:
         gl = self.gl
-        eye_buffer = self._texture(size, 1, "u4")
         # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
         self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
         # Start and light of what waits for a scan along the direction of the set's light.
@@ -320,19 +257,9 @@ class PathStages(ABC):
         self._textures = {
             **self.scene.textures,
             "light_buffer": self.shadow_buffer.texture,
-            "eye_buffer": eye_buffer,
+            "eye_buffer": self._eye_buffer,
             **self.path_buffer.textures,
         }
-        self._eye_pass = Pass(
-            "eye",
-            gl,
-            self._program("eye.frag", vertex="eye.vert"),
-            gl.framebuffer([eye_buffer], gl.depth_texture(size)),
-            triangles=self.scene.triangles,
-            depth=True,
-            clear=(0.0, 0.0, 0.0, 0.0),
-            textures=self._textures,
-        )
         depth = self._settings.max_depth
         self._start_passes = self._vertex_passes(
             "first vertex", "path_start.frag", inner=depth > 1, last=depth == 1

@@ -12,7 +12,8 @@ from __future__ import annotations
 import moderngl
 
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_stages import PathStages, Uniforms
+from glpath.integrators.path_set_engine import Uniforms
+from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import PathTraceSettings
 from glpath.lighting import Lighting
 

@@ -24,7 +24,7 @@ from glpath.sampling import Sampling
 from glpath.scene.model import Scene
 
 Integrator = Literal["path", "gather", "classic", "t-buffer"]
-Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
+Directions = Literal["own", "pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
 DirectLight = Literal["traced", "solution"]
 Shadows = Literal["rays", "sphere", "cube"]
@@ -89,23 +89,40 @@ class PathSetSettings(IntegratorSettings):
     directions: Annotated[
         Directions,
         Meta(
-            description='the shared directions of a bounce: "pair", each path the better of two; "lattice", one of '
-            'a lattice for the first bounce, then as "pair"; "hemisphere", one, quicker for meshes of very many '
-            'triangles; "sphere", as in the paper'
+            description='of a bounce: "own", each path another, its ray cast by a BVH; or shared by all paths of a '
+            'set and cast by a scan of the path-buffer: "pair", each path the better of two; "lattice", one of a '
+            'lattice for the first bounce, then as "pair"; "hemisphere", one; "sphere", as in the paper'
         ),
-    ] = "pair"
+    ] = "own"
     light_resolution: Annotated[
         int,
         Meta(
             ge=16,
             le=4096,
             multiple_of=2,
-            description="texels along a side of the hemicube about a path set's light point, even; what is finer "
-            "than one throws a wrong shadow",
+            description="of shared directions: texels along a side of the hemicube about a path set's light point, "
+            "even; what is finer than one throws a wrong shadow",
         ),
     ] = 256
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something: rays of one's own need no buffer."""
+        given = super().recorded()
+        if self.directions == "own":
+            for name in _OF_PATH_BUFFERS:
+                del given[name]
+        return given
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        if given.get("directions", "own") == "own" and "light_resolution" in given:
+            raise UsageError(
+                f'light_resolution: {given["light_resolution"]!r} with directions "own"; it is an option of shared '
+                "directions",
+                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
+            )
 
 
 @dataclass(frozen=True)
@@ -140,7 +157,8 @@ class PathTraceSettings(PathSetSettings):
 class GatherSettings(PathSetSettings):
     """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
 
-    near_every : one of so many path sets, chosen by chance, casts the paths that go on, with so much weight
+    near_every : of shared directions: one of so many path sets, chosen by chance, casts the paths that go on, with
+                 so much weight
     """
 
     integrator = "gather"
@@ -169,8 +187,8 @@ class GatherSettings(PathSetSettings):
     direct_light: Annotated[
         DirectLight,
         Meta(
-            description='light straight from lamps where the solution is looked up: "traced", with the shadows of the '
-            'path set\'s light point, or from the "solution", as in the paper'
+            description='light straight from lamps where the solution is looked up: "traced", with shadows of its '
+            'own, or from the "solution", as in the paper'
         ),
     ] = "traced"
     lookup_distance: Annotated[
@@ -178,8 +196,8 @@ class GatherSettings(PathSetSettings):
         Meta(
             ge=0,
             le=1000,
-            description="a path that would look up nearer to where it came from than a random share of so many widths "
-            "of an element goes on to a further vertex; 0: none does, as in the paper",
+            description="a path that would look up nearer to where it came from than a random share of so many "
+            "widths of an element goes on to a further vertex; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
     ] = 2.0
@@ -272,6 +290,7 @@ class WhittedSettings(IntegratorSettings):
                 )
 
 
+_OF_PATH_BUFFERS = ("light_resolution", "cell_share", "cosine_roulette")
 _OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
 
 

@@ -1,8 +1,9 @@
 """What a gather finds in a solution: a table of irradiance for the places of its lattice.
 
-Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there a
-light sample's 1/r^2 knows no bound, and as all paths of a set share the light point, it would be a bright spot in the
-picture. So a place has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest is traced.
+Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there
+a light sample's 1/r^2 knows no bound, and where all paths of a set share the light point, it would be a bright spot
+in the picture. So a place has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
+is traced.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from glpath.sobol import sobol_points
 
 DirectLight = Literal["traced", "solution"]
 
-# What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance, from where on
-# the table has some direct light, and all of it.
+# What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance: from the
+# first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_POINTS = 512
 _CHUNK = 8192

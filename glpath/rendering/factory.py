@@ -14,9 +14,9 @@ from glpath.errors import SceneError
 from glpath.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherTracer, device_radiosity, solution_digest
-from glpath.integrators.path_stages import PathStages
-from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.gather import device_radiosity, solution_digest
+from glpath.integrators.path_engines import path_engine
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.sensors import CameraSensor
@@ -117,10 +117,14 @@ class _PathTracing:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         return self
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathTracer:
-        device_scene = DeviceScene(context.gl, scene)
-        return PathTracer(
-            context.gl, device_scene, self.settings, window, hardware=context.info.hardware, timings=timings
+    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
+        return path_engine(
+            context.gl,
+            DeviceScene(context.gl, scene),
+            self.settings,
+            window,
+            hardware=context.info.hardware,
+            timings=timings,
         )
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
@@ -132,7 +136,7 @@ class _PathTracing:
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
     """Go on with the camera of a scene that is otherwise the same."""
-    assert isinstance(engine, PathStages), f"an engine of another plan: {engine!r}"
+    assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
     if scene.digest(camera=False) != engine.scene.scene.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
@@ -201,14 +205,14 @@ class _Gathering:
         solution.check_scene(scene)
         return _Gathering(self.settings, solution)
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> GatherTracer:
+    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
         assert self.solution is not None, "the plan is not prepared"
-        return GatherTracer(
+        return path_engine(
             context.gl,
             DeviceScene(context.gl, scene),
-            device_radiosity(context.gl, scene, self.solution, self.settings),
             self.settings,
             window,
+            radiosity=device_radiosity(context.gl, scene, self.solution, self.settings),
             hardware=context.info.hardware,
             timings=timings,
         )

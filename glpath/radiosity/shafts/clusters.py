@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.bvh import Bvh, checked_boxes
+from glpath.bvh import checked_boxes
+from glpath.bvh_nodes import Bvh
 from glpath.kernels import inner_kernel, kernel, kernel_part
 
 

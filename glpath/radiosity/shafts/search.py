@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import Bvh, Float64, Int32
+from glpath.bvh import Float64, Int32
+from glpath.bvh_nodes import Bvh
 from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.shafts.occluders import ENDS, never_hit
 from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS

@@ -27,7 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Bvh, Float64, Int32
+from glpath.bvh import Float64, Int32
+from glpath.bvh_nodes import Bvh
 from glpath.errors import UsageError
 from glpath.kernels import inner_kernel, kernel
 

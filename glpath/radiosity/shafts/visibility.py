@@ -24,7 +24,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Bvh, Int32, build_bvh
+from glpath.bvh import Int32, build_bvh
+from glpath.bvh_nodes import Bvh
 from glpath.radiosity.shafts.casting import cast_groups
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of

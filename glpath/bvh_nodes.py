@@ -1,0 +1,59 @@
+"""The nodes of a bounding volume hierarchy (BVH), whoever built it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Bvh:
+    """A tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
+
+    lower, upper : (M, 3) float64, corners of each node's box; node 0 is the root
+    skip         : (M,) int32, the node that follows this one's whole subtree; M after the last
+    first        : (M,) int32, where the node's items begin in `order`
+    count        : (M,) int32, items of a leaf; 0 for an inner node
+    order        : (N,) int32, a permutation of the items: a leaf is order[first : first + count], and the items
+                   below any node are order[first[node] : first[skip[node]]] (to the end where skip[node] is M)
+
+    Without items there are no nodes. The children of an inner node are node + 1, skip[node + 1] and so on, while
+    below skip[node]; the builders give two. A traversal needs no stack: begin at 0; after a node whose box is hit
+    go to node + 1, else to skip[node]; end at M. For a leaf, skip is node + 1.
+    """
+
+    lower: Float64
+    upper: Float64
+    skip: Int32
+    first: Int32
+    count: Int32
+    order: Int32
+
+    def __len__(self) -> int:
+        return len(self.skip)
+
+    @property
+    def depth(self) -> int:
+        """Levels of the tree: 1 for a leaf alone, 0 without items. A stack of the second children needs no more."""
+        # The subtrees that a node lies in: all that have begun, less those that have ended.
+        ended = np.cumsum(np.bincount(self.skip, minlength=len(self) + 1)[: len(self)])
+        return int((np.arange(1, len(self) + 1) - ended).max(initial=0))
+
+    def children(self, node: int) -> list[int]:
+        """The nodes directly below one; none for a leaf."""
+        found = []
+        child = node + 1
+        while child < self.skip[node]:
+            found.append(child)
+            child = int(self.skip[child])
+        return found
+
+    def items(self, node: int) -> Int32:
+        """(n,) int32, all items below a node."""
+        end = self.skip[node]
+        return self.order[self.first[node] : self.first[end] if end < len(self) else len(self.order)]

@@ -1,0 +1,37 @@
+"""Which engine traces the path sets of a path tracer's or a gather's settings."""
+
+from __future__ import annotations
+
+import moderngl
+
+from glpath.gl.device_radiosity import DeviceRadiosity
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather import GatherTracer
+from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.path_trace import PathTracer
+from glpath.integrators.ray_paths import RayPathEngine
+from glpath.integrators.settings import GatherSettings, PathTraceSettings
+
+
+def path_engine(
+    gl: moderngl.Context,
+    scene: DeviceScene,
+    settings: PathTraceSettings | GatherSettings,
+    window: tuple[int, int, int, int],
+    *,
+    radiosity: DeviceRadiosity | None = None,
+    hardware: bool,
+    timings: bool = False,
+) -> PathSetEngine:
+    """The engine; see `PathSetEngine` for the parameters.
+
+    radiosity : of a gather: the solution, of the scene's own triangles
+    """
+    assert (radiosity is not None) == isinstance(settings, GatherSettings), "a gather has a solution, and none else"
+    common = {"hardware": hardware, "timings": timings}
+    if settings.directions == "own":
+        return RayPathEngine(gl, scene, settings, window, radiosity=radiosity, **common)
+    if isinstance(settings, GatherSettings):
+        assert radiosity is not None, "asked above"
+        return GatherTracer(gl, scene, settings, window, radiosity=radiosity, **common)
+    return PathTracer(gl, scene, settings, window, **common)

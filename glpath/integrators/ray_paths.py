@@ -1,0 +1,182 @@
+"""Path tracing and the gather with rays of every path's own, cast by a BVH in the shader.
+
+A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the place in their
+pixels: each has its own directions, by the cosine of its surface, and its own choice of light. So no ray is lost
+in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number of triangles,
+where a scan costs their number. README has what that is worth.
+
+A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.frag`).
+
+Cost:     the BVH; per path set and vertex a ray and a shadow ray.
+Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
+          geometry that does not fit into memory.
+Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.gl.device_radiosity import DeviceRadiosity
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.lights import sky_uniforms
+from glpath.gl.passes import Pass
+from glpath.gl.program import load_program
+from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
+from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.lighting import LIGHT_KINDS, NO_LIGHT, Lighting, LightSample
+from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+
+#: Light samples of a path set, for its paths to choose from.
+LIGHTS = 16
+# Bounces beyond have independent random numbers.
+_MOST_BOUNCES = 14
+
+
+class RayPathEngine(PathSetEngine):
+    """Traces path sets of one window of the image; see `PathSetEngine` for the parameters.
+
+    radiosity : the solution of the scene's triangles that a gather looks up
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: DeviceScene,
+        settings: PathTraceSettings | GatherSettings,
+        window: tuple[int, int, int, int],
+        *,
+        radiosity: DeviceRadiosity | None = None,
+        hardware: bool,
+        timings: bool = False,
+    ) -> None:
+        self.settings = settings
+        ambient = np.zeros(3)
+        if isinstance(settings, PathTraceSettings):
+            ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
+        # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
+        ambient_alone = settings.max_depth == 1 and bool(np.any(ambient > 0))
+        super().__init__(
+            gl,
+            scene,
+            settings,
+            window,
+            max_radiance=max(float(np.max(ambient)), radiosity.max_radiance if radiosity else 0.0),
+            lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
+            hardware=hardware,
+            timings=timings,
+        )
+        self._bounces = max(1, min(settings.max_depth, _MOST_BOUNCES))
+        self._sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
+        self._constant = self._constant_uniforms(ambient) | (radiosity.uniforms if radiosity else {})
+        bvh = RayBvh(gl, scene)
+        self._constant |= bvh.uniforms
+        lights = {
+            "HAS_POSITIONAL_LIGHTS": self.lighting.positional,
+            "HAS_DISTANT_LIGHTS": self.lighting.infinite,
+            "HAS_SKY": scene.scene.sky is not None,
+            "GATHER": radiosity is not None,
+        }
+        program = load_program(
+            gl,
+            vertex="fullscreen.vert",
+            fragment="path_rays.frag",
+            generated={
+                **scene.generated,
+                "RAY_BVH": ray_bvh_glsl(),
+                "RADIOSITY": "",
+                **(radiosity.generated if radiosity else {}),
+            },
+            defines={
+                **scene.defines,
+                **(radiosity.defines if radiosity else {}),
+                "BOUNCES": self._bounces,
+                "LIGHTS": LIGHTS,
+                "LIGHT_ROWS": 4 * LIGHTS,
+                **{name: 1 for name, has in lights.items() if has},
+            },
+        )
+        textures = {
+            **scene.textures,
+            **bvh.textures,
+            **(radiosity.textures if radiosity else {}),
+            "eye_buffer": self._eye_buffer,
+        }
+        self._path_passes = [
+            Pass("paths", gl, program, self._sums.targets[1 - i], textures=textures | self._sums.textures[i])
+            for i in range(2)
+        ]
+
+    def trace_path_set(self, index: int) -> None:
+        """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
+        sample = self._sampler[index]
+        eye = self._eye_uniforms(sample.pixel)
+        self._see(eye)
+        with self.stopwatch.stage("paths"):
+            self._path_passes[self._sum].run(self._constant | eye | self._of_set(index, sample))
+        self._sum = 1 - self._sum
+
+    # What the draw is told.
+
+    def _of_set(self, index: int, sample: PathSetSample) -> Uniforms:
+        seed = self._settings.seed
+        points = _words(sample.directions[: self._bounces, 0])
+        return {
+            "image_window": self._image_window(),
+            "random_seed": counter_hash(seed, index, 0, 5),
+            "direction_points": [tuple(map(int, p)) for p in points]
+            if len(points) > 1
+            else tuple(map(int, points[0])),
+            "light_table": self._light_table(sample.light),
+        }
+
+    def _light_table(self, u: NDArray[np.float64]) -> list[tuple[float, ...]]:
+        """The set's light samples, each at the sequence's point shifted by numbers of its own."""
+        lighting = self.lighting
+        rows: list[tuple[float, ...]] = []
+        for shift in self._light_shifts:
+            light = NO_LIGHT if lighting.dark else lighting.sample((_words(u) ^ shift) / 2.0**32)
+            rows += _light_rows(light)
+        return rows
+
+    def _constant_uniforms(self, ambient: NDArray[np.float64]) -> Uniforms:
+        settings = self._settings
+        self._light_shifts = np.array(
+            [[counter_hash(settings.seed, i, axis, 10) for axis in range(3)] for i in range(LIGHTS)], np.uint32
+        )
+        roulette = settings.roulette if isinstance(settings, PathTraceSettings) else None
+        uniforms: Uniforms = {
+            **self.scene.uniforms,
+            **sky_uniforms(self.scene.scene.sky, self.lighting),
+            "quanta": self._sums.quanta,
+            "max_depth": settings.max_depth,
+            "ambient": tuple(map(float, ambient)),
+            "roulette_depth": 1 << 30 if roulette is None else roulette,
+            "path_seed": counter_hash(settings.seed, 11),
+            "lattice": self._sampler.lattice,
+        }
+        if isinstance(settings, GatherSettings):
+            uniforms |= {
+                "lookup_depth": settings.max_depth - 1,
+                "lookup_distance": settings.lookup_distance,
+                "next_weight": 1.0,
+            }
+        return uniforms
+
+
+def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:
+    """Numbers in [0, 1) as fractions of 2**32."""
+    return np.asarray(u * 2.0**32, np.uint64).astype(np.uint32)
+
+
+def _light_rows(light: LightSample) -> list[tuple[float, ...]]:
+    """A light sample as four vec4 of the shader's light_table."""
+    return [
+        (*map(float, light.position), float(LIGHT_KINDS.index(light.kind))),
+        (*map(float, light.direction), light.density),
+        (*map(float, light.radiance), float(light.quadratic)),
+        (*light.cone, 0.0, 0.0),
+    ]

@@ -1,0 +1,96 @@
+// path_next.glsl: direct light at a vertex, and the shared direction in which its path goes on [PB A.3, table 6].
+// Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, path_course.glsl
+// Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
+uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
+uniform int next_views;         // how many of them a path has to choose from
+uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
+uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
+uniform float cosine_roulette;  // see below
+
+#ifdef HAS_DISTANT_LIGHTS
+// Light from infinitely far that this vertex sends on unless a scan along its direction hits something; w of the start
+// as in path_course.glsl, 0 where there is no such light.
+vec4 pending_start = vec4(0.0);
+vec3 pending_light = vec3(0.0);
+#endif
+
+struct PathState
+{
+    vec4 position;  // w: its course, see path_course.glsl
+    vec3 beta;      // throughput, the next reflection included
+    vec3 radiance;
+};
+
+PathState ended(vec3 radiance)
+{
+    return PathState(vec4(0.0), vec3(0.0), radiance);
+}
+
+// What the light sample brings to the eye from here. Light from infinitely far is left pending. `views`: how many
+// directions the path has to choose from when it goes on, 0 where it ends.
+vec3 lit(PathVertex v, uint path, vec3 beta, int views)
+{
+    DirectLight direct = direct_light(v.surface.position, v.normal, v.triangle, v.plane, views);
+#if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
+    // Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
+    if (light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0) direct.light = vec3(0.0);
+#endif
+    vec3 lit = beta * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
+#ifdef HAS_DISTANT_LIGHTS
+    if (direct.distant) {
+        // A surface that the light grazes gets little of it, and its paths would crowd out others of their cells.
+        // Twice as flat as for paths that go on: there is one direction, and all of the cells are its own.
+        float chance = min(1.0, 2.0 * dot(v.normal, direct.wi) * cosine_roulette);
+        bool asks = max(lit.r, max(lit.g, lit.b)) > 0.0 && random_number(path, USE_LIGHT) < chance;
+        if (asks) pending_start = vec4(v.surface.position, 1.0);
+        pending_light = lit / max(chance, 1e-30);
+        lit = vec3(0.0);
+    }
+#endif
+    return lit;
+}
+
+// The path in one of the shared directions.
+PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
+{
+    float c = dot(v.normal, next_directions[0]);
+    int view = 0;
+#if defined(WHOLE_SPHERE)
+    // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
+    if (c <= 0.0) return ended(radiance);
+    float weight = 4.0 * c;
+#else
+    float weight = 1.0;
+    if (next_views == 2) {
+        // Of two uniform directions, each turned to the side that the path can see, the one nearer to the normal has
+        // the density cosine / pi: a Lambertian surface's own.
+        float other = dot(v.normal, next_directions[VIEWS - 1]);
+        if (abs(other) > abs(c)) { c = other; view = 1; }
+    } else {
+        // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
+        float chance = min(1.0, abs(c) * cosine_roulette);
+        if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
+        weight = 2.0 * abs(c) / chance;
+    }
+#endif
+    vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
+    vec3 throughput = beta * bsdf_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
+    float most = max(throughput.r, max(throughput.g, throughput.b));
+    if (roulette) {
+        float stay = min(1.0, most);
+        if (random_number(path, USE_ROULETTE) >= stay) return ended(radiance);
+        throughput /= stay;
+    }
+    if (most <= 0.0 || c == 0.0) return ended(radiance);
+    return PathState(vec4(v.surface.position, pack_course(view, c)), throughput, radiance);
+}
+
+// Direct light, and the next direction; at the last vertex ambient radiance.
+PathState lit_and_gone_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
+{
+#ifdef LAST_VERTEX
+    return ended(radiance + lit(v, path, beta, 0) + beta * v.bsdf.diffuse * ambient);
+#else
+    return go_on(v, path, beta, radiance + lit(v, path, beta, next_views));
+#endif
+}

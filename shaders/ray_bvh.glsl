@@ -1,0 +1,87 @@
+// ray_bvh.glsl: the nearest triangle along a ray, and whether there is any, by a BVH; see `glpath.gl.ray_bvh`.
+// Needs:  <RAY_BVH>
+// Frame:  world; boxes are met in steps of the scene's own box, the distance along the ray being the same.
+#include <RAY_BVH>
+
+const float NO_HIT = 1e30;
+// A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
+const float EDGE = 1e-5;
+
+struct Ray
+{
+    vec3 origin;
+    vec3 direction;
+    vec3 start;      // in steps
+    vec3 inverse;    // of the direction in steps
+    int first;       // the tree of the direction's signs, and its end
+    int end;
+};
+
+Ray ray_along(vec3 origin, vec3 direction)
+{
+    // A component of 0 becomes so small that its slab decides nothing wrongly.
+    vec3 least = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
+    vec3 d = mix(direction, least, lessThan(abs(direction), vec3(1e-20)));
+    bvec3 against = lessThan(direction, vec3(0.0));
+    int octant = ray_octants ? int(against.x) + 2 * int(against.y) + 4 * int(against.z) : 0;
+    int first = octant * ray_node_count;
+    return Ray(origin, direction, (origin - ray_lower) / ray_step, ray_step / d, first, first + ray_node_count);
+}
+
+// The next leaf's triangle on the way from a node, nearer than tmax; -1 for none. The node goes on.
+int next_triangle(inout int node, Ray ray, float tmax)
+{
+    int triangle = -1;
+    while (node < ray.end && triangle < 0)
+    {
+        uvec4 box = ray_node_texel(node, RAY_NODE_BOX);
+        vec3 a = (vec3(box.xyz & 0xffffu) - ray.start) * ray.inverse, b = (vec3(box.xyz >> 16u) - ray.start) * ray.inverse;
+        vec3 near = min(a, b), far = max(a, b);
+        float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, tmax));
+        bool met = enter <= leave, leaf = box.w >= LEAF_BIT;
+        triangle = met && leaf ? int(box.w - LEAF_BIT) : -1;
+        node = met || leaf ? node + 1 : int(box.w);
+    }
+    return triangle;
+}
+
+// The distance to a triangle, NO_HIT where it is not met.
+float meet_triangle(Ray ray, int triangle)
+{
+    vec3 ab = ray_triangle_texel(triangle, RAY_TRIANGLE_AB).xyz, ac = ray_triangle_texel(triangle, RAY_TRIANGLE_AC).xyz;
+    vec3 s = ray.origin - ray_triangle_texel(triangle, RAY_TRIANGLE_CORNER).xyz;
+    vec3 p = cross(ray.direction, ac), q = cross(s, ab);
+    float scale = 1.0 / dot(ab, p);
+    vec3 uvt = vec3(dot(s, p), dot(ray.direction, q), dot(ac, q)) * scale;
+    return min(uvt.x, uvt.y) >= -EDGE && uvt.x + uvt.y <= 1.0 + EDGE && uvt.z > 0.0 ? uvt.z : NO_HIT;
+}
+
+int nearest_triangle(vec3 origin, vec3 direction, int exclude)
+{
+    Ray ray = ray_along(origin, direction);
+    float t = NO_HIT;
+    int nearest = -1, node = ray.first, candidate = next_triangle(node, ray, t);
+    while (candidate >= 0)
+    {
+        float at = meet_triangle(ray, candidate);
+        if (at < t && candidate != exclude) {
+            t = at;
+            nearest = candidate;
+        }
+        candidate = next_triangle(node, ray, t);
+    }
+    return nearest;
+}
+
+bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
+{
+    Ray ray = ray_along(origin, direction);
+    bool blocked = false;
+    int node = ray.first, candidate = next_triangle(node, ray, tmax);
+    while (candidate >= 0)
+    {
+        blocked = candidate != exclude && meet_triangle(ray, candidate) < tmax;
+        candidate = blocked ? -1 : next_triangle(node, ray, tmax);
+    }
+    return blocked;
+}

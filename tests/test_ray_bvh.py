@@ -1,0 +1,133 @@
+"""The BVH of path rays finds what looking at every triangle finds; the tree built by sweeps keeps its promises."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from numpy.typing import NDArray
+from reference.numpy_path_tracer import nearest_hits
+from test_bvh import boxes, check, random_boxes
+
+from glpath.bvh import build_bvh
+from glpath.bvh_nodes import Bvh
+from glpath.bvh_sweep import sweep_bvh
+from glpath.gl import program, ray_bvh
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.passes import Pass
+from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
+
+Float64 = NDArray[np.float64]
+SKY = {"zenith": 1.0, "horizon": 1.0}
+
+SHADER = """
+#include "texels.glsl"
+#include "ray_bvh.glsl"
+TEXELS(rgba32f, origins);
+TEXELS(rgba32f, directions);
+layout(location = 0) out vec4 found;
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec4 o = texel(origins, at), d = texel(directions, at);
+    int nearest = nearest_triangle(o.xyz, d.xyz, int(o.w));
+    found = vec4(float(nearest), float(is_blocked(o.xyz, d.xyz, d.w, int(o.w))), 0.0, 0.0);
+}
+"""
+
+
+@given(boxes())
+def test_a_tree_built_by_sweeps_keeps_its_promises(corners: tuple[np.ndarray, np.ndarray]) -> None:
+    check(sweep_bvh(*corners), *corners, leaf_size=1)
+
+
+def test_sweeps_build_trees_as_good_as_bins() -> None:
+    def cost(tree: Bvh) -> float:
+        extent = tree.upper - tree.lower
+        areas = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
+        return float(areas.sum() / areas[0])
+
+    corners = random_boxes(500)
+    assert cost(sweep_bvh(*corners)) < 1.02 * cost(build_bvh(*corners, leaf_size=1))
+
+
+def soup(count: int, seed: int = 3) -> Scene:
+    """Triangles of many sizes, slivers and flat ones among them."""
+    random = np.random.default_rng(seed)
+    middle, size = random.uniform(-5, 5, (count, 1, 3)), 10 ** random.uniform(-3, 0.5, (count, 1, 1))
+    corners = middle + size * random.normal(size=(count, 3, 3))
+    corners[::7, :, 1] = corners[::7, :1, 1]
+    corners[::11, 2] = 0.5 * corners[::11, 0] + 0.5 * corners[::11, 1] + 1e-3
+    mesh = {"type": "mesh", "vertices": corners.reshape(-1, 3), "faces": np.arange(3 * count).reshape(-1, 3)}
+    return scene_from_dict({"camera": {"position": [0, 0, 9], "target": [0, 0, 0]}, "shapes": [mesh], "sky": SKY})
+
+
+def cast(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, scene: Scene, origins: Float64, directions: Float64, tmax: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Nearest triangle, -1 for none, and whether any is before tmax, by the shader."""
+    shaders = folder / "shaders"
+    shutil.copytree(program.shader_folder(), shaders)
+    (shaders / "cast.frag").write_text(SHADER)
+    monkeypatch.setattr(program, "shader_folder", lambda: shaders)
+    gl = get_context().gl
+    device = DeviceScene(gl, scene)
+    bvh = RayBvh(gl, device)
+    size = (len(origins), 1)
+    textures: dict[str, Any] = {**bvh.textures}
+    for name, values, last in (("origins", origins, -1.0), ("directions", directions, tmax)):
+        rows = np.concatenate([values, np.full((len(values), 1), last)], axis=1).astype(np.float32)
+        textures[name] = gl.texture(size, 4, rows.tobytes(), dtype="f4")
+        textures[name].filter = (gl.NEAREST, gl.NEAREST)
+    out = gl.texture(size, 4, dtype="f4")
+    drawn = program.load_program(
+        gl, vertex="fullscreen.vert", fragment="cast.frag", generated={"RAY_BVH": ray_bvh_glsl()}
+    )
+    Pass("cast", gl, drawn, gl.framebuffer([out]), textures=textures).run(bvh.uniforms)
+    found = np.frombuffer(out.read(), np.float32).reshape(-1, 4)
+    return found[:, 0].astype(np.int64), found[:, 1] > 0.5
+
+
+@pytest.mark.parametrize("octants", [True, False])
+@pytest.mark.parametrize("make", [lambda: soup(400), lambda: path_traceable(load_scene("cornell-box-36"))])
+def test_rays_find_what_every_triangle_asked_finds(
+    make: Any, octants: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if not octants:
+        monkeypatch.setattr(ray_bvh, "_MANY", 0)
+    scene = path_traceable(make())
+    random = np.random.default_rng(1)
+    low, high = scene.bounds
+    origins = random.uniform(low, high, (2000, 3))
+    directions = random.normal(size=(2000, 3))
+    directions[:300, :] = np.eye(3)[random.integers(3, size=300)] * random.choice([-1.0, 1.0], (300, 1))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tmax = 1.0
+    triangle, blocked = cast(monkeypatch, tmp_path, scene, origins, directions, tmax)
+    _, t = nearest_hits(scene.triangles, origins, directions)
+    normal, corner = scene.normals[triangle], scene.triangles[triangle, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.sum(normal * (corner - origins), axis=1) / np.sum(normal * directions, axis=1)
+    at = np.where(triangle < 0, np.inf, at)
+    # Rays through an edge may be rounded either way.
+    assert np.mean(~np.isclose(at, t, rtol=1e-4, atol=1e-5)) < 0.002
+    assert np.mean(blocked != (t < tmax)) < 0.003
+
+
+def test_no_ray_leaves_a_closed_room(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A finely tessellated sphere from within: not even through the edges and corners of its triangles."""
+    sphere = {"type": "sphere", "center": [3, 1, -2], "radius": 2.0, "subdivisions": 4}
+    camera = {"position": [3, 1, -2], "target": [3, 1, 0]}
+    scene = path_traceable(scene_from_dict({"camera": camera, "shapes": [sphere], "sky": SKY}))
+    corners = scene.triangles.reshape(-1, 3)
+    middles = 0.5 * (scene.triangles + np.roll(scene.triangles, 1, axis=1)).reshape(-1, 3)
+    aims = np.concatenate([corners, middles])[:8000]
+    origins = np.broadcast_to([3.1, 0.9, -2.2], aims.shape)
+    triangle, _ = cast(monkeypatch, tmp_path, scene, origins, aims - origins, 1e9)
+    assert (triangle >= 0).all()
