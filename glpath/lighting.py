@@ -13,6 +13,7 @@ Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -225,6 +226,10 @@ class Lighting:
             total += found.irradiance * np.maximum(np.einsum("ij,ij->i", n, found.wi), 0.0)[:, None]
         return total
 
+    @cached_property
+    def _normals(self) -> Float64:
+        return self.scene.normals
+
     def _probability(self, number: int) -> float:
         return float(self.cdf[number + 1] - self.cdf[number])
 
@@ -240,7 +245,7 @@ class Lighting:
             root = np.sqrt(s)
             a, b, c = self.scene.triangles[side.first + k]
             position = (1 - root) * a + root * ((1 - u[1]) * b + u[1] * c)
-            normal = self.scene.normals[side.first + k]
+            normal = self._normals[side.first + k]
             density = float(self.triangle_density[side.first + k])
         return LightSample("area", position, normal * side.sign, side.radiance, density)
 
@@ -342,13 +347,6 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
         for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
             sides.append(_Side(number, spheres, part.start, cdf, float(own.sum()), sign, shape.emission))
     return tuple(sides)
-
-
-def _normal(triangle: Float64) -> Float64:
-    normal = 0.5 * np.cross(triangle[1:2] - triangle[:1], triangle[2:] - triangle[:1])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    unit: Float64 = (normal / np.maximum(length, np.finfo(float).tiny))[0]
-    return unit
 
 
 def _sphere_areas(spheres: Float64) -> Float64:

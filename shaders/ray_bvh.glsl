@@ -28,47 +28,54 @@ Ray ray_along(vec3 origin, vec3 direction)
     return Ray(origin, direction, (origin - ray_lower) / ray_step, ray_step / d, first, first + ray_node_count);
 }
 
-// The next leaf's triangle on the way from a node, nearer than tmax; -1 for none. The node goes on.
-int next_triangle(inout int node, Ray ray, float tmax)
+// The next leaf's item on the way from a node, nearer than tmax; -1 for none. The node goes on.
+int next_item(inout int node, Ray ray, float tmax)
 {
-    int triangle = -1;
-    while (node < ray.end && triangle < 0)
+    int item = -1;
+    while (node < ray.end && item < 0)
     {
         uvec4 box = ray_node_texel(node, RAY_NODE_BOX);
         vec3 a = (vec3(box.xyz & 0xffffu) - ray.start) * ray.inverse, b = (vec3(box.xyz >> 16u) - ray.start) * ray.inverse;
         vec3 near = min(a, b), far = max(a, b);
         float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, tmax));
         bool met = enter <= leave, leaf = box.w >= LEAF_BIT;
-        triangle = met && leaf ? int(box.w - LEAF_BIT) : -1;
+        item = met && leaf ? int(box.w - LEAF_BIT) : -1;
         node = met || leaf ? node + 1 : int(box.w);
     }
-    return triangle;
+    return item;
 }
 
-// The distance to a triangle, NO_HIT where it is not met.
-float meet_triangle(Ray ray, int triangle)
+// The distance to an item's triangle, NO_HIT where none is met or it is the one that is left out.
+float meet_item(Ray ray, int item, int exclude, out int triangle)
 {
-    vec3 ab = ray_triangle_texel(triangle, RAY_TRIANGLE_AB).xyz, ac = ray_triangle_texel(triangle, RAY_TRIANGLE_AC).xyz;
-    vec3 s = ray.origin - ray_triangle_texel(triangle, RAY_TRIANGLE_CORNER).xyz;
-    vec3 p = cross(ray.direction, ac), q = cross(s, ab);
-    float scale = 1.0 / dot(ab, p);
+    vec4 corner = ray_item_texel(item, RAY_ITEM_CORNER), ab = ray_item_texel(item, RAY_ITEM_AB);
+    vec3 ac = ray_item_texel(item, RAY_ITEM_AC).xyz;
+    int one = int(corner.w), other = int(ab.w);
+    vec3 s = ray.origin - corner.xyz, p = cross(ray.direction, ac), q = cross(s, ab.xyz);
+    float scale = 1.0 / dot(ab.xyz, p);
     vec3 uvt = vec3(dot(s, p), dot(ray.direction, q), dot(ac, q)) * scale;
-    return min(uvt.x, uvt.y) >= -EDGE && uvt.x + uvt.y <= 1.0 + EDGE && uvt.z > 0.0 ? uvt.z : NO_HIT;
+    float across = uvt.x + uvt.y;
+    triangle = across > 1.0 && other >= 0 ? other : one;
+    float least = min(uvt.x, uvt.y), most = other >= 0 ? max(uvt.x, uvt.y) : across;
+    bool met = least >= -EDGE && most <= 1.0 + EDGE && uvt.z > 0.0 && (exclude < 0 || (exclude != one && exclude != other));
+    return met ? uvt.z : NO_HIT;
 }
 
+// exclude: the triangle that the ray starts on, -1 for none.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
     float t = NO_HIT;
-    int nearest = -1, node = ray.first, candidate = next_triangle(node, ray, t);
-    while (candidate >= 0)
+    int nearest = -1, node = ray.first, item = next_item(node, ray, t);
+    while (item >= 0)
     {
-        float at = meet_triangle(ray, candidate);
-        if (at < t && candidate != exclude) {
+        int triangle;
+        float at = meet_item(ray, item, exclude, triangle);
+        if (at < t) {
             t = at;
-            nearest = candidate;
+            nearest = triangle;
         }
-        candidate = next_triangle(node, ray, t);
+        item = next_item(node, ray, t);
     }
     return nearest;
 }
@@ -77,11 +84,12 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 {
     Ray ray = ray_along(origin, direction);
     bool blocked = false;
-    int node = ray.first, candidate = next_triangle(node, ray, tmax);
-    while (candidate >= 0)
+    int node = ray.first, item = next_item(node, ray, tmax);
+    while (item >= 0)
     {
-        blocked = candidate != exclude && meet_triangle(ray, candidate) < tmax;
-        candidate = blocked ? -1 : next_triangle(node, ray, tmax);
+        int triangle;
+        blocked = meet_item(ray, item, exclude, triangle) < tmax;
+        item = blocked ? -1 : next_item(node, ray, tmax);
     }
     return blocked;
 }

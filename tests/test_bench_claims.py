@@ -24,7 +24,7 @@ NOT_THE_NEAREST = (
     "if (at < t && candidate != exclude)",
     "if (at < NO_HIT && candidate != exclude)",
 )
-NO_SHADOWS = ("ray_bvh.glsl", "blocked = candidate != exclude &&", "blocked = false &&")
+NO_SHADOWS = ("ray_bvh.glsl", "blocked = meet_item", "blocked = false && meet_item")
 BRIGHT = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 A_TENTH_BRIGHTER = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
 BLACK_LOOK_UP = ("path_rays.frag", "L += beta * v.bsdf.diffuse * found.rgb / PI;", "")

@@ -1,9 +1,9 @@
 """The BVH on the device for the rays of paths, which go in all directions and meet triangles alone.
 
-One triangle a leaf, one texel a node: its box in 16-bit steps of the scene's, and either the node after its
-subtree or the leaf's triangle. The tree lies there eight times, for the eight signs of a direction, the nearer
-child first, so that a ray finds its hit early and passes the rest by, without a stack. Above `_MANY` triangles it
-lies there once.
+One item a leaf, a triangle or two that are a parallelogram; one texel a node: its box in 16-bit steps of the
+scene's, and either the node after its subtree or the leaf's item. The tree lies there eight times, for the eight
+signs of a direction, the nearer child first, so that a ray finds its hit early and passes the rest by, without a
+stack. Above `_MANY` triangles it lies there once.
 
 Cost:     304 bytes a triangle, 80 above `_MANY`; building it, a second for 20,000 triangles.
 Source:   Hachisuka 2015, Implementing a photorealistic rendering system using GLSL (multiple-threaded BVH);
@@ -25,11 +25,15 @@ from glpath.gl.texel_store import FLOATS, UINTS, make_store, store_glsl
 NODES: dict[str, dict[str, str]] = {
     "ray_node": {
         "BOX": "x, y, z: lower corner in the low 16 bits, upper in the high ones; w: the node after its subtree, "
-        "or LEAF_BIT and a triangle's number"
+        "or LEAF_BIT and an item's number"
     },
 }
-TRIANGLES: dict[str, dict[str, str]] = {
-    "ray_triangle": {"CORNER": "first corner", "AB": "to the second", "AC": "to the third"},
+ITEMS: dict[str, dict[str, str]] = {
+    "ray_item": {
+        "CORNER": "a corner; w: number of its triangle",
+        "AB": "to the second corner; w: number of the triangle opposite, -1 for none",
+        "AC": "to the third",
+    },
 }
 _LEAF_BIT = np.uint32(1 << 31)
 _STEPS = 65535
@@ -43,7 +47,7 @@ def ray_bvh_glsl() -> str:
         "uniform int ray_node_count;\nuniform bool ray_octants;\nuniform vec3 ray_lower;\nuniform vec3 ray_step;\n"
         f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\n"
         + store_glsl("ray_bvh", UINTS, NODES)
-        + store_glsl("ray_triangles", FLOATS, TRIANGLES)
+        + store_glsl("ray_items", FLOATS, ITEMS)
     )
 
 
@@ -55,7 +59,8 @@ class RayBvh:
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
         triangles = scene.scene.triangles
-        tree = _tree(triangles)
+        items = _items(triangles)
+        tree = _tree(triangles, items)
         count = len(tree)
         octants = 1 if len(triangles) > _MANY else 8
         lower, upper = (tree.lower[0], tree.upper[0]) if count else (np.zeros(3), np.ones(3))
@@ -76,26 +81,62 @@ class RayBvh:
                 _LEAF_BIT | tree.order[np.minimum(tree.first, max(len(tree.order) - 1, 0))],
                 base + place + size,
             )
-        corners = np.zeros((len(triangles), 3, 4))
-        corners[:, 0, :3] = triangles[:, 0]
-        corners[:, 1:, :3] = triangles[:, 1:] - triangles[:, :1]
+        first = items[:, 0]
+        rows = np.arange(len(items))
+        # From the corner that the other triangle lacks, where there is one.
+        corner = triangles[first, items[:, 2]]
+        following = [triangles[first, (items[:, 2] + k) % 3] for k in (1, 2)]
+        table = np.zeros((len(items), 3, 4))
+        table[rows, 0, :3] = corner
+        table[rows, 1, :3], table[rows, 2, :3] = following[0] - corner, following[1] - corner
+        table[:, 0, 3], table[:, 1, 3] = first, items[:, 1]
         source = scene.scene.source or scene.scene.name
         node_texture, node_bases = make_store(gl, UINTS, NODES, {"ray_node": nodes}, source)
-        triangle_texture, triangle_bases = make_store(gl, FLOATS, TRIANGLES, {"ray_triangle": corners}, source)
-        self.textures = {"ray_bvh": node_texture, "ray_triangles": triangle_texture}
+        item_texture, item_bases = make_store(gl, FLOATS, ITEMS, {"ray_item": table}, source)
+        self.textures = {"ray_bvh": node_texture, "ray_items": item_texture}
         self.uniforms: dict[str, object] = {
             "ray_node_count": count,
             "ray_octants": octants == 8,
             "ray_lower": tuple(map(float, lower)),
             "ray_step": tuple(map(float, step)),
             **node_bases,
-            **triangle_bases,
+            **item_bases,
         }
 
 
-def _tree(triangles: NDArray[np.float64]) -> Bvh:
+def _items(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(N, 3): a triangle, the one after it where both are a parallelogram, else -1, and which corner of the first
+    one the second lacks, else 0.
+
+    Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests.
+    """
+    count = len(triangles)
+    lacks = np.full(count, -1)  # of a triangle that is a parallelogram with the one after it
+    if count > 1:
+        a, b = triangles[:-1], triangles[1:]
+        size = np.maximum(np.abs(triangles).max(), 1e-30)
+        for k in range(3):
+            p, s1, s2 = a[:, k], a[:, (k + 1) % 3], a[:, (k + 2) % 3]
+            # The other has both corners opposite, and the one that completes the parallelogram.
+            wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
+            near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-7 * size
+            lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k
+    pairs = lacks >= 0
+    # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
+    run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))
+    begins = pairs & (run % 2 == 1)
+    ends = np.concatenate([[False], begins[:-1]])
+    first = np.flatnonzero(~ends)
+    return np.stack(
+        [first, np.where(begins[first], first + 1, -1), np.where(begins[first], lacks[first], 0)], axis=1
+    )
+
+
+def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     lower, upper = triangles.min(axis=1), triangles.max(axis=1)
-    if len(triangles) <= SWEPT:
+    first, second = items[:, 0], np.where(items[:, 1] < 0, items[:, 0], items[:, 1])
+    lower, upper = np.minimum(lower[first], lower[second]), np.maximum(upper[first], upper[second])
+    if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
     from glpath.bvh import build_bvh  # with numba, which is slow to import
 

@@ -200,7 +200,7 @@ class GatherSettings(PathSetSettings):
             "widths of an element goes on to a further vertex; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
-    ] = 2.0
+    ] = 1.0
     near_every: int = 4
 
     def recorded(self) -> dict[str, Any]:
