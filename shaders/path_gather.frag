@@ -1,8 +1,7 @@
 // path_gather.frag: the end of a path at the radiosity solution [PB 4, A.4]: the light that arrives at the surface
 // found is looked up and reflected. Direct light is the light sample's, but for a share that the solution has; emission
 // was the light sample's of the vertex before, or found with the surface.
-// A path that ended so near to where it came from that an element's width shows goes on instead, and with LAST_VERTEX
-// ends without the light that it would find.
+// A path that ended so near to where it came from that an element's width shows goes on instead.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include <CONSTANTS>
 #include <SCENE>
@@ -18,7 +17,6 @@
 #include "path_state.glsl"
 
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
-uniform float next_weight;      // of a path that does
 
 void main()
 {
@@ -29,11 +27,14 @@ void main()
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
         bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * element_width(a.triangle);
+#ifdef LAST_VERTEX
+        near = false;
+#endif
         vec4 found = near ? vec4(0.0) : irradiance_at(a.triangle, a.position, a.front);
         vec3 looked_up = a.throughput * (v.bsdf.diffuse * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX
-        if (near) next = go_on(v, path, a.throughput * next_weight, next.radiance);
+        if (near) next = go_on(v, path, a.throughput, next.radiance);
 #endif
     }
     leave(pixel, next, a.radiance.a);

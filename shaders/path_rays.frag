@@ -19,7 +19,6 @@
 #include "radiosity.glsl"
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
-uniform float next_weight;      // of a path that does; 0: it ends
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
@@ -103,14 +102,12 @@ void main()
 
         vec3 reflected = beta;  // of direct light
         bool goes_on = depth < vertices - 1;
-        float weight = 1.0;
 #ifdef GATHER
         if (depth >= lookup_depth) {
             bool near = depth == lookup_depth
                 && t < lookup_distance * random_number(path, USE_LOOKUP) * element_width(triangle);
             goes_on = near;
             if (near) {
-                weight = next_weight;
                 vertices = max_depth + 1;
             } else {
                 vec4 found = irradiance_at(triangle, position, front);
@@ -139,7 +136,7 @@ void main()
         }
         direction = cosine_direction(v.normal, direction_numbers(path, depth));
         float cosine = dot(v.normal, direction);
-        beta *= weight * bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
+        beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
         float most = max(beta.r, max(beta.g, beta.b));
         if (depth + 1 >= roulette_depth) {
             float stay = min(1.0, most);

@@ -10,11 +10,10 @@ What is done otherwise than in the paper, which looks up all light there:
 - Direct light at the second vertex has the set's shadow-buffer, so that no element smears a shadow's edge; close to
   a lamp, whose 1/r^2 has no bound, it is the solution's (`glpath.radiosity.lookup`).
 - A path that comes back from nearer than an element is wide would show the element itself, in corners and at
-  contacts. It goes on to a third vertex instead, the more often the nearer, so that no seam shows. As few do so,
-  one set of four casts them, and they count four times there.
+  contacts. It goes on to a third vertex instead, the more often the nearer, so that no seam shows. (To cast them in
+  one set of four, with four times the weight, has three times the variance.)
 
-Cost:     a path set of depth two plus the lookup, and a quarter of a scan; whatever the solver took. A camera that
-          moves needs no new solution.
+Cost:     a path set of depth three; whatever the solver took. A camera that moves needs no new solution.
 Poor at:  materials that are not Lambertian.
 Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
           A two-pass radiosity method driven by lights and viewer position. The random distance is that of
@@ -34,7 +33,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import GatherSettings, Lookup
-from glpath.sampling import PathSetSample, counter_hash
+from glpath.sampling import PathSetSample
 from glpath.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ class GatherTracer(PathStages):
             generated=radiosity.generated,
             defines=radiosity.defines,
         )
-        self._lookup = radiosity.uniforms | {"next_weight": float(settings.near_every)}
+        self._lookup = radiosity.uniforms
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel, ended by the solution [PB table 3, A.4]."""
@@ -115,9 +114,9 @@ class GatherTracer(PathStages):
             if depth < self.settings.max_depth - 1:
                 self.advance(index, depth, sample, light | scan, last=False)
                 self.light_from_infinity(index, depth, light)
-        near = self._near_go_on(index)
-        self.look_up(index, depth, sample, light | scan, last=not near)  # what the solution says of the surface
-        if near:
+        again = depth < self._bounces()
+        self.look_up(index, depth, sample, light | scan, last=not again)  # what the solution says of the surface
+        if again:  # for paths that ended near by
             scan = self.scan_positions(index, depth + 1, sample)
             self.scan_scene(scan)
             self.look_up(index, depth + 1, sample, light | scan, last=True)
@@ -125,8 +124,7 @@ class GatherTracer(PathStages):
     def look_up(self, index: int, depth: int, sample: PathSetSample, uniforms: Uniforms, last: bool) -> None:
         """Direct light, emission found, and radiosity reflected at the vertex that the scan found; then the sums.
 
-        Not `last`: paths that ended near by go on. The first time that `depth` is reached they do so in every set,
-        whether it casts them or not; a second time none does.
+        Not `last`: paths that ended near by go on instead.
         """
         goes_on = depth < self._bounces()
         near = {
@@ -136,12 +134,6 @@ class GatherTracer(PathStages):
         with self.stopwatch.stage("look up"):
             self._run_vertex(self._gather_passes, index, depth, sample, self._lookup | uniforms | near, last)
         self.light_from_infinity(index, depth, uniforms, last)
-
-    def _near_go_on(self, index: int) -> bool:
-        """Does this set cast the paths that ended near by? One of so many does, each of these chosen by chance."""
-        every = self.settings.near_every
-        block, place = divmod(index, every)
-        return self.settings.lookup_distance > 0 and counter_hash(self._settings.seed, block, 9) % every == place
 
     def _constant_uniforms(self) -> Uniforms:
         # Nothing stands for light from beyond the last vertex.

@@ -162,7 +162,6 @@ class RayPathEngine(PathSetEngine):
             uniforms |= {
                 "lookup_depth": settings.max_depth - 1,
                 "lookup_distance": settings.lookup_distance,
-                "next_weight": 1.0,
             }
         return uniforms
 

@@ -155,11 +155,7 @@ class PathTraceSettings(PathSetSettings):
 
 @dataclass(frozen=True)
 class GatherSettings(PathSetSettings):
-    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
-
-    near_every : of shared directions: one of so many path sets, chosen by chance, casts the paths that go on, with
-                 so much weight
-    """
+    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees."""
 
     integrator = "gather"
 
@@ -201,7 +197,6 @@ class GatherSettings(PathSetSettings):
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
-    near_every: int = 4
 
     def recorded(self) -> dict[str, Any]:
         """Without the solution: what is recorded of it is its digest, known when it is there."""
