@@ -19,11 +19,7 @@ from glpath.integrators.settings import PathTraceSettings
 from glpath.scene import load_scene
 
 SIDE = 64
-NOT_THE_NEAREST = (
-    "ray_bvh.glsl",
-    "if (at < t && candidate != exclude)",
-    "if (at < NO_HIT && candidate != exclude)",
-)
+NOT_THE_NEAREST = ("ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
 NO_SHADOWS = ("ray_bvh.glsl", "blocked = meet_item", "blocked = false && meet_item")
 BRIGHT = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 A_TENTH_BRIGHTER = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")

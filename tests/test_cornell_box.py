@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,21 +24,31 @@ def mitsuba() -> NDArray[np.float64]:
     return read_image(REFERENCE)
 
 
-def test_128_path_sets_are_within_1_2e_3_of_mitsuba(mitsuba: NDArray[np.float64]) -> None:
-    film = glpath.render("cornell-box-36", spp=128, max_depth=3)
-    assert relative_mse(film.mean, mitsuba) <= 1.2e-3
-    assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
+@pytest.mark.parametrize(
+    ("directions", "error", "lost"),
     # Crowding is weighed up, but it costs: a change that loses more is a change for the worse.
-    assert film.metadata.statistics["paths_lost"] < 0.04 * film.metadata.statistics["paths_cast"]
+    [("own", 6e-4, 0.0), ("pair", 1.2e-3, 0.04)],
+)
+def test_128_path_sets_are_near_mitsuba(
+    directions: Any, error: float, lost: float, mitsuba: NDArray[np.float64]
+) -> None:
+    film = glpath.render("cornell-box-36", spp=128, max_depth=3, directions=directions)
+    assert relative_mse(film.mean, mitsuba) <= error
+    assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
+    assert film.metadata.statistics["paths_lost"] <= lost * film.metadata.statistics["paths_cast"]
 
 
 @pytest.mark.parametrize(
-    ("patches", "error"), [(300, 1.4e-3), pytest.param(1000, 9e-4, marks=pytest.mark.evidence)]
+    ("patches", "sets", "error"),
+    [
+        (300, 128, 4e-4),
+        *(pytest.param(*case, marks=pytest.mark.evidence) for case in ((300, 512, 1.5e-4), (1000, 128, 4e-4))),
+    ],
 )
-def test_a_gather_from_a_coarse_solution_has_all_of_mitsubas_bounces(patches: int, error: float) -> None:
-    """The mean within 1 % is asked for; measured: 0.1 %."""
+def test_a_gather_from_a_coarse_solution_has_all_of_mitsubas_bounces(patches: int, sets: int, error: float) -> None:
+    """The mean within 1 % is asked for; measured: 0.1 %. Looked up whole, 128 sets have 1.4e-3 and 9e-4."""
     solution = glpath.solve_radiosity("cornell-box-36", patches=patches)
-    film = glpath.render("cornell-box-36", integrator="gather", radiosity=solution, spp=128)
+    film = glpath.render("cornell-box-36", integrator="gather", radiosity=solution, spp=sets)
     truth = read_image(ALL_BOUNCES)
     assert relative_mse(film.mean, truth) <= error
     assert mean_ratio(film.mean, truth) == pytest.approx(1.0, abs=0.005)
@@ -45,9 +56,9 @@ def test_a_gather_from_a_coarse_solution_has_all_of_mitsubas_bounces(patches: in
 
 @pytest.mark.evidence
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_1024_path_sets_are_within_1_2e_4_of_mitsuba(seed: int, mitsuba: NDArray[np.float64]) -> None:
+def test_1024_path_sets_are_within_1e_4_of_mitsuba(seed: int, mitsuba: NDArray[np.float64]) -> None:
     film = glpath.render("cornell-box-36", spp=1024, max_depth=3, seed=seed)
-    assert relative_mse(film.mean, mitsuba) <= 1.2e-4
+    assert relative_mse(film.mean, mitsuba) <= 1e-4
     assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
 
 

@@ -485,7 +485,7 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
         films = [
             glpath.render(
                 "cornell-box-36", integrator="gather", radiosity=solution, spp=256, resolution=(64, 64), seed=seed,
-                directions=directions,
+                directions=directions, direct_light="solution", lookup_distance=0,
             ).mean
             for seed in range(6)
         ]  # fmt: skip

@@ -155,3 +155,13 @@ def test_values_become_those_of_the_type() -> None:
 def test_an_option_that_there_is_not_is_named_with_the_nearest() -> None:
     with pytest.raises(glpath.UsageError, match="Did you mean shadow_filter"):
         glpath.render(BOX, integrator="t-buffer", shadow_filtre=2)
+
+
+def test_rays_of_their_own_have_no_options_of_shared_directions() -> None:
+    """Neither asked for nor recorded: a film would not merge for the sake of what decides nothing."""
+    with pytest.raises(glpath.UsageError, match='light_resolution: 64 with directions "own"'):
+        glpath.render(BOX, spp=1, resolution=(8, 8), light_resolution=64)
+    shared = PathTraceSettings(directions="pair").recorded()
+    own = PathTraceSettings().recorded()
+    assert set(shared) - set(own) == {"light_resolution", "cell_share", "cosine_roulette"}
+    assert own["directions"] == "own"

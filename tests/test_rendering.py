@@ -14,6 +14,7 @@ import pytest
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.gl import passes
 from glpath.rendering import tiles
 
 BOX = "cornell-box-36"
@@ -163,6 +164,14 @@ def test_progress_counts_up_to_the_end() -> None:
     assert [p.done for p in seen] == sorted(p.done for p in seen)
     assert (seen[-1].done, seen[-1].total) == (40, 40)
     assert seen[-1].error is not None
+
+
+def test_paths_that_are_drawn_in_parts_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No draw is so long that a watchdog ends it, however deep paths are."""
+    whole = glpath.render(BOX, spp=2, max_depth=3, resolution=(50, 40))
+    monkeypatch.setattr(passes, "TESTS_PER_DRAW", 200_000)
+    parts = glpath.render(BOX, spp=2, max_depth=3, resolution=(50, 40))
+    np.testing.assert_array_equal(whole.radiance_sums, parts.radiance_sums)
 
 
 def test_timings_are_there_when_asked_for() -> None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
-from glpath.gl.passes import Pass
+from glpath.gl.passes import Pass, draw_areas
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
@@ -34,6 +34,8 @@ from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 LIGHTS = 16
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
+# Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
+_TESTS_A_VERTEX = 200
 
 
 class RayPathEngine(PathSetEngine):
@@ -105,6 +107,7 @@ class RayPathEngine(PathSetEngine):
             **(radiosity.textures if radiosity else {}),
             "eye_buffer": self._eye_buffer,
         }
+        self._areas = draw_areas(self._size, settings.max_depth * _TESTS_A_VERTEX)
         self._path_passes = [
             Pass("paths", gl, program, self._sums.targets[1 - i], textures=textures | self._sums.textures[i])
             for i in range(2)
@@ -115,8 +118,14 @@ class RayPathEngine(PathSetEngine):
         sample = self._sampler[index]
         eye = self._eye_uniforms(sample.pixel)
         self._see(eye)
+        uniforms = self._constant | eye | self._of_set(index, sample)
+        paths = self._path_passes[self._sum]
         with self.stopwatch.stage("paths"):
-            self._path_passes[self._sum].run(self._constant | eye | self._of_set(index, sample))
+            for area in self._areas:
+                paths.area = area
+                paths.run(uniforms)
+                if len(self._areas) > 1:
+                    self.gl.finish()  # a watchdog counts what a device was given at once
         self._sum = 1 - self._sum
 
     # What the draw is told.
