@@ -3,7 +3,6 @@
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
 uniform int next_views;         // how many of them a path has to choose from
-uniform vec3 ambient;           // radiance assumed beyond the last vertex [PB A.2]
 uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
 uniform float cosine_roulette;  // see below
 
@@ -32,8 +31,7 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 {
     DirectLight direct = direct_light(v.surface.position, v.normal, v.triangle, v.plane, views);
 #if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
-    // Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
-    if (light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0) direct.light = vec3(0.0);
+    if (ambient_instead(light_kind)) direct.light = vec3(0.0);
 #endif
     vec3 lit = beta * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
 #ifdef HAS_DISTANT_LIGHTS

@@ -23,7 +23,6 @@ uniform float lookup_distance;  // in widths of an element; nearer than a random
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform int max_depth;               // vertices of a path
-uniform vec3 ambient;                // radiance assumed beyond the last vertex [PB A.2]
 uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BOUNCES];
@@ -122,6 +121,7 @@ void main()
         vec3 start = position + rounding * v.normal;
         LightSample light_sample = light_of(path, depth);
         DirectLight direct = light_from(light_sample, position, v.normal, goes_on ? 2 : 0);
+        if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
         vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
                  * shading_cosine(v.n, v.normal, direct.wi);
         if (max(lit.r, max(lit.g, lit.b)) > 0.0) {

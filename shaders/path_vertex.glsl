@@ -1,7 +1,14 @@
 // path_vertex.glsl: a vertex of a path: a surface, seen from a side and along a direction.
 // Needs:  surface.glsl
 // Frame:  world.
+uniform vec3 ambient;        // radiance assumed beyond the last vertex [PB A.2]
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
+
+// Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
+bool ambient_instead(uint light_kind)
+{
+    return light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0;
+}
 
 // A path's number for random_number.
 uint path_in_image(ivec2 pixel)

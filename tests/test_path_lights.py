@@ -275,6 +275,15 @@ def test_beyond_the_last_vertex_ambient_light_stands_for_the_sky_as_well() -> No
     assert paths.mean.mean() == pytest.approx(rays.mean.mean(), rel=0.003)
 
 
+@pytest.mark.parametrize("depth", [2, 3])
+def test_ambient_light_and_the_sky_are_not_both_at_the_last_vertex(depth: int) -> None:
+    scene = scene_of(sky=SKY, ambient=0.4)
+    own, shared = (
+        glpath.render(scene, spp=512, max_depth=depth, directions=directions) for directions in ("own", "pair")
+    )
+    assert own.mean.mean() == pytest.approx(shared.mean.mean(), rel=0.004)
+
+
 def test_a_chest_is_dark_inside_whatever_shines_on_it() -> None:
     chest = {"type": "box", "min": [-0.3, 0.5, -0.3], "max": [0.3, 1.3, 0.3], "material": "grey"}
     tables: dict[str, Any] = {"lights": [POINT, SPOT, SUN], "sky": SKY}
