@@ -48,11 +48,11 @@ int next_item(inout int node, Ray ray, float tmax)
 // The distance to an item's triangle, NO_HIT where none is met or it is the one that is left out.
 float meet_item(Ray ray, int item, int exclude, out int triangle)
 {
-    vec4 corner = ray_item_texel(item, RAY_ITEM_CORNER), ab = ray_item_texel(item, RAY_ITEM_AB);
-    vec3 ac = ray_item_texel(item, RAY_ITEM_AC).xyz;
-    int one = int(corner.w), other = int(ab.w);
-    vec3 s = ray.origin - corner.xyz, p = cross(ray.direction, ac), q = cross(s, ab.xyz);
-    float scale = 1.0 / dot(ab.xyz, p);
+    uvec4 of_corner = ray_item_texel(item, RAY_ITEM_CORNER), of_ab = ray_item_texel(item, RAY_ITEM_AB);
+    vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(ray_item_texel(item, RAY_ITEM_AC).xyz);
+    int one = int(of_corner.w), other = of_ab.w == NO_TRIANGLE ? -1 : int(of_ab.w);
+    vec3 s = ray.origin - uintBitsToFloat(of_corner.xyz), p = cross(ray.direction, ac), q = cross(s, ab);
+    float scale = 1.0 / dot(ab, p);
     vec3 uvt = vec3(dot(s, p), dot(ray.direction, q), dot(ac, q)) * scale;
     float across = uvt.x + uvt.y;
     triangle = across > 1.0 && other >= 0 ? other : one;

@@ -20,7 +20,7 @@ from glpath.gl import program, ray_bvh
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
-from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.gl.ray_bvh import RayBvh, _item_table, _items, ray_bvh_glsl
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
 Float64 = NDArray[np.float64]
@@ -120,14 +120,39 @@ def test_rays_find_what_every_triangle_asked_finds(
     assert np.mean(blocked != (t < tmax)) < 0.003
 
 
-def test_no_ray_leaves_a_closed_room(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("away", [0.0, 1000.0])
+def test_no_ray_leaves_a_closed_room(away: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A finely tessellated sphere from within: not even through the edges and corners of its triangles."""
-    sphere = {"type": "sphere", "center": [3, 1, -2], "radius": 2.0, "subdivisions": 4}
-    camera = {"position": [3, 1, -2], "target": [3, 1, 0]}
+    centre = np.array([3.0, 1.0, -2.0]) + away
+    sphere = {"type": "sphere", "center": centre.tolist(), "radius": 2.0, "subdivisions": 4}
+    camera = {"position": centre.tolist(), "target": [*centre[:2], centre[2] + 2]}
     scene = path_traceable(scene_from_dict({"camera": camera, "shapes": [sphere], "sky": SKY}))
     corners = scene.triangles.reshape(-1, 3)
     middles = 0.5 * (scene.triangles + np.roll(scene.triangles, 1, axis=1)).reshape(-1, 3)
     aims = np.concatenate([corners, middles])[:8000]
-    origins = np.broadcast_to([3.1, 0.9, -2.2], aims.shape)
+    origins = np.broadcast_to(centre + np.array([0.1, -0.1, -0.2]), aims.shape)
     triangle, _ = cast(monkeypatch, tmp_path, scene, origins, aims - origins, 1e9)
     assert (triangle >= 0).all()
+
+
+def test_parallelograms_are_pairs_of_triangles_and_no_others() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    pair = square[[[0, 1, 2], [0, 2, 3]]]
+    kite = pair.copy()
+    kite[1, 2] += [0.1, 0, 0]
+    loose = square[[[0, 1, 2]]] + 5.0
+    assert _items(pair).tolist() == [[0, 1, 1]]
+    assert _items(np.concatenate([loose, pair, loose]))[:, :2].tolist() == [[0, -1], [1, 2], [3, -1]]
+    # However small they are beside the scene.
+    for scale in (1.0, 1e-7):
+        assert _items(np.concatenate([1e-7 * pair, scale * kite]))[:, :2].tolist() == [[0, 1], [2, -1], [3, -1]]
+    assert _items(np.zeros((0, 3, 3))).shape == (0, 3)
+
+
+def test_numbers_of_triangles_are_integers() -> None:
+    """A float would have lost the last digits from 2**24 on."""
+    number = (1 << 24) + 1
+    triangles = np.broadcast_to(np.eye(3), (number + 1, 3, 3))
+    table = _item_table(triangles, np.array([[number, -1, 0]]))
+    assert table[0, 0, 3] == number
+    assert table[0, 1, 3] == 0xFFFFFFFF

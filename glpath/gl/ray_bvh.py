@@ -19,23 +19,22 @@ from numpy.typing import NDArray
 from glpath.bvh_nodes import Bvh
 from glpath.bvh_sweep import SWEPT, sweep_bvh
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.texel_store import FLOATS, UINTS, make_store, store_glsl
+from glpath.gl.texel_store import UINTS, make_store, store_glsl
 
-#: What a node's texel holds, and a triangle's.
-NODES: dict[str, dict[str, str]] = {
+#: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
+LAYOUT: dict[str, dict[str, str]] = {
     "ray_node": {
         "BOX": "x, y, z: lower corner in the low 16 bits, upper in the high ones; w: the node after its subtree, "
         "or LEAF_BIT and an item's number"
     },
-}
-ITEMS: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
-        "AB": "to the second corner; w: number of the triangle opposite, -1 for none",
+        "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
         "AC": "to the third",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)
+_NO_TRIANGLE = np.uint32(0xFFFFFFFF)
 _STEPS = 65535
 # More in all the eight orders would be 64 MiB of nodes.
 _MANY = 250_000
@@ -45,9 +44,8 @@ def ray_bvh_glsl() -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`."""
     return (
         "uniform int ray_node_count;\nuniform bool ray_octants;\nuniform vec3 ray_lower;\nuniform vec3 ray_step;\n"
-        f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\n"
-        + store_glsl("ray_bvh", UINTS, NODES)
-        + store_glsl("ray_items", FLOATS, ITEMS)
+        f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
+        + store_glsl("ray_bvh", UINTS, LAYOUT)
     )
 
 
@@ -58,68 +56,83 @@ class RayBvh:
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
-        triangles = scene.scene.triangles
+        # As the device has their corners, or neighbours far from the origin would not meet at an edge.
+        triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
         items = _items(triangles)
         tree = _tree(triangles, items)
-        count = len(tree)
         octants = 1 if len(triangles) > _MANY else 8
-        lower, upper = (tree.lower[0], tree.upper[0]) if count else (np.zeros(3), np.ones(3))
-        # A little larger than the scene, so that boxes may be rounded outwards.
-        step = np.maximum(upper - lower, 1e-6 * max(1.0, float(np.abs([lower, upper]).max()))) / (_STEPS - 4)
-        lower = lower - 2.0 * step
-        low = np.floor((tree.lower - lower) / step - 0.5).astype(np.uint32)
-        high = np.ceil((tree.upper - lower) / step + 0.5).astype(np.uint32)
-        nodes = np.zeros((octants * count, 1, 4), np.uint32)
-        leaf = tree.count > 0
-        size = tree.skip - np.arange(count)
-        for octant in range(octants):
-            place = _places(tree, octant)
-            base = octant * count
-            nodes[base + place, 0, :3] = low | high << np.uint32(16)
-            nodes[base + place, 0, 3] = np.where(
-                leaf,
-                _LEAF_BIT | tree.order[np.minimum(tree.first, max(len(tree.order) - 1, 0))],
-                base + place + size,
-            )
-        first = items[:, 0]
-        rows = np.arange(len(items))
-        # From the corner that the other triangle lacks, where there is one.
-        corner = triangles[first, items[:, 2]]
-        following = [triangles[first, (items[:, 2] + k) % 3] for k in (1, 2)]
-        table = np.zeros((len(items), 3, 4))
-        table[rows, 0, :3] = corner
-        table[rows, 1, :3], table[rows, 2, :3] = following[0] - corner, following[1] - corner
-        table[:, 0, 3], table[:, 1, 3] = first, items[:, 1]
-        source = scene.scene.source or scene.scene.name
-        node_texture, node_bases = make_store(gl, UINTS, NODES, {"ray_node": nodes}, source)
-        item_texture, item_bases = make_store(gl, FLOATS, ITEMS, {"ray_item": table}, source)
-        self.textures = {"ray_bvh": node_texture, "ray_items": item_texture}
+        lower, step, boxes = _in_steps(tree)
+        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": _item_table(triangles, items)}
+        texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
+        self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
-            "ray_node_count": count,
+            "ray_node_count": len(tree),
             "ray_octants": octants == 8,
             "ray_lower": tuple(map(float, lower)),
             "ray_step": tuple(map(float, step)),
-            **node_bases,
-            **item_bases,
+            **bases,
         }
 
 
+def _in_steps(tree: Bvh) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32]]:
+    """Origin and step (3,) of the boxes' own space, and (M, 3) the boxes in it, rounded outwards."""
+    if not len(tree):
+        return np.zeros(3), np.ones(3), np.zeros((0, 3), np.uint32)
+    lower, upper = tree.lower[0], tree.upper[0]
+    far = max(float(np.abs([lower, upper]).max()), 1e-30)
+    extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
+    # A ray's start is a float, which far from the origin is worth more than a step.
+    pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
+    step = extent / (_STEPS - 2 * pad - 2)
+    lower = lower - (pad + 1) * step
+    low = np.clip(np.floor((tree.lower - lower) / step - pad), 0, _STEPS).astype(np.uint32)
+    high = np.clip(np.ceil((tree.upper - lower) / step + pad), 0, _STEPS).astype(np.uint32)
+    return lower, step, low | high << np.uint32(16)
+
+
+def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[np.uint32]:
+    """(octants * M, 1, 4), the tree in as many orders."""
+    count = len(tree)
+    table = np.zeros((octants * count, 1, 4), np.uint32)
+    leaf = tree.count > 0
+    size = tree.skip - np.arange(count)
+    for octant in range(octants):
+        place = octant * count + _places(tree, octant)
+        table[place, 0, :3] = boxes
+        table[place, 0, 3] = place + size
+        table[place[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
+    return table
+
+
+def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """(N, 3, 4)."""
+    first, opposite, k = items.T
+    # From the corner that the other triangle lacks, where there is one.
+    corner, b, c = (triangles[first, (k + i) % 3] for i in range(3))
+    table = np.zeros((len(items), 3, 4), np.uint32)
+    table[:, :, :3] = np.stack([corner, b - corner, c - corner], axis=1).astype(np.float32).view(np.uint32)
+    table[:, 0, 3], table[:, 1, 3] = first, np.where(opposite < 0, _NO_TRIANGLE, opposite)
+    return table
+
+
 def _items(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(N, 3): a triangle, the one after it where both are a parallelogram, else -1, and which corner of the first
-    one the second lacks, else 0.
+    """(N, 3): a triangle; the one after it where both are a parallelogram, else -1; and which corner of the first
+    the second lacks, else 0.
 
     Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests.
     """
     count = len(triangles)
     lacks = np.full(count, -1)  # of a triangle that is a parallelogram with the one after it
+    if not count:
+        return np.zeros((0, 3), np.int64)
     if count > 1:
         a, b = triangles[:-1], triangles[1:]
-        size = np.maximum(np.abs(triangles).max(), 1e-30)
+        size = np.ptp(a, axis=1).max(axis=1)[:, None, None]
         for k in range(3):
             p, s1, s2 = a[:, k], a[:, (k + 1) % 3], a[:, (k + 2) % 3]
             # The other has both corners opposite, and the one that completes the parallelogram.
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
-            near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-7 * size
+            near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-6 * size
             lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k
     pairs = lacks >= 0
     # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
