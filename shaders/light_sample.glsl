@@ -41,6 +41,13 @@ float light_share(float density, float cosine, int views)
     return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
 }
 
+// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light points
+// have a density per area. Alone, it would be counted twice.
+float emission_share(float density, float light_point, float t, float cosine)
+{
+    return power_heuristic(density, light_point * t * t / max(abs(cosine), 1e-9));
+}
+
 // Share of the way to the light that rounding may take.
 const float ROUNDING = 1e-5;
 

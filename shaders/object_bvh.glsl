@@ -4,13 +4,6 @@
 #include "object_classic.glsl"
 #include <BVH>
 
-// One over a direction; a component of 0 becomes so small that its slab decides nothing wrongly.
-vec3 inverse_direction(vec3 direction)
-{
-    vec3 least = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
-    return 1.0 / mix(direction, least, lessThan(abs(direction), vec3(1e-20)));
-}
-
 // Is some of the box between tmin and tmax? A little widened against rounding (Ize 2013).
 bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, float tmax)
 {

@@ -8,6 +8,7 @@
 //
 // `exclude` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
 // at the start itself is taken to be exactly 0, so that the far side is still met from inside, without any bias.
+#include "directions.glsl"
 const float NO_HIT = 3e38;
 
 // xyz: start relative to the centre, f; w: |f|^2 - r^2, with the digits kept that cancel where the start is near the
@@ -88,18 +89,6 @@ TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2
     precise vec3 normal = cross(ab, bc);
     precise float offset = dot(normal, a);
     return TriangleFrom(a, b, c, vec4(normal, offset));
-}
-
-// Two axes across a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
-void axes_across(vec3 d, out vec3 x, out vec3 y)
-{
-    float side = d.z < 0.0 ? -1.0 : 1.0;
-    precise float a = -1.0 / (side + d.z);
-    precise float b = d.x * d.y * a;
-    precise vec3 across = vec3(1.0 + side * d.x * d.x * a, side * b, -side * d.x);
-    precise vec3 along = vec3(b, side + d.y * d.y * a, -d.y);
-    x = across;
-    y = along;
 }
 
 // The weights of the corners at the ray, not yet divided by their sum; all of one sign where it passes inside.

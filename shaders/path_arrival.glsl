@@ -55,9 +55,6 @@ Arrival arrive(ivec2 pixel)
     float light_point;
     vec3 Le = emitted(a.surface, a.front, light_point);
     float density = direction_density(course_cosine(from.w), path_views);
-    if (density > 0.0) {
-        float light = light_point * a.t * a.t / max(abs(dot(a.plane.xyz, d)), 1e-9);
-        a.radiance.rgb += a.throughput * Le * power_heuristic(density, light);
-    }
+    if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
     return a;
 }

@@ -1,5 +1,6 @@
 // path_rays.frag: whole paths, each with directions and a light of its own: rays are cast by the BVH.
-// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; HAS_..., see light_sample.glsl
+// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; GATHER; those of
+//         light_sample.glsl
 // Runs over: the pixels of the window. Output: the sums, see accumulate.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
@@ -27,20 +28,23 @@ uniform int roulette_depth;          // from this vertex on, paths end by chance
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
-uniform vec4 light_table[LIGHT_ROWS];
-
-// A place on a surface is only known to this share of the way that led there.
-const float RAY_ROUNDING = 2e-6;
+uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 
 float unit(uint bits)
 {
     return float(bits >> 8u) * (1.0 / 16777216.0);
 }
 
+// Another number at each vertex, for the uses of random.glsl, 0 and 1.
+uint use_at(int vertex, uint use)
+{
+    return 8u * uint(vertex + 1) + use;
+}
+
 // A lattice's shift is a sum, a net's an exclusive or.
 vec2 direction_numbers(uint path, int bounce)
 {
-    if (bounce >= BOUNCES) return vec2(random_number(path, 2u * uint(bounce)), random_number(path, 2u * uint(bounce) + 1u));
+    if (bounce >= BOUNCES) return vec2(random_number(path, use_at(bounce, 0u)), random_number(path, use_at(bounce, 1u)));
     uvec2 point = direction_points[bounce];
     uint first = pcg(path_seed + 2u * uint(bounce));
     uvec2 shift = uvec2(pcg(path + first), pcg(path + pcg(first)));
@@ -51,7 +55,7 @@ vec2 direction_numbers(uint path, int bounce)
 // The set's light samples are few: paths share them by classes, and a path takes another one at each vertex.
 LightSample light_of(uint path, int depth)
 {
-    int i = 4 * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS));
+    int i = LIGHT_ROWS * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS));
     vec4 a = light_table[i], b = light_table[i + 1], c = light_table[i + 2], d = light_table[i + 3];
     return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
 }
@@ -59,10 +63,8 @@ LightSample light_of(uint path, int depth)
 // By the cosine about a unit normal.
 vec3 cosine_direction(vec3 normal, vec2 u)
 {
-    // Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
-    float side = normal.z < 0.0 ? -1.0 : 1.0, a = -1.0 / (side + normal.z), b = normal.x * normal.y * a;
-    vec3 x = vec3(1.0 + side * normal.x * normal.x * a, side * b, -side * normal.x);
-    vec3 y = vec3(b, side + normal.y * normal.y * a, -normal.y);
+    vec3 x, y;
+    axes_across(normal, x, y);
     float r = sqrt(u.x), phi = 2.0 * PI * u.y;
     return normalize(r * cos(phi) * x + r * sin(phi) * y + sqrt(1.0 - u.x) * normal);
 }
@@ -74,7 +76,7 @@ void main()
     vec3 origin = eye_position, direction = eye_direction(pixel);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
-    float density = 0.0;  // of the direction, per solid angle; 0 from the eye
+    float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
     for (int depth = 0; depth < vertices; ++depth)
@@ -82,7 +84,7 @@ void main()
         if (triangle < 0) {
 #ifdef HAS_SKY
             // Shared with the light sample of the vertex before, as emission is.
-            float share = density > 0.0 ? power_heuristic(density, sky_density(direction)) : 1.0;
+            float share = depth == 0 ? 1.0 : power_heuristic(density, sky_density(direction));
             L += beta * sky(direction) * share;
 #endif
             break;
@@ -93,11 +95,9 @@ void main()
         bool front = front_hit(plane.xyz, direction);
         PathVertex v = path_vertex(surface_of_triangle(triangle, position, plane), triangle, plane, front, -direction);
 
-        // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
         float light_point;
         vec3 Le = emitted(v.surface, front, light_point);
-        float light = light_point * t * t / max(abs(dot(plane.xyz, direction)), 1e-9);
-        L += beta * Le * (density > 0.0 ? power_heuristic(density, light) : 1.0);
+        L += beta * Le * (depth == 0 ? 1.0 : emission_share(density, light_point, t, dot(plane.xyz, direction)));
 
         vec3 reflected = beta;  // of direct light
         bool goes_on = depth < vertices - 1;
@@ -140,7 +140,7 @@ void main()
         float most = max(beta.r, max(beta.g, beta.b));
         if (depth + 1 >= roulette_depth) {
             float stay = min(1.0, most);
-            if (random_number(path, USE_ROULETTE + 8u * uint(depth)) >= stay) break;
+            if (random_number(path, use_at(depth, USE_ROULETTE)) >= stay) break;
             beta /= stay;
         }
         if (most <= 0.0 || cosine <= 0.0) break;

@@ -2,6 +2,7 @@
 // Needs:  <RAY_BVH>
 // Frame:  world; boxes are met in steps of the scene's own box, the distance along the ray being the same.
 #include <RAY_BVH>
+#include "directions.glsl"
 
 const float NO_HIT = 1e30;
 // A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
@@ -19,13 +20,11 @@ struct Ray
 
 Ray ray_along(vec3 origin, vec3 direction)
 {
-    // A component of 0 becomes so small that its slab decides nothing wrongly.
-    vec3 least = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
-    vec3 d = mix(direction, least, lessThan(abs(direction), vec3(1e-20)));
     bvec3 against = lessThan(direction, vec3(0.0));
     int octant = ray_octants ? int(against.x) + 2 * int(against.y) + 4 * int(against.z) : 0;
     int first = octant * ray_node_count;
-    return Ray(origin, direction, (origin - ray_lower) / ray_step, ray_step / d, first, first + ray_node_count);
+    return Ray(origin, direction, (origin - ray_lower) / ray_step, ray_step * inverse_direction(direction), first,
+               first + ray_node_count);
 }
 
 // The next leaf's item on the way from a node, nearer than tmax; -1 for none. The node goes on.

@@ -31,9 +31,6 @@ uniform vec3 ambient;
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
 #endif
 
-// A place on a surface is only known to this share of the way that led there.
-const float RAY_ROUNDING = 2e-6;
-
 bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
 #ifdef BY_BVH

@@ -18,6 +18,9 @@ NUMBER_BITS = 20
 #: it was not launched.
 PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
 
+#: A place on a surface is only known to this share of the way that a ray took there.
+RAY_ROUNDING = 2e-6
+
 #: Events of a path, in one float: rays cast, and from this bit on how many of them were lost.
 CAST_BITS = 11
 #: Sums of events: above the rays lost, the samples dropped.

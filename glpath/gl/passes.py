@@ -7,7 +7,7 @@ set before: `Pass.run` sets everything, every time.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -174,6 +174,18 @@ class Pass:
             gl.disable_direct(0x3000 + i)
         if self.buffers:
             gl.memory_barrier()
+
+
+def run_in_areas(drawn: Pass, areas: Sequence[tuple[int, int, int, int]], uniforms: Mapping[str, object]) -> None:
+    """Draw area by area, see `draw_areas`, and wait for each where there are several.
+
+    A watchdog counts what a device was given at once.
+    """
+    for area in areas:
+        drawn.area = area
+        drawn.run(uniforms)
+        if len(areas) > 1:
+            drawn.gl.finish()
 
 
 @dataclass

@@ -67,6 +67,11 @@ class PathSetEngine(ABC):
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=scene.textures,
         )
+        self._prepare()
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Make what the engine needs besides, at the end of the constructor."""
 
     @abstractmethod
     def trace_path_set(self, index: int) -> None:

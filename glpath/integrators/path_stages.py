@@ -34,14 +34,13 @@ from numpy.typing import NDArray
 
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, ScanView
-from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import sample_uniforms, sky_uniforms
+from glpath.gl.lights import light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import PathSetSettings
-from glpath.lighting import NO_LIGHT, Lighting
+from glpath.lighting import NO_LIGHT
 from glpath.sampling import (
     PathSetSample,
     PathSetSampler,
@@ -72,35 +71,14 @@ class PathStages(PathSetEngine):
 
     _advance_passes: VertexPasses  # set by the subclass
 
-    def __init__(
-        self,
-        gl: moderngl.Context,
-        scene: DeviceScene,
-        settings: PathSetSettings,
-        window: tuple[int, int, int, int],
-        *,
-        max_radiance: float,
-        lighting: Lighting | None = None,
-        hardware: bool,
-        timings: bool = False,
-    ) -> None:
-        super().__init__(
-            gl,
-            scene,
-            settings,
-            window,
-            max_radiance=max_radiance,
-            lighting=lighting,
-            hardware=hardware,
-            timings=timings,
-        )
+    def _prepare(self) -> None:
+        gl, scene, settings, size = self.gl, self.scene, self._settings, self._size
         self._current = 0  # which of the two sets of path states holds the present ones
         self._distant = False  # the set's light is from infinitely far
         self._distant_scan: Uniforms = {}
         self._sampler = PathSetSampler(
             settings.seed, self._bounces() + 1, settings.sampling, lattice=settings.directions == "lattice"
         )
-        size = window[2:]
         views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
@@ -111,7 +89,7 @@ class PathStages(PathSetEngine):
             PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lights.infinite else None
         )
         self._make_states(size)
-        self.look_at(window)
+        self.look_at(self.window)
 
     def look_at(self, window: tuple[int, int, int, int]) -> None:
         """Go on with another window of the same size."""
@@ -278,11 +256,6 @@ class PathStages(PathSetEngine):
         defines: Mapping[str, object] | None = None,
     ) -> Program:
         sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
-        lights = {
-            "HAS_POSITIONAL_LIGHTS": self.lighting.positional,
-            "HAS_DISTANT_LIGHTS": self.lighting.infinite,
-            "HAS_SKY": self.scene.scene.sky is not None,
-        }
         return load_program(
             self.gl,
             vertex=vertex,
@@ -293,7 +266,7 @@ class PathStages(PathSetEngine):
                 **self.path_buffer.defines,
                 **self.shadow_buffer.defines,
                 **sphere,
-                **{name: 1 for name, has in lights.items() if has},
+                **light_defines(self.scene.scene.sky, self.lighting),
                 **(defines or {}),
             },
         )

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import sky_uniforms
-from glpath.gl.passes import Pass, draw_areas
+from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
+from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.lighting import LIGHT_KINDS, NO_LIGHT, Lighting, LightSample
+from glpath.lighting import NO_LIGHT, Lighting
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 
 #: Light samples of a path set, for its paths to choose from.
@@ -56,57 +56,47 @@ class RayPathEngine(PathSetEngine):
         timings: bool = False,
     ) -> None:
         self.settings = settings
-        ambient = np.zeros(3)
+        self._radiosity = radiosity
+        self._ambient = np.zeros(3)
         if isinstance(settings, PathTraceSettings):
-            ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
+            self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
-        ambient_alone = settings.max_depth == 1 and bool(np.any(ambient > 0))
+        ambient_alone = settings.max_depth == 1 and bool(np.any(self._ambient > 0))
         super().__init__(
             gl,
             scene,
             settings,
             window,
-            max_radiance=max(float(np.max(ambient)), radiosity.max_radiance if radiosity else 0.0),
+            max_radiance=max(float(np.max(self._ambient)), radiosity.max_radiance if radiosity else 0.0),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
             hardware=hardware,
             timings=timings,
         )
-        self._bounces = max(1, min(settings.max_depth, _MOST_BOUNCES))
+
+    def _prepare(self) -> None:
+        gl, scene, settings, radiosity = self.gl, self.scene, self._settings, self._radiosity
+        self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
         self._sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
-        self._constant = self._constant_uniforms(ambient) | (radiosity.uniforms if radiosity else {})
         bvh = RayBvh(gl, scene)
-        self._constant |= bvh.uniforms
-        lights = {
-            "HAS_POSITIONAL_LIGHTS": self.lighting.positional,
-            "HAS_DISTANT_LIGHTS": self.lighting.infinite,
-            "HAS_SKY": scene.scene.sky is not None,
-            "GATHER": radiosity is not None,
+        self._constant = self._constant_uniforms() | bvh.uniforms
+        textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
+        # Includes are put in place before #ifdef is looked at.
+        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": ""}
+        defines: dict[str, object] = {
+            **scene.defines,
+            **light_defines(scene.scene.sky, self.lighting),
+            "BOUNCES": self._bounces,
+            "LIGHTS": LIGHTS,
+            "LIGHT_ROWS": LIGHT_ROWS,
         }
+        if radiosity is not None:
+            self._constant |= radiosity.uniforms
+            textures |= radiosity.textures
+            generated |= radiosity.generated
+            defines |= radiosity.defines | {"GATHER": 1}
         program = load_program(
-            gl,
-            vertex="fullscreen.vert",
-            fragment="path_rays.frag",
-            generated={
-                **scene.generated,
-                "RAY_BVH": ray_bvh_glsl(),
-                "RADIOSITY": "",
-                **(radiosity.generated if radiosity else {}),
-            },
-            defines={
-                **scene.defines,
-                **(radiosity.defines if radiosity else {}),
-                "BOUNCES": self._bounces,
-                "LIGHTS": LIGHTS,
-                "LIGHT_ROWS": 4 * LIGHTS,
-                **{name: 1 for name, has in lights.items() if has},
-            },
+            gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
         )
-        textures = {
-            **scene.textures,
-            **bvh.textures,
-            **(radiosity.textures if radiosity else {}),
-            "eye_buffer": self._eye_buffer,
-        }
         self._areas = draw_areas(self._size, settings.max_depth * _TESTS_A_VERTEX)
         self._path_passes = [
             Pass("paths", gl, program, self._sums.targets[1 - i], textures=textures | self._sums.textures[i])
@@ -121,11 +111,7 @@ class RayPathEngine(PathSetEngine):
         uniforms = self._constant | eye | self._of_set(index, sample)
         paths = self._path_passes[self._sum]
         with self.stopwatch.stage("paths"):
-            for area in self._areas:
-                paths.area = area
-                paths.run(uniforms)
-                if len(self._areas) > 1:
-                    self.gl.finish()  # a watchdog counts what a device was given at once
+            run_in_areas(paths, self._areas, uniforms)
         self._sum = 1 - self._sum
 
     # What the draw is told.
@@ -136,9 +122,7 @@ class RayPathEngine(PathSetEngine):
         return {
             "image_window": self._image_window(),
             "random_seed": counter_hash(seed, index, 0, 5),
-            "direction_points": [tuple(map(int, p)) for p in points]
-            if len(points) > 1
-            else tuple(map(int, points[0])),
+            "direction_points": [tuple(map(int, p)) for p in points],
             "light_table": self._light_table(sample.light),
         }
 
@@ -148,10 +132,10 @@ class RayPathEngine(PathSetEngine):
         rows: list[tuple[float, ...]] = []
         for shift in self._light_shifts:
             light = NO_LIGHT if lighting.dark else lighting.sample((_words(u) ^ shift) / 2.0**32)
-            rows += _light_rows(light)
+            rows += light_rows(light)
         return rows
 
-    def _constant_uniforms(self, ambient: NDArray[np.float64]) -> Uniforms:
+    def _constant_uniforms(self) -> Uniforms:
         settings = self._settings
         self._light_shifts = np.array(
             [[counter_hash(settings.seed, i, axis, 10) for axis in range(3)] for i in range(LIGHTS)], np.uint32
@@ -162,7 +146,7 @@ class RayPathEngine(PathSetEngine):
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
             "max_depth": settings.max_depth,
-            "ambient": tuple(map(float, ambient)),
+            "ambient": tuple(map(float, self._ambient)),
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),
             "lattice": self._sampler.lattice,
@@ -178,13 +162,3 @@ class RayPathEngine(PathSetEngine):
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:
     """Numbers in [0, 1) as fractions of 2**32."""
     return np.asarray(u * 2.0**32, np.uint64).astype(np.uint32)
-
-
-def _light_rows(light: LightSample) -> list[tuple[float, ...]]:
-    """A light sample as four vec4 of the shader's light_table."""
-    return [
-        (*map(float, light.position), float(LIGHT_KINDS.index(light.kind))),
-        (*map(float, light.direction), light.density),
-        (*map(float, light.radiance), float(light.quadratic)),
-        (*light.cone, 0.0, 0.0),
-    ]

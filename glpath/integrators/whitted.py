@@ -25,7 +25,7 @@ from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
-from glpath.gl.passes import Pass, Stopwatch, draw_areas
+from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
@@ -118,11 +118,7 @@ class WhittedTracer:
             uniforms |= self.shadow_buffer.uniforms
         shading = self._shade_passes[self._sum]
         with self.stopwatch.stage("shade"):
-            for area in self._areas:
-                shading.area = area
-                shading.run(uniforms)
-                if len(self._areas) > 1:
-                    self.gl.finish()  # a watchdog counts what a device was given at once
+            run_in_areas(shading, self._areas, uniforms)
         self._sum = 1 - self._sum
 
     def take(self) -> NDArray[np.float64]:

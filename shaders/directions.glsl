@@ -1,0 +1,20 @@
+// directions.glsl: what rays need of a direction.
+
+// Two axes across a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+void axes_across(vec3 d, out vec3 x, out vec3 y)
+{
+    float side = d.z < 0.0 ? -1.0 : 1.0;
+    precise float a = -1.0 / (side + d.z);
+    precise float b = d.x * d.y * a;
+    precise vec3 across = vec3(1.0 + side * d.x * d.x * a, side * b, -side * d.x);
+    precise vec3 along = vec3(b, side + d.y * d.y * a, -d.y);
+    x = across;
+    y = along;
+}
+
+// One over a direction; a component of 0 becomes so small that its slab decides nothing wrongly.
+vec3 inverse_direction(vec3 direction)
+{
+    vec3 least = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
+    return 1.0 / mix(direction, least, lessThan(abs(direction), vec3(1e-20)));
+}
