@@ -1,14 +1,15 @@
 """How soon the gather has all bounces of light, its radiosity solver included, beside path tracing and Mitsuba 3.
 
 The scene is `cornell-box-36`, 256 x 256. Three programs take turns within one run: the gather from a coarse
-solution, path tracing with the path-buffer to a depth at which next to nothing is missing, and Mitsuba's path
-tracer at depth 64, with roulette from its default vertex on. Error is relMSE against a converged picture of all
-bounces; the samples to the target are read off the polyline through log(error) over log(samples), the time is
-theirs and, of the gather, the solver's. Compilation is not counted. `measured`:
+solution, path tracing to a depth at which next to nothing is missing (`path_buffer_`: its name from when it cast by
+the path-buffer), and Mitsuba's path tracer at depth 64, with roulette from its default vertex on. Error is relMSE
+against a converged picture of all bounces; the samples to the target are read off the polyline through log(error)
+over log(samples), the time is theirs and, of the gather, the solver's. Compilation is not counted. `measured`:
 
     solver_s                        : the radiosity solution, once; elements : how many it has
     gather_ms_per_set, gather_ms_per_set.STAGE : whole, and by stage (run one by one, so that they add up to more)
     gather_relmse_N                 : error at N path sets, mean over seeds
+    scans_ms_per_set                : of the gather with shared directions, cast by the path-buffer
     gather_sets_to_target, gather_s : path sets to the target; seconds, the solver's among them
     path_buffer_..., mitsuba_...    : the same of the others
     vs_path_buffer, vs_mitsuba      : their time over the gather's
@@ -42,7 +43,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import device_radiosity
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.integrators.settings import Directions, GatherSettings, PathTraceSettings
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene import load_scene
@@ -125,6 +126,8 @@ def bench_gather(
     say(f"stages, on {context.info.renderer}")
     timed = stage_times(_gather(context, scene, solutions[0], 0, timings=True))
     measured = {f"gather_ms_per_set.{stage}": ms for stage, ms in timed.items()}
+    scans_ms, _ = trace_in_steps(_gather(context, scene, solutions[0], 0, directions="pair"), (8, 16, 24))
+    measured["scans_ms_per_set"] = float(np.median(scans_ms))
 
     def scaled(counts: tuple[int, ...]) -> tuple[int, ...]:
         return tuple(sorted({max(1, round(scale * n)) for n in counts}))
@@ -178,9 +181,14 @@ def bench_gather(
 
 
 def _gather(
-    context: Context, scene: Scene, solution: RadiositySolution, seed: int, timings: bool = False
+    context: Context,
+    scene: Scene,
+    solution: RadiositySolution,
+    seed: int,
+    directions: Directions = "own",
+    timings: bool = False,
 ) -> PathSetEngine:
-    settings = GatherSettings(seed=seed)
+    settings = GatherSettings(seed=seed, directions=directions)
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),

@@ -1,13 +1,17 @@
-"""How fast the path-buffer path traces, and beside Mitsuba 3 at equal error.
+"""How fast path tracing is, with own rays and with scans of the path-buffer, and beside Mitsuba 3 at equal error.
 
-The scene is `cornell-box-36`, 256 x 256, depth 3. Both programs are measured in turns within one run, since shared
-machines drift. Error is relMSE = mean(e^2 / (ref^2 + 0.01)); a program's number of samples to an error is read off
-a straight line through log(error) over log(samples), its time is that number times its milliseconds per sample,
-compilation not counted. `measured`:
+The scene is `cornell-box-36`, 256 x 256, depth 3. Ours are own rays, the default; `scans_` says the same of shared
+directions ("pair"), cast by the path-buffer. All are measured in turns within one run, since shared machines drift.
+Error is relMSE = mean(e^2 / (ref^2 + 0.01)); a program's number of samples to an error is read off a straight line
+through log(error) over log(samples), its time is that number times its milliseconds per sample, compilation not
+counted. `measured`:
 
     ms_per_set, ms_per_set.STAGE  : milliseconds per path set, whole and by stage (the stages are run one by one
                                     for that, so they add up to more than the whole)
-    paths_per_s, lost_share       : paths per second; share of rays that lost the roulette of their cell
+    paths_per_s                   : paths per second
+    lost_share                    : of the scans, the share of rays that lost the roulette of their cell
+    scans_ms_per_set, scans_relmse_N, scans_sets_to_target
+    vs_scans                      : the scans' time to the target error over ours
     relmse_N, last_relmse         : our error at N path sets, mean over seeds, and at the largest N
     relmse_of_one_set             : the latter times N: of a right picture, all of its error is noise
     slope                         : of log(error) over log(path sets)
@@ -86,16 +90,21 @@ def bench_path_buffer(
     peer_errors = np.zeros((seeds, len(_SAMPLES)))
     means, peer_means = np.zeros(seeds), np.zeros(seeds)
     ms: list[float] = []
+    scans_errors, scans_ms = np.zeros((seeds, len(_SETS))), list[float]()
     peer_ms: list[float] = []
     for seed in range(seeds):
         say(f"render {seed + 1} of {seeds}")
         tracer = _tracer(context, scene, seed)
         set_ms, images = trace_in_steps(tracer, _SETS)
-        counts = tracer.statistics()
+        scans = _tracer(context, scene, seed, "pair")
+        set_ms_of_scans, scanned = trace_in_steps(scans, _SETS)
+        scans_ms += set_ms_of_scans
+        counts = scans.statistics()
         measured["lost_share"] = float(counts["paths_lost"]) / float(counts["paths_cast"])  # type: ignore[arg-type]
         ms += set_ms
         if truth is not None:
             errors[seed] = [relative_mse(image, truth) for image in images]
+            scans_errors[seed] = [relative_mse(image, truth) for image in scanned]
             means[seed] = images[-1].mean()
         if peer is not None and truth is not None:
             times, peer_images = render_peer_in_steps(peer, _SAMPLES, DEPTH, seed)
@@ -104,6 +113,7 @@ def bench_path_buffer(
             peer_ms += times
 
     measured["ms_per_set"] = float(np.median(ms))
+    measured["scans_ms_per_set"] = float(np.median(scans_ms))
     width, height = scene.camera.resolution
     measured["paths_per_s"] = 1e3 * width * height / measured["ms_per_set"]
     claim, holds = CLAIM, None
@@ -113,6 +123,10 @@ def bench_path_buffer(
         measured |= {"last_relmse": float(errors.mean(0)[-1]), "target": TARGET}
         measured["relmse_of_one_set"] = measured["last_relmse"] * _SETS[-1]
         measured["slope"], measured["sets_to_target"] = line_to_target(_SETS, errors.mean(0), TARGET)
+        measured |= {f"scans_relmse_{n}": float(e) for n, e in zip(_SETS, scans_errors.mean(0), strict=True)}
+        _, measured["scans_sets_to_target"] = line_to_target(_SETS, scans_errors.mean(0), TARGET)
+        scans_time = measured["scans_sets_to_target"] * measured["scans_ms_per_set"]
+        measured["vs_scans"] = scans_time / (measured["sets_to_target"] * measured["ms_per_set"])
         rows += [
             {"program": "glpath", "samples": n, "relmse": float(e), "ms": n * measured["ms_per_set"]}
             for n, e in zip(_SETS, errors.mean(0), strict=True)
