@@ -2,6 +2,10 @@
 // Needs:  <RAY_BVH>
 // Frame:  world; boxes are met in steps of the scene's own box, the distance along the ray being the same.
 #include <RAY_BVH>
+uniform int ray_node_count;  // of one tree
+uniform bool ray_octants;    // there are eight
+uniform vec3 ray_lower;      // of the scene's box in steps: where it begins, and a step
+uniform vec3 ray_step;
 #include "directions.glsl"
 
 const float NO_HIT = 1e30;

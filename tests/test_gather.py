@@ -247,12 +247,26 @@ def sun_and_sky() -> Scene:
 def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None:
     scene = sun_and_sky()
     dark = even(scene, 0.0)
-    two = glpath.render(scene, max_depth=2, spp=64)
-    traced = gather(scene, dark, spp=64, lookup_distance=0)
-    np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
+    for directions in ("own", "pair"):
+        two = glpath.render(scene, max_depth=2, spp=64, directions=directions)
+        traced = gather(scene, dark, spp=64, lookup_distance=0, directions=directions)
+        np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     three = glpath.render(scene, max_depth=3, spp=512)
     near = gather(scene, dark, spp=512, lookup_distance=1000)
     assert near.mean.mean() == pytest.approx(three.mean.mean(), rel=0.01)
+
+
+def test_where_all_light_is_looked_up_none_is_scanned_for() -> None:
+    """At the second vertex; at the first the sun and the sky have their scan, as in a path of depth one."""
+    options: Any = {"spp": 8, "directions": "pair"}
+    film = gather(sun_and_sky(), even(sun_and_sky(), 0.0), direct_light="solution", lookup_distance=0, **options)
+    traced = gather(sun_and_sky(), even(sun_and_sky(), 0.0), lookup_distance=0, **options)
+    cast, more = (f.metadata.statistics["paths_cast"] for f in (film, traced))
+    assert cast < more
+    one = glpath.render(sun_and_sky(), max_depth=1, spp=256)
+    dark = gather(sun_and_sky(), even(sun_and_sky(), 0.0), direct_light="solution", lookup_distance=0, spp=256)
+    # The sky that a direction finds is direct light of the first vertex.
+    assert dark.mean.mean() == pytest.approx(one.mean.mean(), rel=0.02)
 
 
 def test_near_a_lamp_direct_light_is_the_solutions() -> None:
@@ -265,10 +279,10 @@ def test_near_a_lamp_direct_light_is_the_solutions() -> None:
     # Both sides shine, each chosen half of the time.
     assert between == pytest.approx(np.clip(2.0 / (np.pi * 0.7**2) - 0.5, 0.0, 1.0), abs=0.02)
     np.testing.assert_array_equal(near_lamps(Lighting.of(room()), places), 0.0)
-    all_of_it = lookup_table(path_traceable(scene), even(scene, 1.0), "interpolated", "solution")
+    all_of_it = lookup_table(path_traceable(scene), even(scene, 1.0), "interpolated", traced=False)
     np.testing.assert_allclose(all_of_it.values, 1.0, rtol=1e-6)
     for lookup in ("interpolated", "constant"):
-        table = lookup_table(path_traceable(scene), even(scene, 1.0), lookup, "traced")
+        table = lookup_table(path_traceable(scene), even(scene, 1.0), lookup, traced=True)
         assert table.direct_share.shape == table.values.shape[1:2]
         np.testing.assert_allclose(table.values[0], 0.7 + 0.3 * table.direct_share[:, None] * [1, 1, 1], rtol=1e-6)
         assert 0.0 < table.direct_share.mean() < 1.0

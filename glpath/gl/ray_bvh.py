@@ -43,7 +43,6 @@ _MANY = 250_000
 def ray_bvh_glsl() -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`."""
     return (
-        "uniform int ray_node_count;\nuniform bool ray_octants;\nuniform vec3 ray_lower;\nuniform vec3 ray_step;\n"
         f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
     )

@@ -47,7 +47,7 @@ def device_radiosity(
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
     from glpath.radiosity.mesh.sides import side_reflectance
 
-    table = lookup_table(scene, solution, settings.radiosity_lookup, settings.direct_light)
+    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=settings.direct_light == "traced")
     return DeviceRadiosity(
         gl,
         scene.triangles,
@@ -85,6 +85,8 @@ class GatherTracer(PathStages):
     ) -> None:
         assert settings.max_depth >= 2, f"a gather of depth {settings.max_depth}"
         self.settings = settings
+        # Else all light is looked up, and no scan for its shadows is needed.
+        self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
         super().__init__(
             gl, scene, settings, window, max_radiance=radiosity.max_radiance, hardware=hardware, timings=timings
         )
@@ -99,6 +101,7 @@ class GatherTracer(PathStages):
             textures=radiosity.textures,
             generated=radiosity.generated,
             defines=radiosity.defines,
+            lit=self._lit,
         )
         self._lookup = radiosity.uniforms
 
@@ -133,7 +136,8 @@ class GatherTracer(PathStages):
         }
         with self.stopwatch.stage("look up"):
             self._run_vertex(self._gather_passes, index, depth, sample, self._lookup | uniforms | near, last)
-        self.light_from_infinity(index, depth, uniforms, last)
+        if self._lit:
+            self.light_from_infinity(index, depth, uniforms, last)
 
     def _constant_uniforms(self) -> Uniforms:
         # Nothing stands for light from beyond the last vertex.

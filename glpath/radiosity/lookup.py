@@ -8,7 +8,7 @@ is traced.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,11 @@ from glpath.sampling import owen_scrambled
 from glpath.scene.model import Float64, Scene
 from glpath.sobol import sobol_points
 
-DirectLight = Literal["traced", "solution"]
-
 # What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance: from the
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_POINTS = 512
-_CHUNK = 8192
+_CHUNK = 1024  # of places at once, 12 MB
 
 
 class LookupTable(NamedTuple):
@@ -43,13 +41,13 @@ class LookupTable(NamedTuple):
     starts: NDArray[np.int64]
 
 
-def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, direct: DirectLight) -> LookupTable:
-    """The table of a scene in triangles; direct "solution": all direct light is in it."""
+def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool) -> LookupTable:
+    """The table of a scene in triangles; traced: direct light is, but near lamps, else the table has all of it."""
     interpolated = lookup == "interpolated"
     parts = solution.vertices if interpolated else solution.elements
     count = lattice.vertex_count if interpolated else lattice.element_count
     share = np.ones(parts.shape[2])
-    if direct == "traced":
+    if traced:
         share = near_lamps(Lighting.of(scene), _places(scene, solution.divisions, interpolated))
     values = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
     return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1])
