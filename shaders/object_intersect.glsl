@@ -69,8 +69,10 @@ float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
     precise vec3 d = to_unit(space.rows, direction);
     precise float scale = sqrt(dot(d, d));
     precise vec3 unit = d / scale;
-    precise float t = sphere_hit(space.from, 1.0, unit, tmin * scale) / scale;
-    return t < NO_HIT / max(scale, 1.0) ? t : NO_HIT;
+    float at = sphere_hit(space.from, 1.0, unit, tmin * scale);
+    precise float t = at / scale;
+    // Asked before the division: of two divisions alike, a graphics card may round one up and one down.
+    return at < NO_HIT && t < NO_HIT ? t : NO_HIT;
 }
 
 // corner*: relative to the start; plane: a normal, and its product with the way to the plane.

@@ -47,6 +47,8 @@ def hashes_with(texels: str) -> dict[str, str]:
 
 
 def test_films_have_the_same_bits_both_ways() -> None:
+    if get_context().info.hardware:
+        pytest.skip("llvmpipe's way needs more image units than graphics cards have")
     assert hashes_with("fetch") == hashes_with("image")
 
 
