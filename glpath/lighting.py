@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from glpath.sampling import uniform_sphere
 from glpath.scene.model import Float64, Light, Scene, Sky
@@ -63,8 +63,69 @@ class LightSample:
         return 6 if self.kind == "point" else 5
 
 
+@dataclass(frozen=True)
+class LightSamples:
+    """N light samples, the fields of `LightSample` as arrays; `samples[i]` is one of them.
+
+    kind                        : (N,) places in LIGHT_KINDS
+    position, direction, radiance : (N, 3) float64
+    density                     : (N,) float64
+    cone                        : (N, 2) float64
+    quadratic                   : (N,) bool
+    """
+
+    kind: NDArray[np.intp]
+    position: Float64
+    direction: Float64
+    radiance: Float64
+    density: Float64
+    cone: Float64
+    quadratic: NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, n: int) -> LightSamples:
+        """To be filled; without cones, and with light that falls off."""
+        position, direction, radiance = np.zeros((3, n, 3))
+        return cls(
+            np.zeros(n, np.intp), position, direction, radiance, np.ones(n), np.full((n, 2), -1.0), np.ones(n, bool)
+        )
+
+    @classmethod
+    def dark(cls, n: int) -> LightSamples:
+        """Of a scene without light: black points."""
+        samples = cls.empty(n)
+        samples.kind[:] = LIGHT_KINDS.index("area")
+        samples.direction[:] = (0.0, 0.0, 1.0)
+        return samples
+
+    def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float) -> None:
+        """The same punctual light at all these places."""
+        self.kind[which] = LIGHT_KINDS.index(light.kind)
+        self.position[which] = light.position
+        self.direction[which] = light.direction
+        self.radiance[which] = light.intensity
+        self.density[which] = chance
+        self.cone[which] = np.cos(np.radians(light.cone))
+        self.quadratic[which] = light.falloff == "quadratic"
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def __getitem__(self, i: int) -> LightSample:
+        full, end = self.cone[i]
+        return LightSample(
+            kind=LIGHT_KINDS[self.kind[i]],
+            position=self.position[i],
+            direction=self.direction[i],
+            radiance=self.radiance[i],
+            density=float(self.density[i]),
+            cone=(float(full), float(end)),
+            quadratic=bool(self.quadratic[i]),
+        )
+
+
 #: The sample of a scene without light: black.
-NO_LIGHT = LightSample("area", np.zeros(3), np.array([0.0, 0.0, 1.0]), np.zeros(3), 1.0)
+NO_LIGHT = LightSamples.dark(1)[0]
 
 
 class Incident(NamedTuple):
@@ -181,35 +242,34 @@ class Lighting:
         return self._probability(len(self.cdf) - 2) / (3 * _sky_mean_integral(self.sky))
 
     def sample(self, u: ArrayLike) -> LightSample:
-        """A light sample from u (3,) in [0, 1): u[0] chooses the light, the others a point or direction of it.
+        """The light sample of u (3,), see `samples`."""
+        return self.samples(np.asarray(u, np.float64)[None])[0]
+
+    def samples(self, u: ArrayLike) -> LightSamples:
+        """Light samples from u (N, 3) in [0, 1): u[:, 0] chooses the light, the others a point or direction of it.
 
         Within a shape, a primitive is chosen by area with the same random number that then places the point, so
         that a quad keeps a two-dimensional stratification.
         """
         assert not self.dark, "no light to sample"
         u = np.asarray(u, np.float64)
-        number = int(np.searchsorted(self.cdf, u[0], side="right")) - 1
-        number = min(number, len(self.cdf) - 2)
-        chance = self._probability(number)
-        if number < len(self.sides):
-            return self._on_side(self.sides[number], chance, u[1:])
-        number -= len(self.sides)
-        if number < len(self.punctual):
-            light = self.punctual[number]
-            full, end = np.cos(np.radians(light.cone))
-            return LightSample(
-                kind=light.kind,
-                position=light.position,
-                direction=light.direction,
-                radiance=light.intensity,
-                density=chance,
-                cone=(float(full), float(end)),
-                quadratic=light.falloff == "quadratic",
-            )
-        assert self.sky is not None, "the last light"
-        wi = _sky_direction(self.sky, u[1:])
-        density = float(self.sky_density(wi)[0])
-        return LightSample("sky", np.zeros(3), -wi, sky_radiance(self.sky, wi), density)
+        numbers = np.minimum(np.searchsorted(self.cdf, u[:, 0], side="right") - 1, len(self.cdf) - 2)
+        samples = LightSamples.empty(len(u))
+        for number in np.unique(numbers):
+            which = np.flatnonzero(numbers == number)
+            chance, punctual = self._probability(number), number - len(self.sides)
+            if punctual < 0:
+                self._on_side(samples, which, self.sides[number], chance, u[which, 1:])
+            elif punctual < len(self.punctual):
+                samples.put_punctual(which, self.punctual[punctual], chance)
+            else:
+                assert self.sky is not None, "the last light"
+                wi = _sky_directions(self.sky, u[which, 1:])
+                samples.kind[which] = LIGHT_KINDS.index("sky")
+                samples.direction[which] = -wi
+                samples.radiance[which] = sky_radiance(self.sky, wi)
+                samples.density[which] = self.sky_density(wi)
+        return samples
 
     def sky_density(self, directions: ArrayLike) -> Float64:
         """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
@@ -233,21 +293,29 @@ class Lighting:
     def _probability(self, number: int) -> float:
         return float(self.cdf[number + 1] - self.cdf[number])
 
-    def _on_side(self, side: _Side, chance: float, u: Float64) -> LightSample:
-        k = min(int(np.searchsorted(side.cdf, u[0], side="right")) - 1, len(side.cdf) - 2)
+    def _on_side(
+        self, samples: LightSamples, which: NDArray[np.intp], side: _Side, chance: float, u: Float64
+    ) -> None:
+        k = np.minimum(np.searchsorted(side.cdf, u[:, 0], side="right") - 1, len(side.cdf) - 2)
         share = side.cdf[k + 1] - side.cdf[k]
-        s = (u[0] - side.cdf[k]) / share
+        s = (u[:, 0] - side.cdf[k]) / share
         if side.spheres:
-            position, normal, density = _on_sphere(self.scene.spheres[side.first + k], np.array([s, u[1]]))
-            density *= chance * float(share)
+            position, normal, density = _on_spheres(
+                self.scene.spheres[side.first + k], np.stack([s, u[:, 1]], axis=1)
+            )
+            density *= chance * share
         else:
             # Area-preserving: parallel lines to the edge opposite corner 0.
-            root = np.sqrt(s)
-            a, b, c = self.scene.triangles[side.first + k]
-            position = (1 - root) * a + root * ((1 - u[1]) * b + u[1] * c)
+            root, v = np.sqrt(s)[:, None], u[:, 1:]
+            a, b, c = self.scene.triangles[side.first + k].swapaxes(0, 1)
+            position = (1 - root) * a + root * ((1 - v) * b + v * c)
             normal = self._normals[side.first + k]
-            density = float(self.triangle_density[side.first + k])
-        return LightSample("area", position, normal * side.sign, side.radiance, density)
+            density = self.triangle_density[side.first + k]
+        samples.kind[which] = LIGHT_KINDS.index("area")
+        samples.position[which] = position
+        samples.direction[which] = normal * side.sign
+        samples.radiance[which] = side.radiance
+        samples.density[which] = density
 
 
 def incident(light: Light, positions: Float64) -> Incident:
@@ -356,16 +424,16 @@ def _sphere_areas(spheres: Float64) -> Float64:
     return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
 
 
-def _on_sphere(sphere: Float64, u: Float64) -> tuple[Float64, Float64, float]:
-    """A point of a sphere (3, 4) from u (2,): position, unit normal of its front, density per area."""
-    linear = sphere[:, :3]
+def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64]:
+    """A point of each sphere (N, 3, 4) from u (N, 2): positions, unit normals of the front, densities per area."""
+    linear = spheres[:, :, :3]
     unit = uniform_sphere(u)
-    normal = np.linalg.inv(linear).T @ unit
-    length = float(np.linalg.norm(normal))
-    volume = float(np.linalg.det(linear))
-    position = np.asarray(linear @ unit + sphere[:, 3])
-    front = np.asarray(normal / length * np.sign(volume))
-    return position, front, 1.0 / (4 * np.pi * abs(volume) * length)
+    normal = np.einsum("nji,nj->ni", np.linalg.inv(linear), unit)
+    length = np.linalg.norm(normal, axis=1)
+    volume = np.linalg.det(linear)
+    position = np.einsum("nij,nj->ni", linear, unit) + spheres[:, :, 3]
+    front = normal / length[:, None] * np.sign(volume)[:, None]
+    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length)
 
 
 def _sky_mean_integral(sky: Sky) -> float:
@@ -373,20 +441,17 @@ def _sky_mean_integral(sky: Sky) -> float:
     return float(2 * np.pi * (sky.horizon.mean() + 0.5 * (sky.horizon + sky.zenith).mean()))
 
 
-def _sky_direction(sky: Sky, u: Float64) -> Float64:
-    """(3,) unit, with the density of the radiance, from u (2,): by the inverse of what lies below its elevation."""
+def _sky_directions(sky: Sky, u: Float64) -> Float64:
+    """(N, 3) unit, as dense as the radiance, from u (N, 2): by the inverse of what lies below an elevation."""
     horizon, zenith = float(sky.horizon.mean()), float(sky.zenith.mean())
     below, above = horizon, 0.5 * (horizon + zenith)
-    part = float(u[0]) * (below + above)
-    if part < below:
-        z = part / below - 1
-    else:
-        # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
-        rest = part - below
-        root = np.sqrt(max(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
-        z = 2 * rest / (horizon + root) if horizon + root > 0 else 0.0
-    z = min(max(z, -1.0), 1.0)
-    r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[1]
+    part = u[:, 0] * (below + above)
+    # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
+    rest = np.maximum(part - below, 0.0)
+    root = horizon + np.sqrt(np.maximum(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
+    z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
+    z = np.clip(z, -1.0, 1.0)[:, None]
+    r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 1:]
     x = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
     x /= np.linalg.norm(x)
     y = np.cross(sky.up, x)

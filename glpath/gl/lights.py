@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from glpath.lighting import LIGHT_KINDS, Lighting, LightSample
+from glpath.lighting import LIGHT_KINDS, Lighting, LightSample, LightSamples
 from glpath.scene.model import Sky
 
 Uniforms = dict[str, object]
@@ -46,11 +47,11 @@ def light_defines(sky: Sky | None, lighting: Lighting) -> dict[str, object]:
 LIGHT_ROWS = 4
 
 
-def light_rows(light: LightSample) -> list[tuple[float, ...]]:
-    """A light sample as rows of vec4 for `light_table` in `shaders/path_rays.frag`."""
-    return [
-        (*map(float, light.position), float(LIGHT_KINDS.index(light.kind))),
-        (*map(float, light.direction), light.density),
-        (*map(float, light.radiance), float(light.quadratic)),
-        (*light.cone, 0.0, 0.0),
-    ]
+def light_rows(lights: LightSamples) -> NDArray[np.float32]:
+    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.frag`."""
+    rows = np.zeros((len(lights), LIGHT_ROWS, 4), np.float32)
+    rows[:, 0, :3], rows[:, 0, 3] = lights.position, lights.kind
+    rows[:, 1, :3], rows[:, 1, 3] = lights.direction, lights.density
+    rows[:, 2, :3], rows[:, 2, 3] = lights.radiance, lights.quadratic
+    rows[:, 3, :2] = lights.cone
+    return rows

@@ -145,7 +145,7 @@ class Program:
                 self._uniforms[name] = member
 
     def set(self, uniforms: Mapping[str, object]) -> None:
-        """Set those of the given uniforms that this program uses: numbers, or tuples for vectors.
+        """Set those of the given uniforms that this program uses: numbers, tuples for vectors, bytes for an array.
 
         All that it uses must be given, as a family of passes shares one mapping and programs are shared too: what
         is not there would be 0, or whatever the draw before had.
@@ -157,7 +157,10 @@ class Program:
             # Most stay as they were from set to set, and a call into GL costs more than a comparison.
             if uniform is None or self._values.get(name) == value:
                 continue
-            uniform.value = value
+            if isinstance(value, bytes):
+                uniform.write(value)
+            else:
+                uniform.value = value
             self._values[name] = value
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def vectors(vectors: Sequence[NDArray[np.float64]], size: int = 0) -> object:
+def vectors(vectors: Sequence[NDArray[np.float64]] | NDArray[np.float64], size: int = 0) -> object:
     """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more.
 
     size : of the array in the shader; the last vector fills up what is left of it

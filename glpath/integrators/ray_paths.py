@@ -27,11 +27,12 @@ from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.lighting import NO_LIGHT, Lighting
+from glpath.lighting import Lighting, LightSamples
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 
 #: Light samples of a path set, for its paths to choose from.
 LIGHTS = 16
+_LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
@@ -75,6 +76,8 @@ class RayPathEngine(PathSetEngine):
 
     def _prepare(self) -> None:
         gl, scene, settings, radiosity = self.gl, self.scene, self._settings, self._radiosity
+        self._light_block = -1
+        self._light_tables: list[bytes] = []
         self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
         self._sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         bvh = RayBvh(gl, scene)
@@ -123,17 +126,23 @@ class RayPathEngine(PathSetEngine):
             "image_window": self._image_window(),
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
-            "light_table": self._light_table(sample.light),
+            "light_table": self._light_table(index),
         }
 
-    def _light_table(self, u: NDArray[np.float64]) -> list[tuple[float, ...]]:
-        """The set's light samples, each at the sequence's point shifted by numbers of its own."""
-        lighting = self.lighting
-        rows: list[tuple[float, ...]] = []
-        for shift in self._light_shifts:
-            light = NO_LIGHT if lighting.dark else lighting.sample((_words(u) ^ shift) / 2.0**32)
-            rows += light_rows(light)
-        return rows
+    def _light_table(self, index: int) -> bytes:
+        """The set's light samples, each at the sequence's point shifted by numbers of its own.
+
+        Made for many sets at once, as a call into numpy costs more than what it does for a single one.
+        """
+        block, place = divmod(index, _LIGHT_BLOCK)
+        if self._light_block != block:
+            sets = range(block * _LIGHT_BLOCK, (block + 1) * _LIGHT_BLOCK)
+            points = _words(np.array([self._sampler[i].light for i in sets]))
+            u = (points[:, None] ^ self._light_shifts).reshape(-1, 3) / 2.0**32
+            lights = LightSamples.dark(len(u)) if self.lighting.dark else self.lighting.samples(u)
+            self._light_tables = [rows.tobytes() for rows in np.split(light_rows(lights), _LIGHT_BLOCK)]
+            self._light_block = block
+        return self._light_tables[place]
 
     def _constant_uniforms(self) -> Uniforms:
         settings = self._settings

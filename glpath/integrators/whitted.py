@@ -30,7 +30,7 @@ from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
 from glpath.integrators.settings import WhittedSettings
-from glpath.lighting import Lighting, max_radiance
+from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.sampling import PathSetSampler, pixel_place
 from glpath.scene.model import Scene
 from glpath.sensors import CameraSensor
@@ -159,14 +159,12 @@ class WhittedTracer:
         lighting, n = self._area_lighting, self.settings.light_samples
         if lighting.dark:
             return {}
-        drawn = [lighting.sample(self._sampler[index * n + i].light) for i in range(n)]
-        sky = [sample.kind == "sky" for sample in drawn]
+        drawn = lighting.samples([self._sampler[index * n + i].light for i in range(n)])
+        sky = (drawn.kind == LIGHT_KINDS.index("sky"))[:, None]
         return {
-            "sample_position": vectors(
-                [-x.direction if s else x.position for x, s in zip(drawn, sky, strict=True)]
-            ),
-            "sample_normal": vectors([np.append(x.direction, s) for x, s in zip(drawn, sky, strict=True)]),
-            "sample_radiance": vectors([x.radiance / (np.pi * x.density * n) for x in drawn]),
+            "sample_position": vectors(np.where(sky, -drawn.direction, drawn.position)),
+            "sample_normal": vectors(np.append(drawn.direction, sky, axis=1)),
+            "sample_radiance": vectors(drawn.radiance / (np.pi * drawn.density * n)[:, None]),
         }
 
     def _set_up(

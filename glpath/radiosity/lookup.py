@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.lighting import Lighting
+from glpath.lighting import LIGHT_KINDS, Lighting
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolution
@@ -59,9 +59,9 @@ def near_lamps(lighting: Lighting, places: Float64) -> Float64:
     if not lighting.sides:
         return closeness
     u = owen_scrambled(sobol_points(0, _LIGHT_POINTS, 3), np.arange(3, dtype=np.uint32))
-    samples = [s for s in (lighting.sample(v) for v in u) if s.kind == "area"]
-    points = np.array([s.position for s in samples]).reshape(-1, 3)
-    least = np.pi * np.array([s.density for s in samples])
+    samples = lighting.samples(u)
+    on_shapes = samples.kind == LIGHT_KINDS.index("area")
+    points, least = samples.position[on_shapes], np.pi * samples.density[on_shapes]
     for start in range(0, len(places), _CHUNK):
         apart = places[start : start + _CHUNK, None] - points
         square = np.einsum("npi,npi->np", apart, apart) * least
