@@ -20,6 +20,7 @@
 #include "radiosity.glsl"
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
+const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
@@ -103,11 +104,10 @@ void main()
         bool goes_on = depth < vertices - 1;
 #ifdef GATHER
         if (depth >= lookup_depth) {
-            bool near = depth == lookup_depth
-                && t < lookup_distance * random_number(path, USE_LOOKUP) * element_width(triangle);
-            goes_on = near;
-            if (near) {
-                vertices = max_depth + 1;
+            goes_on = depth < lookup_depth + FURTHER
+                && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * element_width(triangle);
+            if (goes_on) {
+                vertices = depth + 2;
             } else {
                 vec4 found = irradiance_at(triangle, position, front);
                 L += beta * v.bsdf.diffuse * found.rgb / PI;

@@ -221,9 +221,10 @@ def test_a_dark_solution_leaves_what_is_traced() -> None:
     traced = gather(BOX, dark, spp=64, resolution=size, lookup_distance=0)
     np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     # Elements of half a wall: every path ends near by.
-    three = glpath.render(BOX, max_depth=3, spp=256, resolution=size)
-    near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000)
-    assert near.mean.mean() == pytest.approx(three.mean.mean(), rel=0.01)
+    for directions, depth in (("own", 4), ("pair", 3)):
+        further = glpath.render(BOX, max_depth=depth, spp=256, resolution=size, directions=directions)
+        near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000, directions=directions)
+        assert near.mean.mean() == pytest.approx(further.mean.mean(), rel=0.01), directions
 
 
 def sun_and_sky() -> Scene:
@@ -251,9 +252,9 @@ def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None
         two = glpath.render(scene, max_depth=2, spp=64, directions=directions)
         traced = gather(scene, dark, spp=64, lookup_distance=0, directions=directions)
         np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
-    three = glpath.render(scene, max_depth=3, spp=512)
+    four = glpath.render(scene, max_depth=4, spp=512)
     near = gather(scene, dark, spp=512, lookup_distance=1000)
-    assert near.mean.mean() == pytest.approx(three.mean.mean(), rel=0.01)
+    assert near.mean.mean() == pytest.approx(four.mean.mean(), rel=0.01)
 
 
 def test_where_all_light_is_looked_up_none_is_scanned_for() -> None:

@@ -193,7 +193,8 @@ class GatherSettings(PathSetSettings):
             ge=0,
             le=1000,
             description="a path that would look up nearer to where it came from than a random share of so many "
-            "widths of an element goes on to a further vertex; 0: none does, as in the paper",
+            "widths of an element goes on to a further vertex, with rays of its own to a second one where that is "
+            "near as well; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
