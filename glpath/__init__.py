@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
-    from glpath.rendering import RenderInterrupted, render, render_frames
+    from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.scene import Scene, load_scene
 
     __version__: str
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 # place in this package whenever somebody imports from it.
 _HOME = {
     "ContextError": "errors",
+    "ElementError": "rendering",
     "Film": "film",
     "GlpathError": "errors",
     "ImageError": "errors",
@@ -49,6 +50,7 @@ _HOME = {
     "SceneWarning": "errors",
     "ShaderError": "errors",
     "UsageError": "errors",
+    "element_error": "rendering",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -59,6 +61,7 @@ _HOME = {
 
 __all__ = [
     "ContextError",
+    "ElementError",
     "Film",
     "GlpathError",
     "ImageError",
@@ -73,6 +76,7 @@ __all__ = [
     "ShaderError",
     "UsageError",
     "__version__",
+    "element_error",
     "load_scene",
     "read_image",
     "relative_mse",

@@ -85,6 +85,7 @@ def python(code: str, *arguments: object, **options: Any) -> subprocess.Complete
 def test_the_public_names_are_these() -> None:
     assert glpath.__all__ == [
         "ContextError",
+        "ElementError",
         "Film",
         "GlpathError",
         "ImageError",
@@ -99,6 +100,7 @@ def test_the_public_names_are_these() -> None:
         "ShaderError",
         "UsageError",
         "__version__",
+        "element_error",
         "load_scene",
         "read_image",
         "relative_mse",

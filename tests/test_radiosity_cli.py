@@ -51,6 +51,16 @@ def test_radiosity_writes_a_solution_and_says_what_it_took(tmp_path):
     np.testing.assert_array_equal(solution.elements, expected.elements)
 
 
+def test_radiosity_says_what_its_elements_do_to_the_picture(tmp_path):
+    mesh = ("--patches", 100, "--receiver-points", 1, "--check")
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", *mesh)
+    assert done.exit_code == 0, done.output
+    [line] = [line for line in done.output.splitlines() if "the elements change the picture" in line]
+    assert re.search(r"by [+-]0\.\d+ \+- \d.* % of the mean, relMSE about \d", line)
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", *mesh, "--progress", "json")
+    assert set(json.loads(done.output.splitlines()[-1])) == {"bias", "bias_error", "relmse"}
+
+
 def test_options_reach_the_solver_and_a_generated_scene_its_parameters(tmp_path, monkeypatch):
     seen = {}
 

@@ -102,6 +102,13 @@ def radiosity(
     ] = 4,
     particles: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 1_000_000,
     seed: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 0,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Afterwards, estimate what the elements do to the picture that the scene's camera gathers.",
+        ),
+    ] = False,
     parameters: Parameters = None,
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
@@ -129,6 +136,11 @@ def radiosity(
     if solution is not None:
         _save(solution, out, solution.save)
     _end(solution, out, quiet or progress == "json")
+    if check and solution is not None:
+        from glpath.rendering import element_error
+
+        found = result_of(lambda: element_error(loaded, solution))
+        say(json.dumps(found.recorded()) if progress == "json" else str(found), err=True)
 
 
 def bake(

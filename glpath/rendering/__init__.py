@@ -8,6 +8,7 @@
     loop        path sets into a film, in steps
     session     an engine that stays while jobs pass through it
     calls       `render`, `render_frames` and `run`, which put these in order
+    elements    what a radiosity solution's elements do to a picture
 
 Each name loads what it needs when it is first used: whoever only asks for options gets no OpenGL.
 """
@@ -20,19 +21,31 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from glpath.progress import Progress
     from glpath.rendering.calls import render, render_frames, run
+    from glpath.rendering.elements import ElementError, element_error
     from glpath.rendering.interrupts import RenderInterrupted
     from glpath.rendering.job import RenderJob
 
 _HOME = {
+    "ElementError": "glpath.rendering.elements",
     "Progress": "glpath.progress",
     "RenderInterrupted": "glpath.rendering.interrupts",
     "RenderJob": "glpath.rendering.job",
+    "element_error": "glpath.rendering.elements",
     "render": "glpath.rendering.calls",
     "render_frames": "glpath.rendering.calls",
     "run": "glpath.rendering.calls",
 }
 
-__all__ = ["Progress", "RenderInterrupted", "RenderJob", "render", "render_frames", "run"]
+__all__ = [
+    "ElementError",
+    "Progress",
+    "RenderInterrupted",
+    "RenderJob",
+    "element_error",
+    "render",
+    "render_frames",
+    "run",
+]
 
 
 def __getattr__(name: str) -> Any:
