@@ -122,8 +122,8 @@ def render(
         bool,
         typer.Option(
             "--denoise",
-            help="Denoise .png and .exr by Open Image Denoise (pip install 'glpath[denoise]'), with the AOVs albedo "
-            "and normal. An .exr has the picture before it as the layer noisy, an .npz holds that alone.",
+            help="Denoise .png and .exr by Open Image Denoise (pip install 'glpath[denoise]'), with the AOVs "
+            "albedo and normal. An .exr has the picture before it as the layer noisy, an .npz holds that alone.",
             rich_help_panel=_IMAGE,
         ),
     ] = False,
@@ -213,8 +213,7 @@ def render(
         require_denoiser()
         if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
             raise UsageError(
-                f"--denoise with --integrator {integrator}: its pictures have no grain, which is what a denoiser takes "
-                "away.",
+                f"--denoise with --integrator {integrator}: its pictures have no grain for a denoiser to take away.",
                 "Render more path sets, or take --integrator path or gather.",
             )
         options["aovs"] = list(AOVS)
