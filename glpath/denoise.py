@@ -20,6 +20,10 @@ from glpath.errors import GlpathError
 
 Float32 = NDArray[np.float32]
 
+# Pixels by which pictures are mirrored beyond their border, where the network would see black, and darken what is
+# near: with them the squared error at the border of `room` is half of that without.
+_BEYOND = 16
+
 
 def require_denoiser() -> Any:
     """The module `pyoidn`. Raises GlpathError with the line to type where it is missing: asked before the work."""
@@ -55,7 +59,8 @@ def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float
         oidn.OIDN_IMAGE_ALBEDO: albedo,
         oidn.OIDN_IMAGE_NORMAL: normal,
     }
-    arrays = {name: np.ascontiguousarray(image, np.float32) for name, image in images.items()}
+    beyond = (_BEYOND, _BEYOND), (_BEYOND, _BEYOND), (0, 0)
+    arrays = {name: np.pad(np.asarray(image, np.float32), beyond, "symmetric") for name, image in images.items()}
     shapes = {array.shape for array in arrays.values()}
     assert len(shapes) == 1, f"images of shapes {shapes}"
     output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty_like(arrays[oidn.OIDN_IMAGE_COLOR])
@@ -71,4 +76,4 @@ def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float
         failure = device.get_error()
     if failure is not None:
         raise GlpathError(f"Open Image Denoise: {failure}.")
-    return output
+    return np.ascontiguousarray(output[_BEYOND:-_BEYOND, _BEYOND:-_BEYOND])

@@ -213,7 +213,7 @@ def render(
         require_denoiser()
         if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
             raise UsageError(
-                f"--denoise with --integrator {integrator}: its pictures have no grain for a denoiser to take away.",
+                f"--denoise with --integrator {integrator}: it has no grain for a denoiser to take away.",
                 "Render more path sets, or take --integrator path or gather.",
             )
         options["aovs"] = list(AOVS)
