@@ -35,7 +35,7 @@ SCENE: dict[str, object] = {
     "sky": {"zenith": [0.2, 0.3, 3.0], "horizon": 0.5},
     "shapes": [
         {"type": "quad", "corners": [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], "material": "floor"},
-        {"type": "sphere", "center": [0.6, 0.6, 0.3], "radius": 0.6, "material": "ball"},
+        {"type": "sphere", "center": [0.6, 0.6, 0.3], "radius": 0.6, "material": "ball", "subdivisions": 3},
         {"type": "box", "min": [-0.9, 1.7, -0.9], "max": [0.1, 1.9, -0.2], "emission": {"radiance": [0.3, 2, 0]}},
         {
             "type": "quad",
