@@ -24,7 +24,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from glpath import denoise, image
+from glpath import denoise as open_image_denoise
+from glpath import image
 from glpath.errors import ImageError, UsageError
 from glpath.files import is_stream, whole_file
 from glpath.film_metadata import AOVS, FilmMetadata, joined, merged_values, metadata_of, shown
@@ -178,7 +179,7 @@ class Film:
         return self._denoised[1].copy()
 
     def _denoise(self, mean: Float64) -> Float32:
-        return denoise.denoised(mean, self.aov("albedo"), self.aov("normal"))
+        return open_image_denoise.denoised(mean, self.aov("albedo"), self.aov("normal"))
 
     def merge(self, other: Film) -> Film:
         """A film with the path sets of both, which must be different ones of the same render.
@@ -417,7 +418,7 @@ class Film:
             "glpath.ranges": json.dumps(self.ranges),
             **self.metadata.as_strings(),
             **(
-                {"glpath.denoised": f"Open Image Denoise, pyoidn {versions('pyoidn')['pyoidn']}"}
+                {"glpath.denoised": f"Open Image Denoise, pyoidn {versions('pyoidn').get('pyoidn', '')}"}
                 if denoised
                 else {}
             ),

@@ -2,7 +2,8 @@
 
 They come from the same eye rays, so that an edge is as soft in them as in the picture.
 
-Cost:     a draw over the pixels for each AOV and path set; nothing where none is asked for.
+Cost:     a draw over the pixels for each AOV and path set: both add 8 % to a set of `cornell-box-36`, 3 % to one of
+          `room`. Nothing where none is asked for.
 Poor at:  mirrors and glass, which show what others are; engines that trace paths refuse them.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
 """
