@@ -15,22 +15,26 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from glpath import denoise as open_image_denoise
 from glpath import image
 from glpath.errors import ImageError, UsageError
 from glpath.files import is_stream, whole_file
-from glpath.film_metadata import FilmMetadata, joined, merged_values, metadata_of, shown
+from glpath.film_metadata import AOVS, FilmMetadata, joined, merged_values, metadata_of, shown
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 from glpath.npz import open_npz
+from glpath.versions import versions
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 # Path set i belongs to batch (i // BLOCK) % BATCHES. A block of 8 keeps neighbouring points of a Sobol sequence
@@ -69,6 +73,7 @@ _DECIDES = {
     "settings": "settings",
     "full_resolution": "resolution",
     "window": "crop",
+    "aovs": "aovs",
 }
 
 
@@ -80,21 +85,35 @@ class Film:
     batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
+    aov_sums      : (H, W, 3) float64 by name, over all path sets: what `metadata.aovs` names; see `aov`
     """
 
     radiance_sums: Float64
     batch_counts: NDArray[np.int64]
     ranges: tuple[tuple[int, int], ...]
     metadata: FilmMetadata
+    aov_sums: dict[str, Float64] = field(default_factory=dict)
+    # What `denoised` has found, and for which path sets.
+    _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> Film:
         """A film of the size of the metadata's window, without any path set."""
         _, _, width, height = metadata.window
-        return cls(np.zeros((BATCHES, height, width, 3)), np.zeros(BATCHES, np.int64), (), metadata)
+        sums = np.zeros((BATCHES, height, width, 3))
+        aovs = {name: np.zeros((height, width, 3)) for name in metadata.aovs}
+        return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs)
 
-    def add(self, start: int, stop: int, radiance_sum: NDArray[np.floating[Any]]) -> None:
+    def add(
+        self,
+        start: int,
+        stop: int,
+        radiance_sum: NDArray[np.floating[Any]],
+        aov_sums: Mapping[str, NDArray[np.floating[Any]]] = MappingProxyType({}),
+    ) -> None:
         """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
+
+        aov_sums : the same of each AOV that the film holds
 
         Raises UsageError for path sets that are already in the film.
         """
@@ -102,7 +121,10 @@ class Film:
         assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
         assert radiance_sum.shape == self.radiance_sums.shape[1:], f"a sum of shape {radiance_sum.shape}"
         assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
+        assert aov_sums.keys() == self.aov_sums.keys(), f"AOVs {[*aov_sums]} for a film of {[*self.aov_sums]}"
         self.ranges = _united(self.ranges, ((start, stop),))
+        for name, aov_sum in aov_sums.items():
+            self.aov_sums[name] += aov_sum
         batch = batch_of(start)
         self.radiance_sums[batch] += radiance_sum
         self.batch_counts[batch] += stop - start
@@ -121,6 +143,43 @@ class Film:
         if not self.path_sets:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
         return _mean(self.radiance_sums, self.batch_counts)
+
+    def aov(self, name: str) -> Float64:
+        """(H, W, 3) float64, the mean of an AOV over the path sets, row 0 at the top; antialiased as `mean` is.
+
+        "albedo" : diffuse reflectance of what is seen, plus its emission or the sky's radiance, cut at 1: linear
+                   Rec. 709, 0 to 1
+        "normal" : to shade with, in the world's frame, on the side that is seen; unit before averaging, 0 for
+                   the sky
+
+        Raises UsageError for one that was not rendered, or a film of no path set.
+        """
+        if name not in self.aov_sums:
+            held = ", ".join(self.aov_sums) or "none"
+            raise UsageError(
+                f"film: holds no AOV {name!r}; those that it holds: {held}.",
+                f'Render with aovs={AOVS!r}, by the integrators "path" or "gather".',
+            )
+        if not self.path_sets:
+            raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
+        mean: Float64 = self.aov_sums[name] / self.path_sets
+        return mean
+
+    def denoised(self) -> Float32:
+        """(H, W, 3) float32, `mean` without its noise, by Open Image Denoise: W sr^-1 m^-2, linear Rec. 709.
+
+        The film stays as it is. Denoise what is merged and done: pictures that were denoised do not add up. See
+        `glpath.denoise` for what it is poor at.
+
+        Raises UsageError for a film without the AOVs albedo and normal (`aovs=("albedo", "normal")` of a render, or
+        `glpath render --denoise`) or of no path set; GlpathError where pyoidn is missing.
+        """
+        if self._denoised is None or self._denoised[0] != self.ranges:
+            self._denoised = self.ranges, self._denoise(self.mean)
+        return self._denoised[1].copy()
+
+    def _denoise(self, mean: Float64) -> Float32:
+        return open_image_denoise.denoised(mean, self.aov("albedo"), self.aov("normal"))
 
     def merge(self, other: Film) -> Film:
         """A film with the path sets of both, which must be different ones of the same render.
@@ -146,6 +205,7 @@ class Film:
                 elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
                 statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             ),
+            {name: sums + other.aov_sums[name] for name, sums in self.aov_sums.items()},
         )
 
     def variance_of_mean(self) -> Float64:
@@ -158,12 +218,7 @@ class Film:
 
         Raises UsageError when fewer than two batches hold anything.
         """
-        used = np.flatnonzero(self.batch_counts)
-        if len(used) < 2:
-            raise UsageError(
-                f"film: {self.path_sets} path sets lie in one batch; an error is estimated between batches.",
-                f"Render more than {BLOCK} path sets.",
-            )
+        used = self._batches_to_compare()
         mean = self.mean
         spread = np.zeros_like(mean)
         for batch in used:
@@ -172,8 +227,41 @@ class Film:
         variance: Float64 = spread / ((len(used) - 1) * self.path_sets)
         return variance
 
-    def relative_error(self) -> float | None:
+    def variance_of_denoised(self) -> Float64:
+        """(H, W, 3) float64, the estimated squared error of `denoised`, from two halves of the film denoised apart.
+
+            2 n_a n_b / n² (half a denoised - half b denoised)²
+
+        of halves of n_a and n_b path sets, about equal, each a contiguous run of the sequence up to 64 path sets.
+        Were denoising linear, it would be twice the variance of `denoised`. What both halves have wrong alike, such
+        as the denoiser's own bias, is not seen; the factor stands for that. The value of a pixel is a rough guess.
+        The root of their mean has been within a factor of 2.5 of the error against converged pictures.
+
+        Costs two more calls of the denoiser, and their pictures. Raises what `denoised` raises, and UsageError when
+        fewer than two batches hold anything.
+        """
+        used = self._batches_to_compare()
+        ends = np.cumsum(self.batch_counts[used])
+        middle = 1 + int(np.argmin(np.abs(2 * ends[:-1] - ends[-1])))
+        halves = used[:middle], used[middle:]
+        a, b = (self._denoise(_mean(self.radiance_sums[half], self.batch_counts[half])) for half in halves)
+        share = float(ends[middle - 1] / ends[-1])
+        variance: Float64 = 2 * share * (1 - share) * (a.astype(np.float64) - b) ** 2
+        return variance
+
+    def _batches_to_compare(self) -> NDArray[np.intp]:
+        used = np.flatnonzero(self.batch_counts)
+        if len(used) < 2:
+            raise UsageError(
+                f"film: {self.path_sets} path sets lie in one batch; an error is estimated between batches.",
+                f"Render more than {BLOCK} path sets.",
+            )
+        return used
+
+    def relative_error(self, denoised: bool = False) -> float | None:
         """The error to expect of the image: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
+
+        denoised : of `denoised`, by `variance_of_denoised`, whose errors it raises
 
         Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
         Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. It sees noise
@@ -181,6 +269,10 @@ class Film:
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None
+        if denoised:
+            return float(
+                np.sqrt(np.mean(self.variance_of_denoised() / (self.denoised().astype(np.float64) ** 2 + 0.01)))
+            )
         return float(np.sqrt(np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
@@ -200,53 +292,77 @@ class Film:
         asked = self.metadata.exposure if exposure is None else exposure
         return image.auto_exposure(self.mean) if asked is None or asked == "auto" else float(asked)
 
-    def to_srgb(self, *, exposure: float | Literal["auto"] | None = None, tonemap: str = "srgb") -> UInt8:
+    def to_srgb(
+        self,
+        *,
+        exposure: float | Literal["auto"] | None = None,
+        tonemap: str = "srgb",
+        denoise: bool = False,
+    ) -> UInt8:
         """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png.
 
         exposure : as of `exposure_stops`
         tonemap  : one of `image.TONEMAPS`
+        denoise  : show `denoised`, with the same stops
 
-        Raises UsageError for another exposure or operator, or an image of no path set.
+        Raises UsageError for another exposure or operator, or an image of no path set; what `denoised` raises.
         """
-        return tonemapped(self.mean, self.exposure_stops(exposure), tonemap)
+        return tonemapped(self.denoised() if denoise else self.mean, self.exposure_stops(exposure), tonemap)
 
     def save(
-        self, path: str | Path, *, exposure: float | Literal["auto"] | None = None, tonemap: str = "srgb"
+        self,
+        path: str | Path,
+        *,
+        exposure: float | Literal["auto"] | None = None,
+        tonemap: str = "srgb",
+        denoise: bool = False,
     ) -> None:
         """Write the film; the suffix says how. The file appears whole or not at all.
 
         .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
-        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image. AOVs that the film
+               holds are the layers albedo.R, G, B and normal.X, Y, Z
         .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
+
+        denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
+                  picture as it was as the layer noisy.R, G, B. An .npz is the same in any case
 
         A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
 
         All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
-        or an image of no path set.
+        or an image of no path set; what `denoised` raises.
         """
         path = check_suffix(path)
         suffix = path.suffix.lower() or ".png"
         if suffix == ".png":
             stops = self.exposure_stops(exposure)
             text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
-            write_png(path, self.to_srgb(exposure=stops, tonemap=tonemap), self.provenance() | text)
+            picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
+            write_png(path, picture, self.provenance(denoised=denoise) | text)
         elif suffix == ".exr":
-            window, full_resolution = self.metadata.window, self.metadata.full_resolution
-            write_exr(path, self.mean, self.provenance(), window=window, full_resolution=full_resolution)
+            write_exr(
+                path,
+                self.denoised() if denoise else self.mean,
+                self.provenance(denoised=denoise),
+                window=self.metadata.window,
+                full_resolution=self.metadata.full_resolution,
+                layers=({"noisy": self.mean} if denoise else {}) | {name: self.aov(name) for name in self.aov_sums},
+            )
         else:
             self._save_npz(path)
 
     def _save_npz(self, path: Path) -> None:
         used = self.batch_counts > 0
         with whole_file(path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                radiance_sums=self.radiance_sums[used],  # a batch without path sets need not be stored
-                batch_counts=self.batch_counts,
-                ranges=np.array(self.ranges, np.int64).reshape(-1, 2),
-                block=np.int64(BLOCK),
-                metadata=np.array(json.dumps(asdict(self.metadata))),
-            )
+            arrays: dict[str, Any] = {
+                "radiance_sums": self.radiance_sums[used],  # a batch without path sets need not be stored
+                "batch_counts": self.batch_counts,
+                "ranges": np.array(self.ranges, np.int64).reshape(-1, 2),
+                "block": np.int64(BLOCK),
+                "metadata": np.array(json.dumps(asdict(self.metadata))),
+                **{_aov_key(name): sums for name, sums in self.aov_sums.items()},
+            }
+            np.savez(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Film:
@@ -268,6 +384,10 @@ class Film:
             sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
             if not np.isfinite(sums).all():
                 raise ValueError("it holds sums that are NaN or infinite")
+            for name in film.aov_sums:
+                film.aov_sums[name] = stored.read(_aov_key(name), "f", sums.shape[1:])
+            if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
+                raise ValueError("it holds sums of AOVs that are NaN or infinite")
             film.radiance_sums[used] = sums
             film.batch_counts[:] = counts
             film.ranges = tuple((int(start), int(stop)) for start, stop in ranges)
@@ -289,14 +409,19 @@ class Film:
             bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
         return bundle
 
-    def provenance(self) -> dict[str, str]:
-        """What made the film, and which path sets are in it, as texts for a file's header."""
-        versions = self.metadata.versions
+    def provenance(self, *, denoised: bool = False) -> dict[str, str]:
+        """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a
+        file's header."""
         return {
-            "Software": f"glpath {versions.get('glpath', '')}".strip(),
+            "Software": f"glpath {self.metadata.versions.get('glpath', '')}".strip(),
             "glpath.path_sets": str(self.path_sets),
             "glpath.ranges": json.dumps(self.ranges),
             **self.metadata.as_strings(),
+            **(
+                {"glpath.denoised": f"Open Image Denoise, pyoidn {versions('pyoidn').get('pyoidn', '')}"}
+                if denoised
+                else {}
+            ),
         }
 
 
@@ -330,6 +455,11 @@ def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
     """(H, W, 3) float64, the mean of (B, H, W, 3) sums over batches of so many path sets each."""
     mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
     return mean
+
+
+def _aov_key(name: str) -> str:
+    """What an .npz calls the sums of an AOV."""
+    return f"{name}_sums"
 
 
 def check_suffix(path: str | Path) -> Path:

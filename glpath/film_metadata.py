@@ -6,10 +6,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
-from typing import Any
+from typing import Any, Literal, get_args
 
 from glpath.errors import UsageError
 from glpath.image import check_exposure
+
+#: What a film may hold beside radiance ("arbitrary output variables"): of the surfaces that the eye sees.
+Aov = Literal["albedo", "normal"]
+AOVS: tuple[Aov, ...] = get_args(Aov)
 
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
@@ -42,6 +46,7 @@ class FilmMetadata:
     statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
                       `radiosity_s`, of a gather, the seconds until it had its radiosity solution
+    aovs            : names out of AOVS that the film holds as well
     """
 
     scene: str
@@ -58,6 +63,7 @@ class FilmMetadata:
     noisy: bool = True
     exposure: float | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
+    aovs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
@@ -65,6 +71,7 @@ class FilmMetadata:
             object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
         object.__setattr__(self, "window", tuple(self.window))
+        object.__setattr__(self, "aovs", tuple(self.aovs))
 
     def as_strings(self) -> dict[str, str]:
         """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ..."""
@@ -81,6 +88,8 @@ def metadata_of(text: str) -> FilmMetadata:
         for name in names.split():
             if not isinstance(getattr(metadata, name), kinds):
                 raise ValueError(f"{name} in its metadata is {shown(getattr(metadata, name))}")
+    if metadata.aovs != tuple(name for name in AOVS if name in metadata.aovs):
+        raise ValueError(f"its AOVs are {shown(metadata.aovs)}, expected some of {', '.join(AOVS)}")
     try:
         check_exposure(metadata.exposure)
     except UsageError as error:

@@ -176,7 +176,8 @@ def write_exr(
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
     full_resolution : (width, height) of the whole image: the display window
-    layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B
+    layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B; that
+                      of the name "normal" as normal.X, normal.Y, normal.Z
     alpha           : (H, W) opacity, as channel A; the colours are written as they are
 
     Raises ImageError.
@@ -199,8 +200,8 @@ def write_exr(
     if alpha is not None:
         channels["A"] = np.ascontiguousarray(alpha, np.float32)
     for name, layer in (layers or {}).items():
-        for i, colour in enumerate("RGB"):
-            channels[f"{name}.{colour}"] = np.ascontiguousarray(layer[..., i], np.float32)
+        for i, axis in enumerate("XYZ" if name == "normal" else "RGB"):
+            channels[f"{name}.{axis}"] = np.ascontiguousarray(layer[..., i], np.float32)
     with whole_file(path) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
 

@@ -70,6 +70,8 @@ def check_film(film: Film) -> None:
     assert film.path_sets > 10_000 or np.array_equal(again, film.batch_counts)
     if film.path_sets:
         check_picture(film.mean)
+        for name in film.aov_sums:
+            check_picture(film.aov(name))
     repr(film)
     film.provenance()
     film.merge(Film.empty(film.metadata))
@@ -136,10 +138,12 @@ def make(folder: Path) -> None:
     """The whole files."""
     rng = np.random.default_rng(0)
     fields = {"sampling": "sobol", "ambient": [0.0, 0.0, 0.0]}
-    film = Film.empty(FilmMetadata("a", "0", "path_trace", 0, 5, fields, (8, 6), (1, 1, 6, 4), statistics={"n": 2}))
+    sizes = (8, 6), (1, 1, 6, 4)
+    metadata = FilmMetadata("a", "0", "path_trace", 0, 5, fields, *sizes, statistics={"n": 2}, aovs=("albedo",))
+    film = Film.empty(metadata)
     for first, last in ((0, 20), (30, 40)):
         for start, stop in blocks(first, last):
-            film.add(start, stop, rng.random((4, 6, 3)))
+            film.add(start, stop, rng.random((4, 6, 3)), {"albedo": rng.random((4, 6, 3))})
     film.save(folder / "film.npz")
     film.save(folder / "picture.exr")
     film.save(folder / "picture.png")

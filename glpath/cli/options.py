@@ -65,11 +65,23 @@ def flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
+def _extra(option: Option) -> dict[str, Any]:
+    meta = option.first.meta
+    return (meta.extra if meta else None) or {}
+
+
+def _flag_of(option: Option) -> str:
+    given: str = _extra(option).get("flag", flag(option.name))
+    return given
+
+
 def _annotation(option: Option) -> Any:
     setting = option.first
     kind: Any = setting.type
-    metavar = ((setting.meta.extra if setting.meta else None) or {}).get("metavar")
-    if setting.words:
+    metavar = _extra(option).get("metavar")
+    if setting.several:
+        kind, metavar = list[str], "|".join(setting.words)
+    elif setting.words:
         kind, metavar = str, "|".join(setting.words)
     elif kind == Rgb:
         kind, metavar = str, "R,G,B"
@@ -79,9 +91,9 @@ def _annotation(option: Option) -> Any:
     return Annotated[
         kind if kind is bool or option.default is not None else kind | None,
         typer.Option(
-            flag(option.name),
+            _flag_of(option),
             metavar=metavar or (None if kind is bool else "N"),
-            help=description[0].upper() + description[1:] + ".",
+            help=description[0].upper() + description[1:] + ("; may be repeated." if setting.several else "."),
             show_default=False,
             rich_help_panel=_panel(option),
             autocompletion=words(setting.words) if setting.words else None,
@@ -95,12 +107,13 @@ def _panel(option: Option) -> str:
 
 
 def _value(option: Option, integrator: str, value: Any) -> Any:
-    if value is None:
+    if value is None or value == []:
         return None
     # Of an option that is another integrator's, `render` says whose it is.
     setting = option.settings.get(integrator, option.first)
     if setting.words:
-        check_choice(flag(option.name), value, setting.words)
+        for word in value if setting.several else (value,):
+            check_choice(_flag_of(option), word, setting.words)
     elif setting.type == Rgb:
         return colour(flag(option.name), value)
     elif setting.type in (int, float) and setting.meta is not None:

@@ -29,10 +29,12 @@ from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
+from glpath.denoise import require_denoiser
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, save_all
+from glpath.film_metadata import AOVS
 from glpath.image import TONEMAPS
-from glpath.integrators.settings import INTEGRATORS
+from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, Progress, duration, percent, reporting
 from glpath.rendering.options import default_spp_text
 from glpath.terminal import say, say_json
@@ -116,6 +118,15 @@ def render(
             autocompletion=words(TONEMAPS),
         ),
     ] = "srgb",
+    denoise: Annotated[
+        bool,
+        typer.Option(
+            "--denoise",
+            help="Denoise .png and .exr by Open Image Denoise (pip install 'glpath[denoise]'), with the AOVs "
+            "albedo and normal. An .exr has the picture before it as the layer noisy, an .npz holds that alone.",
+            rich_help_panel=_IMAGE,
+        ),
+    ] = False,
     camera_position: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Where it stands.", rich_help_panel=_CAMERA)
     ] = None,
@@ -198,6 +209,14 @@ def render(
     for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
         if count is not None and count < low:
             raise UsageError(f"{option} {count}: must be at least {low}.")
+    if denoise:
+        require_denoiser()
+        if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
+            raise UsageError(
+                f"--denoise with --integrator {integrator}: it has no grain for a denoiser to take away.",
+                "Render more path sets, or take --integrator path or gather.",
+            )
+        options["aovs"] = list(AOVS)
     options = option_values(integrator, options)
     stops = read_exposure(exposure)
     machine = {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}
@@ -218,7 +237,7 @@ def render(
         options = {"integrator": integrator, "spp": spp, **options}
         start, spp = _described(loaded, None if crop is None else read_crop(crop), options)
     else:
-        start, spp = _of_file(job)
+        start, spp = _of_file(job, denoise)
     for path in out if turntable is None else [frame_path(path, 0, turntable) for path in out]:
         check_writable(path)
         if str(path) == "-" and sys.stdout.isatty():
@@ -233,7 +252,7 @@ def render(
             turntable,
             out,
             {**options, **machine},
-            lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap),
+            lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
             stops,
             tell,
             progress == "json",
@@ -245,16 +264,18 @@ def render(
     failure = None
     if film.path_sets:
         stops = film.exposure_stops(stops)
-        saves: dict[Path, Save] = {path: lambda at: film.save(at, exposure=stops, tonemap=tonemap) for path in out}
+        saves: dict[Path, Save] = {
+            path: lambda at: film.save(at, exposure=stops, tonemap=tonemap, denoise=denoise) for path in out
+        }
         written, failure = save_all(
             saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
         )
     ended_early = arrived()
 
     if progress == "json":
-        say_json(_as_event(film, written, ended_early), err=True)
+        say_json(_as_event(film, written, ended_early, denoise), err=True)
     elif not quiet:
-        for line in _summary(film, written, stops, verbose):
+        for line in _summary(film, written, stops, verbose, denoise):
             say(line, err=True)
     if failure is not None:
         raise failure
@@ -297,6 +318,7 @@ _BESIDE_A_JOB = (
     "out",
     "exposure",
     "tonemap",
+    "denoise",
     "backend",
     "device",
     "require_gpu",
@@ -333,11 +355,16 @@ def _described(scene: Scene, crop: tuple[int, int, int, int] | None, options: di
     return start, options["spp"] or INTEGRATORS[options["integrator"]].default_spp
 
 
-def _of_file(path: Path) -> tuple[Start, int]:
-    """The render of a job file, and its path sets."""
+def _of_file(path: Path, denoise: bool) -> tuple[Start, int]:
+    """The render of a job file, and its path sets. Raises UsageError for one whose film cannot be denoised."""
     from glpath import rendering
 
     job = rendering.RenderJob.load(path)
+    if denoise and getattr(job.integrator, "aovs", ()) != AOVS:
+        raise UsageError(
+            f"--denoise beside --job: {path} asks for no AOVs albedo and normal, by which pictures are denoised.",
+            f'Make the job with aovs={AOVS!r}, by the integrators "path" or "gather".',
+        )
 
     def start(more: dict[str, Any]) -> Film:
         from glpath.gl.context import open_context
@@ -356,7 +383,7 @@ def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:
     say(f"glpath: interrupted: {text}", err=True)
 
 
-def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool) -> Iterator[str]:
+def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool, denoise: bool) -> Iterator[str]:
     """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
     if not film.path_sets:
         return
@@ -371,6 +398,9 @@ def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool) 
     yield f"  on {m.device or 'an unnamed device'}{speed}"
     if solved > 0:
         yield f"  of that, {duration(solved)} for the radiosity solution"
+    if denoise:
+        error = film.relative_error(denoised=True)
+        yield "  denoised by Open Image Denoise" + ("" if error is None else f", then error about {percent(error)}")
     cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost", 0)
     if cast:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
@@ -390,7 +420,7 @@ def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool) 
         yield f"wrote {path}{shown}"
 
 
-def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[str, Any]:
+def _as_event(film: Film, written: Sequence[Path], interrupted: bool, denoise: bool) -> dict[str, Any]:
     """The last object of `--progress json`."""
     m = film.metadata
     return {
@@ -398,6 +428,7 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[st
         "path_sets": film.path_sets,
         "elapsed_s": round(m.elapsed_s, 3),
         "error": film.relative_error(),
+        **({"denoised_error": film.relative_error(denoised=True)} if denoise else {}),
         "renderer": m.device,
         "statistics": m.statistics,
         "files": [str(path) for path in written],

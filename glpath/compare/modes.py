@@ -65,7 +65,7 @@ def most_different(picture: Picture, reference: Picture) -> tuple[Picture, Pictu
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
     """ "stat" where both are films that have noise, as their metadata says, else "fuzzy"."""
-    noisy = [side.provenance.get("glpath.noisy") == "true" for side in (picture, reference)]
+    noisy = [side.provenance.get("glpath.noisy") == "true" and not side.denoised for side in (picture, reference)]
     return "stat" if all(noisy) else "fuzzy"
 
 

@@ -34,6 +34,9 @@ BLOCK_SIDE = 16
 # Of float32, in which noise is stored, with much to spare.
 _ROUNDING = 1e-4
 
+#: In the header of what `Film.save` has denoised.
+DENOISED = "glpath.denoised"
+
 _FORMAT = "glpath.baseline"
 _VERSION = "1"
 
@@ -130,6 +133,11 @@ class Picture:
             alpha,
             eight_bit=white in (1, 255),
         )
+
+    @property
+    def denoised(self) -> bool:
+        """Whether it has been through a denoiser, so that differences between pixels say nothing of its noise."""
+        return DENOISED in self.provenance
 
     def over(self, ground: float) -> Picture:
         """As it is seen over sRGB's `ground`, 0 black to 1 white: as browsers do, sRGB values are mixed."""

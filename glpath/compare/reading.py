@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from glpath.compare.picture import Picture, glpath_texts
+from glpath.compare.picture import DENOISED, Picture, glpath_texts
 from glpath.errors import ImageError
 from glpath.files import reading
 from glpath.film import Film, holds_film, read_image
@@ -47,7 +47,8 @@ def read_picture(path: str | Path) -> Picture:
         if Picture.is_baseline(header):
             return Picture.load(path)
         image = read_image(path)
-        return Picture.of_array(np.dstack([image, channels["A"]]) if "A" in channels else image)
+        made = {key: value for key, value in header.items() if key == DENOISED}
+        return Picture.of_array(np.dstack([image, channels["A"]]) if "A" in channels else image, made)
     if suffix == ".npy":
         read_image(path)  # says what is wrong with it
         with reading(path, suffix):

@@ -222,6 +222,11 @@ def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Flo
 
 def _noise(picture: Picture, which: str) -> Noise:
     if picture.noise is None or len(picture.noise.batch_counts) < LEAST_BATCHES:
+        if picture.denoised:
+            raise UsageError(
+                f"stat: the {which} is denoised, and of its noise nothing is left to tell a change from.",
+                "Compare the films (.npz), which are as they were rendered; or take the mode fuzzy or flip.",
+            )
         sets = picture.provenance.get("glpath.path_sets")
         found = "has no path sets" if sets is None else f"has {sets} path sets"
         raise UsageError(

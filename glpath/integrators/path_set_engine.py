@@ -14,6 +14,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
+from glpath.integrators.aovs import EyeAovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.lighting import Lighting
 from glpath.sensors import CameraSensor
@@ -67,6 +68,7 @@ class PathSetEngine(ABC):
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=scene.textures,
         )
+        self._aovs = EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer) if settings.aovs else None
         self._prepare()
 
     @abstractmethod
@@ -102,6 +104,10 @@ class PathSetEngine(ABC):
         self._counts += np.array([taken.low.sum(), lost.sum(), dropped.sum()], dtype=np.int64)
         return taken.radiance
 
+    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
+        """The same of each AOV that the settings ask for, by name."""
+        return {} if self._aovs is None else self._aovs.take()
+
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
 
@@ -119,9 +125,12 @@ class PathSetEngine(ABC):
     # What the frame is made of.
 
     def _see(self, eye: Uniforms) -> None:
-        """Which triangle every pixel of the window sees."""
+        """Which triangle every pixel of the window sees, and the AOVs of what it sees."""
         with self.stopwatch.stage("eye"):
             self._eye_pass.run(self.scene.uniforms | eye)
+        if self._aovs is not None:
+            with self.stopwatch.stage("AOVs"):
+                self._aovs.add(eye)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
         extent = float(np.linalg.norm(self.scene.centre - self.sensor.camera.position)) + self.scene.radius

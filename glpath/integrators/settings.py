@@ -5,8 +5,9 @@ have a parameter of that name, `glpath render` has it as --name with the descrip
 against the type and the bounds, a `RenderJob` writes it to JSON and a film's metadata names it. A field without a
 description is a setting for experiments: only an instance of the class can have it otherwise than by default.
 
-Literal types are words to choose from, `Rgb` is one number or three. `Meta.extra` may hold "metavar", what the help
-shows for a value. This module loads nothing heavy, as the command line reads it before it knows what is asked for.
+Literal types are words to choose from, a tuple of these any number of words, `Rgb` is one number or three.
+`Meta.extra` may hold "metavar", what the help shows for a value, and "flag", its name on the command line. This
+module loads nothing heavy, as the command line reads it before it knows what is asked for.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from msgspec import Meta
 
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
+from glpath.film_metadata import Aov
 from glpath.sampling import Sampling
 from glpath.scene.model import Scene
 
@@ -104,12 +106,21 @@ class PathSetSettings(IntegratorSettings):
             "even; what is finer than one throws a wrong shadow",
         ),
     ] = 256
+    aovs: Annotated[
+        tuple[Aov, ...],
+        Meta(
+            description="what the film holds as well of the surfaces that the eye sees, for a denoiser or a "
+            'compositor: "albedo", "normal", or both',
+            extra={"flag": "--aov"},
+        ),
+    ] = ()
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
 
     def recorded(self) -> dict[str, Any]:
-        """Those that decide something: rays of one's own need no buffer."""
+        """Those that decide something: rays of one's own need no buffer, and AOVs are beside the image."""
         given = super().recorded()
+        del given["aovs"]
         if self.directions == "own":
             for name in _OF_PATH_BUFFERS:
                 del given[name]

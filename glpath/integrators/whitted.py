@@ -131,6 +131,10 @@ class WhittedTracer:
         self._count()
         return taken.radiance
 
+    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
+        """None: with a mirror, the first surface says little of what is seen."""
+        return {}
+
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
 

@@ -50,6 +50,7 @@ class _Level:
         resolution = self.film.metadata.full_resolution
         self.engine.look_from(replace(CameraSensor.of(camera), resolution=resolution))
         self.engine.take()
+        self.engine.take_aovs()
         self.engine.forget_statistics()
         self.film = Film.empty(self.film.metadata)
         self.camera = camera
@@ -64,7 +65,7 @@ class _Level:
         for first, last in blocks(done, end):
             for index in range(first, last):
                 self.engine.trace_path_set(index)
-            self.film.add(first, last, self.engine.take())
+            self.film.add(first, last, self.engine.take(), self.engine.take_aovs())
         self.seconds = (time.perf_counter() - begun) / (end - done)
 
 
@@ -124,7 +125,13 @@ class LiveImage:
             return Film.empty(metadata)
         metadata = replace(metadata, statistics=level.engine.statistics())
         film = level.film
-        return Film(film.radiance_sums.copy(), film.batch_counts.copy(), film.ranges, metadata)
+        return Film(
+            film.radiance_sums.copy(),
+            film.batch_counts.copy(),
+            film.ranges,
+            metadata,
+            {name: sums.copy() for name, sums in film.aov_sums.items()},
+        )
 
     @property
     def _moves(self) -> bool:

@@ -100,6 +100,7 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
     When interrupted in the first tile, the others follow as far as that one came.
     """
     total = np.zeros(film.radiance_sums.shape[1:])
+    aovs = {name: np.zeros_like(total) for name in film.aov_sums}
     for tile in tiles:
         engine.look_at(tile.window)
         traced = 0
@@ -110,6 +111,8 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
                 break
         count = traced
         total[tile.target] = engine.take()[tile.keep]
+        for name, found in engine.take_aovs().items():
+            aovs[name][tile.target] = found[tile.keep]
     with interrupted.whole():
-        film.add(start, start + count, total)
+        film.add(start, start + count, total, aovs)
     return count

@@ -49,7 +49,13 @@ class Setting:
     @property
     def words(self) -> tuple[str, ...]:
         """What may be chosen; empty where it is no choice."""
-        return get_args(self.type) if get_origin(self.type) is Literal else ()
+        chosen = get_args(self.type)[0] if self.several else self.type
+        return get_args(chosen) if get_origin(chosen) is Literal else ()
+
+    @property
+    def several(self) -> bool:
+        """Whether any number of words may be chosen."""
+        return get_origin(self.type) is tuple and get_args(self.type)[1:] == (...,)
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class Option:
             defaults = [
                 _shown(value) + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
                 for (_, value), owners in texts.items()
-                if not isinstance(value, bool) and value is not None
+                if not isinstance(value, bool) and value is not None and value != ()
             ]
             return text + (f"; default {', '.join(defaults)}" if defaults else "")
         parts = [
@@ -173,6 +179,13 @@ def _checked(setting: Setting, value: Any) -> Any:
         low, high = setting.meta.ge, setting.meta.le
     if value is None and setting.optional:
         return None
+    if setting.several:
+        given = (value,) if isinstance(value, str) else value
+        if not isinstance(given, tuple | list):
+            raise UsageError(f"{name}: {value!r} where some of {', '.join(setting.words)} are needed")
+        for word in given:
+            check_word(name, word, setting.words)
+        return tuple(word for word in setting.words if word in given)
     if setting.words:
         check_word(name, value, setting.words)
         return value
@@ -278,7 +291,7 @@ def _annotation(option: Option) -> Any:
     kind: Any = option.first.type
     if kind == Rgb:
         kind = float | kind
-    elif Path in get_args(kind):
+    elif option.first.several or Path in get_args(kind):
         kind = str | kind
     return kind if option.default is not None else kind | None
 

@@ -13,6 +13,7 @@ from glpath.errors import ContextError, SceneWarning, UsageError
 from glpath.film import Film
 from glpath.film_metadata import FilmMetadata
 from glpath.gl.context import Context
+from glpath.integrators.settings import PathSetSettings
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of
 from glpath.rendering.interrupts import RenderInterrupted
@@ -127,6 +128,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context) -> F
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
+        aovs=job.integrator.aovs if isinstance(job.integrator, PathSetSettings) else (),
         device=info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
     )
