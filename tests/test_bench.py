@@ -15,7 +15,6 @@ from glpath.bench import (
     cycles_peer,
     embree_peer,
     gather,
-    mitsuba_peer,
     other_python,
     path_buffer,
     radiance_peer,
@@ -28,6 +27,7 @@ from glpath.bench.start_up import bench_start_up
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
+from glpath.experiments import mitsuba_peer
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
 

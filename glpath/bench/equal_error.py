@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from glpath.bench import mitsuba_peer, radiance_peer
+from glpath.bench import radiance_peer
 from glpath.bench.cycles_peer import Cycles, cycles
 from glpath.bench.references import Reference
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
+from glpath.experiments import mitsuba_peer
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.rendering.factory import Engine
 from glpath.scene.model import Float64, Scene

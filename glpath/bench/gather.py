@@ -43,8 +43,8 @@ from glpath.bench.equal_error import (
     trace_in_steps,
     warm_up,
 )
-from glpath.bench.mitsuba_peer import comparable
 from glpath.bench.references import reference_picture
+from glpath.experiments.mitsuba_peer import comparable
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene

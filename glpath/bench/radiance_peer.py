@@ -24,6 +24,8 @@ from glpath.scene.model import Float64, Scene
 
 #: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
 SETTINGS = "-ab 12 -ad 512 -as 256 -aa .15 -ar 128 -ds .05 -dj .9 -dt 0 -dc 1 -lr 16 -ps 1 -pj .9"
+#: Seconds after which it is given up.
+PATIENCE = 900.0
 # Rays along a pixel's side, averaged: what a box filter is.
 _RAYS = 2
 
@@ -43,9 +45,15 @@ def render(scene: Scene) -> tuple[float, Float64]:
     width, height = scene.camera.resolution
 
     def run(program: str, *arguments: str) -> bytes:
-        done = subprocess.run(
-            [package / "bin" / program, *arguments], cwd=folder, env=environment, capture_output=True, check=False
-        )
+        command = [str(package / "bin" / program), *arguments]
+        try:
+            done = subprocess.run(
+                command, cwd=folder, env=environment, capture_output=True, timeout=PATIENCE, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise GlpathError(
+                f"Radiance's {program} took longer than {PATIENCE:.0f} s.", "Take a smaller --resolution."
+            ) from error
         if done.returncode:
             said = done.stderr.decode(errors="replace").strip()
             raise GlpathError(f"Radiance's {program} failed: {said}", "See its manual.")

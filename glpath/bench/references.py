@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.bench import mitsuba_peer
 from glpath.errors import GlpathError, UsageError
+from glpath.experiments import mitsuba_peer
 from glpath.experiments.references import error_of_reference, reference_path
 from glpath.files import whole_file
 from glpath.film import read_image

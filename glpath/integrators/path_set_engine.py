@@ -102,6 +102,12 @@ class PathSetEngine(ABC):
         self._counts += np.array([taken.low.sum(), lost.sum(), dropped.sum()], dtype=np.int64)
         return taken.radiance
 
+    def seen(self) -> NDArray[np.int64]:
+        """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top."""
+        width, height = self._size
+        numbers = np.frombuffer(self._eye_buffer.read(), np.uint32).reshape(height, width)
+        return numbers[::-1].astype(np.int64) - 1
+
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
 
