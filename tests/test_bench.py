@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,23 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
-from glpath.bench import embree_peer, gather, mitsuba_peer, path_buffer, shaft, start_up, t_buffer
+from glpath.bench import (
+    cycles_peer,
+    embree_peer,
+    gather,
+    other_python,
+    path_buffer,
+    radiance_peer,
+    shaft,
+    start_up,
+    t_buffer,
+)
 from glpath.bench.equal_error import line_to_target, samples_to_target
 from glpath.bench.start_up import bench_start_up
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.errors import GlpathError
+from glpath.experiments import mitsuba_peer
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
 
@@ -55,10 +67,10 @@ def test_list_names_every_bench() -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["path-buffer"], ("path-buffer", 3, None)),
-        (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"))),
-        (["gather"], ("gather", 3, None, 1.0)),
-        (["gather", "--seeds", "2", "--scale", "0.5"], ("gather", 2, None, 0.5)),
+        (["path-buffer"], ("path-buffer", 3, None, None)),
+        (["path-buffer", "--seeds", "2", "--reference", "a.exr"], ("path-buffer", 2, Path("a.exr"), None)),
+        (["gather"], ("gather", 3, None, 1.0, None)),
+        (["gather", "--seeds", "2", "--scale", "0.5"], ("gather", 2, None, 0.5, None)),
         (["t-buffer"], ("t-buffer", 1.0, 7)),
         (["t-buffer", "--rounds", "3", "--scale", "0.5"], ("t-buffer", 0.5, 3)),
         (["shaft"], ("shaft", 1.0, 7)),
@@ -71,6 +83,14 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
     assert "measuring" in result.stderr
 
 
+def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
+    assert run("gather", "--scene", "office", "--resolution", "40x30").exit_code == 0
+    assert run("path-buffer", "--resolution", "32x32").exit_code == 0
+    (*_, office), (*_, box) = calls
+    assert (office.name, office.camera.resolution) == ("office", (40, 30))
+    assert (box.name, box.camera.resolution) == ("cornell-box-36", (32, 32))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -79,7 +99,12 @@ def test_a_bench_gets_its_options_or_their_defaults(calls, arguments, expected) 
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
-        (["gather", "--rounds", "2"], "--rounds does not apply to bench gather; allowed are --seeds, --reference"),
+        (
+            ["gather", "--rounds", "2"],
+            "--rounds does not apply to bench gather; allowed are --scene,",
+        ),
+        (["t-buffer", "--scene", "room"], "--scene does not apply to bench t-buffer"),
+        (["gather", "--resolution", "64"], "--resolution 64: expected WxH"),
         (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
         (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
         (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
@@ -217,6 +242,9 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
     monkeypatch.setattr(gather, "PATH_DEPTH", 3)
     monkeypatch.setattr(gather, "AGREEMENT", ())  # with the picture below, which lacks bounces
     monkeypatch.setattr(gather, "PATCHES", 50)
+    monkeypatch.setenv(other_python.PYTHON, sys.executable)
+    for peer in (cycles_peer, radiance_peer):
+        monkeypatch.setattr(peer.other_python, "find_package", absent)
     path = tmp_path / "reference.exr"
     glpath.render(gather.SCENE, spp=16, max_depth=3).save(path)
     report = gather.bench_gather(seeds=1, reference=path, scale=0.1)

@@ -6,6 +6,7 @@ Mitsuba's part is played by its stored pictures with noise, and times are made u
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from conftest import Spoil
 
 from glpath.bench import gather, path_buffer, shaft, t_buffer
+from glpath.bench.equal_error import Contestant
+from glpath.bench.references import Reference
 from glpath.experiments import office_table
 from glpath.experiments.references import smaller, stored_reference
 from glpath.integrators.settings import PathTraceSettings
@@ -43,9 +46,12 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(
             bench,
             "reference_picture",
-            lambda given, name, depth, *_: smaller(stored_reference(name, depth), SIDE),
+            lambda given, scene, depth, *_: Reference(smaller(stored_reference(scene.name, depth), SIDE), 0.0, ""),
         )
         monkeypatch.setattr(bench, "TARGET", 5e-3)
+        monkeypatch.setattr(bench, "other_peers", lambda *_: nullcontext({}))
+    monkeypatch.setattr(Contestant, "grow", lambda *_: None)
+    monkeypatch.setattr(gather, "radiance_row", lambda *_: ({}, []))
     in_steps = gather.trace_in_steps
 
     def timed(tracer, counts):

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from glpath.bench import mitsuba_peer
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
+from glpath.experiments import mitsuba_peer
 from glpath.experiments.references import stored_reference
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes

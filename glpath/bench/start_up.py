@@ -20,8 +20,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from glpath.bench.mitsuba_peer import find_llvm
 from glpath.errors import GlpathError
+from glpath.experiments.mitsuba_peer import find_llvm
 from glpath.experiments.timing import in_turns, seconds_of
 from glpath.experiments.verdict import Condition, Report, judge, machine
 from glpath.gl.context import get_context

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glpath.cli import completion
 from glpath.cli.completion import words
+from glpath.cli.scene import HELP, read_scene, seen
 from glpath.cli.signals import result_of
+from glpath.cli.values import resolution as read_resolution
 from glpath.errors import GlpathError, UsageError
 from glpath.experiments.verdict import Report
 from glpath.files import check_writable, save_all, write_bytes
@@ -19,15 +22,17 @@ from glpath.terminal import clean_console, say
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from glpath.scene import Scene
+
 # What each bench measures, and which options it takes besides --json.
 BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
     "path-buffer": (
         "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
-        ("--seeds", "--reference"),
+        ("--scene", "--resolution", "--seeds", "--reference"),
     ),
     "gather": (
         "light of all bounces from radiosity: time to an error, beside path tracing and Mitsuba 3",
-        ("--seeds", "--reference", "--scale"),
+        ("--scene", "--resolution", "--seeds", "--reference", "--scale"),
     ),
     "t-buffer": (
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
@@ -50,6 +55,18 @@ def bench(
         str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES), autocompletion=words(BENCHES))
     ] = None,
     list_all: Annotated[bool, typer.Option("--list", help="Name all benches.")] = False,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help=f"path-buffer, gather: {HELP[0].lower()}{HELP[1:-1]}; diffuse, lit by shapes that emit; "
+            "cornell-box-36.",
+            autocompletion=completion.scenes,
+        ),
+    ] = None,
+    resolution: Annotated[
+        str | None, typer.Option(metavar="WxH", help="path-buffer, gather: instead of the scene's.")
+    ] = None,
     seeds: Annotated[
         int | None,
         typer.Option(metavar="N", help="path-buffer, gather: independent renders to take errors over; 3."),
@@ -85,7 +102,14 @@ def bench(
             f"bench: {'no name' if name is None else repr(name)}; allowed are {', '.join(BENCHES)}",
             "`glpath bench --list` says what they measure.",
         )
-    given = {"--seeds": seeds, "--reference": reference, "--rounds": rounds, "--scale": scale}
+    given = {
+        "--scene": scene,
+        "--resolution": resolution,
+        "--seeds": seeds,
+        "--reference": reference,
+        "--rounds": rounds,
+        "--scale": scale,
+    }
     allowed = BENCHES[name][1]
     for option, value in given.items():
         if value is not None and option not in allowed:
@@ -97,7 +121,11 @@ def bench(
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
     if output is not None:
         check_writable(output)
-    report = result_of(lambda: _measure(name, seeds or 3, reference, rounds or 7, scale or 1.0))
+    measured = None
+    if scene is not None or resolution is not None:
+        size = None if resolution is None else read_resolution(resolution)
+        measured = seen(read_scene(scene or "cornell-box-36", []), size, {})
+    report = result_of(lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0))
     _show(report, output)
     if report.faults:
         raise GlpathError(
@@ -107,14 +135,16 @@ def bench(
         )
 
 
-def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: float) -> Report:
+def _measure(
+    name: str, scene: Scene | None, seeds: int, reference: Path | None, rounds: int, scale: float
+) -> Report:
     def progress(text: str) -> None:
         say(text, err=True)
 
     if name == "gather":
         from glpath.bench.gather import bench_gather
 
-        return bench_gather(seeds, reference, scale, progress)
+        return bench_gather(seeds, reference, scale, scene, progress)
     if name == "t-buffer":
         from glpath.bench.t_buffer import bench_t_buffer
 
@@ -133,7 +163,7 @@ def _measure(name: str, seeds: int, reference: Path | None, rounds: int, scale: 
         return bench_start_up(rounds, progress)
     from glpath.bench.path_buffer import bench_path_buffer
 
-    return bench_path_buffer(seeds, reference, progress)
+    return bench_path_buffer(seeds, reference, scene, progress)
 
 
 def _show(report: Report, output: Path | None) -> None:

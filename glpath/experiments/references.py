@@ -6,23 +6,45 @@ They lie in `scenes/references`, linear radiance as float16, each with the comma
 
 from __future__ import annotations
 
+import json
+import math
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
 from glpath.files import shipped_folder
 from glpath.film import read_image
+from glpath.npz import open_npz
 from glpath.scene.model import Float64
 
 #: Depth at which all bounces are there: what is beyond is less than a float can hold beside the rest.
 ALL_BOUNCES = 64
 
 
-def find_reference(scene: str, depth: int) -> Float64 | None:
-    """(H, W, 3) float64 radiance of a shipped scene at a path depth as PB counts it; None where none is stored."""
+def reference_path(scene: str, depth: int) -> Path | None:
+    """The file with the picture of a shipped scene at a path depth as PB counts it; None where none is stored."""
     folder = shipped_folder("scenes")
     path = None if folder is None else folder / "references" / f"{scene}-depth{depth}.npz"
-    return read_image(path) if path is not None and path.is_file() else None
+    return path if path is not None and path.is_file() else None
+
+
+def find_reference(scene: str, depth: int) -> Float64 | None:
+    """(H, W, 3) float64 radiance of `reference_path`; None where there is none."""
+    path = reference_path(scene, depth)
+    return None if path is None else read_image(path)
+
+
+def error_of_reference(path: str | Path) -> float:
+    """The relMSE that a converged picture's file says it has; NaN for a file that does not say."""
+    if Path(path).suffix.lower() != ".npz":
+        return math.nan
+    with open_npz(path, ".npz") as stored:
+        if "made_with" not in stored:
+            return math.nan
+        made_with = json.loads(str(stored.read("made_with", "U", ())))
+        return float(made_with.get("relmse_of_reference", math.nan))
 
 
 def stored_reference(scene: str, depth: int) -> Float64:

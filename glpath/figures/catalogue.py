@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from glpath.figures import path_buffer_box, path_buffer_room, shaft, shaft_table, t_buffer_curves, t_buffer_pictures
+from glpath.figures import (
+    path_buffer_box,
+    path_buffer_room,
+    scale,
+    shaft,
+    shaft_table,
+    t_buffer_curves,
+    t_buffer_pictures,
+)
 from glpath.figures.outcome import Outcome, Say
 
 Make = Callable[[float, Say], Outcome]
@@ -15,3 +23,4 @@ FIGURES |= {name: _T_BUFFER[name] for name in sorted(_T_BUFFER, key=lambda name:
 FIGURES |= shaft.FIGURES | shaft_table.FIGURES
 FIGURES |= path_buffer_box.FIGURES
 FIGURES |= path_buffer_room.FIGURES
+FIGURES |= scale.FIGURES

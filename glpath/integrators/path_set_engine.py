@@ -108,6 +108,12 @@ class PathSetEngine(ABC):
         """The same of each AOV that the settings ask for, by name."""
         return {} if self._aovs is None else self._aovs.take()
 
+    def seen(self) -> NDArray[np.int64]:
+        """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top."""
+        width, height = self._size
+        numbers = np.frombuffer(self._eye_buffer.read(), np.uint32).reshape(height, width)
+        return numbers[::-1].astype(np.int64) - 1
+
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,11 @@ _CROWDED = 0.25
 
 # Each triangle is a patch at least. With so many, particles are sooner done than patches have shot.
 _MANY_PATCHES = 4000
+
+
+def radiosity_method(scene: Scene) -> Literal["progressive", "monte-carlo"]:
+    """The solver that a gather takes by itself."""
+    return "monte-carlo" if len(scene.triangles) > _MANY_PATCHES else "progressive"
 
 
 class Engine(Protocol):
@@ -189,7 +194,7 @@ class _Gathering:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         # All of radiosity is slow to import.
         from glpath.radiosity.solution import RadiositySolution
-        from glpath.radiosity.solvers.solve import Method, RadiosityProgress, solve_radiosity
+        from glpath.radiosity.solvers.solve import RadiosityProgress, solve_radiosity
 
         def report(progress: RadiosityProgress) -> None:
             unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
@@ -198,8 +203,7 @@ class _Gathering:
         given = self.settings.radiosity
         if given is None:
             say("solving radiosity")
-            method: Method = "monte-carlo" if len(scene.triangles) > _MANY_PATCHES else "progressive"
-            solution = solve_radiosity(scene, method=method, on_progress=report)
+            solution = solve_radiosity(scene, method=radiosity_method(scene), on_progress=report)
         elif isinstance(given, Path):
             solution = RadiositySolution.load(given)
         else:

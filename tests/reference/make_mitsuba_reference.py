@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.bench import mitsuba_peer
+from glpath.experiments import mitsuba_peer
 
 MITSUBAS_OWN = "mi.cornell_box"
 

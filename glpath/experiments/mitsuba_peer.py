@@ -15,15 +15,16 @@ import os
 import re
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError
-from glpath.scene.model import Float64, Scene, Shape
+from glpath.errors import GlpathError, SceneError
+from glpath.scene.geometry import Mesh
+from glpath.scene.model import Float64, Scene, Shape, Shapes
 from glpath.scene.triangulate import path_traceable
 
 Sampler = Literal["independent", "multijitter"]
@@ -97,6 +98,43 @@ def load_mitsuba(variant: str | None = None) -> Any:
     mitsuba.set_variant(variant)
     mitsuba.set_log_level(mitsuba.LogLevel.Error)  # rounded sample counts are told by samples_rendered instead
     return mitsuba
+
+
+def comparable(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene in triangles as every program here can have it, and notes on what was changed for that.
+
+    Spheres become the triangles that glpath makes of them, so that all have the same ones. They are shaded flat:
+    glpath divides by what smooth normals lose of light, other programs do not. Raises SceneError for what a peer
+    cannot take, all of it at once.
+    """
+    scene = path_traceable(scene)
+    used = sorted({shape.material for shape in scene.shapes})
+    of_materials = {
+        "textures": [scene.materials[i].name for i in used if scene.materials[i].texture is not None],
+        "highlights": [scene.materials[i].name for i in used if np.any(scene.materials[i].specular > 0)],
+        "punctual lights": [light.name for light in scene.lights],
+    }
+    found = [f"{what} ({', '.join(names[:3])})" for what, names in of_materials.items() if names]
+    found += ["a sky"] * (scene.sky is not None) + ["ambient light"] * bool(np.any(scene.ambient > 0))
+    if found:
+        raise SceneError(
+            f"{scene.source or scene.name}: has {', '.join(found)}, which the comparison with other programs does "
+            "not translate; it knows diffuse surfaces of one colour, lit by shapes that emit.",
+            "Leave them out, or take cornell-box-36, room or office.",
+        )
+    if not any(shape.emits for shape in scene.shapes):
+        raise SceneError(
+            f"{scene.source or scene.name}: no shape emits, so that there is no light to compare.",
+            "Give a shape an emission.",
+        )
+    if not np.any(scene.shapes.vertex_normals):
+        return scene, []
+    flat = Shapes(
+        replace(shape, geometry=replace(shape.geometry, normals=None))
+        for shape in scene.shapes
+        if isinstance(shape.geometry, Mesh)
+    )
+    return replace(scene, shapes=flat), ["shaded flat by all programs, without the normals of vertices"]
 
 
 def to_mitsuba(
@@ -210,10 +248,12 @@ def time_to_render(
     seed: int = 1,
     sampler: Sampler = "multijitter",
     variant: str | None = None,
+    warm: bool = False,
 ) -> PeerTiming:
     """Times `repeats` pictures of `scene` (ours, or a `mitsuba.Scene`, whose own depth and sampler then hold).
 
-    One picture of the same spp goes first, so that the kernel, which depends on spp, is compiled and in the cache.
+    One picture of the same spp goes first, so that the kernel, which depends on spp, is compiled and in the cache;
+    not where it is `warm` already.
     """
     peer = (
         to_mitsuba(scene, max_depth, sampler=sampler, spp=spp, variant=variant)
@@ -222,7 +262,8 @@ def time_to_render(
     )
     import drjit
 
-    render_peer(peer, spp, seed + repeats)
+    if not warm:
+        render_peer(peer, spp, seed + repeats)
     seconds, images = [], []
     for i in range(repeats):
         drjit.sync_thread()

@@ -1,0 +1,123 @@
+"""Cycles as a process of its own: run by the Python that has `bpy`, which need not be the one that has glpath.
+
+    python cycles_worker.py SCENE.npz
+
+SCENE.npz is what `cycles_peer.write_scene` writes. Then each line of standard input is a picture to make, {"spp":
+64, "seed": 1, "out": "a.exr", "settings": {}}, and each line of standard output its answer, {"seconds": 1.5}. The
+first answer, before any picture, is Blender's version. Nothing of glpath is imported here.
+
+Cycles at its best for a given error: its path tracer on all cores with Embree, next event estimation, and nothing
+that makes the mean another one (clamping, light threshold, limits for kinds of bounces, denoiser, adaptive
+sampling). Its geometry and BVH stay between pictures, and the first picture of all is not timed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+
+def main() -> None:
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # Blender writes what it does to standard output
+    import bpy
+
+    scene = make_scene(bpy, np.load(sys.argv[1]))
+    print(json.dumps({"version": bpy.app.version_string}), file=answers, flush=True)
+    for line in sys.stdin:
+        asked = json.loads(line)
+        scene.cycles.samples, scene.cycles.seed = asked["spp"], asked["seed"]
+        scene.render.filepath = asked["out"]
+        for name, value in asked["settings"].items():
+            setattr(scene.cycles, name, value)
+        start = time.perf_counter()
+        bpy.ops.render.render(write_still=True)
+        print(json.dumps({"seconds": time.perf_counter() - start}), file=answers, flush=True)
+
+
+def make_scene(bpy: Any, described: Any) -> Any:
+    """Blender's scene, empty but for what is described."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    for i in range(int(described["shapes"])):
+        _add_mesh(bpy, scene, f"shape{i}", described[f"corners{i}"], described[f"light{i}"])
+    _add_camera(bpy, scene, described)
+    scene.world = None  # a new one would be grey
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    render.use_persistent_data = True
+    render.use_compositing = render.use_sequencer = False
+    render.resolution_x, render.resolution_y = map(int, described["resolution"])
+    render.resolution_percentage = 100
+    render.image_settings.file_format = "OPEN_EXR"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.color_depth = "32"
+    render.image_settings.exr_codec = "NONE"
+    cycles.device = "CPU"
+    cycles.pixel_filter_type = "BOX"
+    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0.0
+    bounces = int(described["bounces"])
+    cycles.max_bounces = cycles.diffuse_bounces = bounces
+    return scene
+
+
+def _add_mesh(bpy: Any, scene: Any, name: str, corners: Any, light: Any) -> None:
+    """A mesh of (n, 3, 3) corners that share no vertices; light: (8,), see `cycles_peer.write_scene`."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(corners.reshape(-1, 3).tolist(), [], np.arange(3 * len(corners)).reshape(-1, 3).tolist())
+    mesh.materials.append(_material(bpy, name, light))
+    scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+
+
+def _material(bpy: Any, name: str, light: Any) -> Any:
+    reflectance, two_sided, emission, emits_twice = light[:3], light[3] > 0, light[4:7], light[7] > 0
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    back = nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+
+    def black_behind(front: Any) -> Any:
+        mix, black = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeBsdfDiffuse")
+        black.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+        links.new(back, mix.inputs[0])
+        links.new(front, mix.inputs[1])
+        links.new(black.outputs[0], mix.inputs[2])
+        return mix.outputs[0]
+
+    diffuse = nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = (*map(float, reflectance), 1.0)
+    surface = diffuse.outputs[0] if two_sided else black_behind(diffuse.outputs[0])
+    if emission.max() > 0:
+        glow, both = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeAddShader")
+        glow.inputs["Color"].default_value = (*map(float, emission), 1.0)
+        glow.inputs["Strength"].default_value = 1.0
+        links.new(surface, both.inputs[0])
+        links.new(glow.outputs[0] if emits_twice else black_behind(glow.outputs[0]), both.inputs[1])
+        surface = both.outputs[0]
+        material.cycles.emission_sampling = "FRONT_BACK" if emits_twice else "FRONT"
+    links.new(surface, nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    return material
+
+
+def _add_camera(bpy: Any, scene: Any, described: Any) -> None:
+    data = bpy.data.cameras.new("camera")
+    data.sensor_fit = "VERTICAL"
+    data.angle = math.radians(float(described["fov"]))
+    data.clip_start, data.clip_end = map(float, described["clip"])
+    camera = bpy.data.objects.new("camera", data)
+    matrix = type(camera.matrix_world)  # mathutils.Matrix
+    camera.matrix_world = matrix(described["world_from_camera"].tolist())
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+
+
+if __name__ == "__main__":
+    main()
