@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.bench import (
     cycles_peer,
+    denoise,
     embree_peer,
     gather,
     other_python,
@@ -26,10 +27,12 @@ from glpath.bench.equal_error import line_to_target, samples_to_target
 from glpath.bench.start_up import bench_start_up
 from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
+from glpath.compare import relative_mse
 from glpath.errors import GlpathError
 from glpath.experiments import mitsuba_peer
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
+from glpath.scene import load_scene
 
 
 @pytest.fixture
@@ -61,7 +64,7 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "gather", "t-buffer", "shaft", "shaft-options", "start-up"]
+    assert list(BENCHES) == ["path-buffer", "gather", "denoise", "t-buffer", "shaft", "shaft-options", "start-up"]
 
 
 @pytest.mark.parametrize(
@@ -254,6 +257,33 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
     assert {row["program"] for row in report.rows} == {"gather", "path_buffer"}
     assert "gather_ms_per_set.paths" in measured
     assert "Mitsuba 3 cannot be imported" in report.notes[0]
+    assert "vs_mitsuba" not in measured
+
+
+def test_a_small_bench_of_denoised_pictures_without_mitsuba_measures_and_claims_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyoidn", reason="needs the denoise extra")
+
+    def absent(*_: object) -> None:
+        raise GlpathError("Mitsuba 3 cannot be imported.", "pip install")
+
+    monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
+    monkeypatch.setattr(gather, "PATH_DEPTH", 3)
+    monkeypatch.setattr(denoise, "AGREEMENT", ())  # with the picture below, which lacks bounces
+    monkeypatch.setattr(denoise, "PATCHES", 50)
+    path = tmp_path / "reference.exr"
+    scene = load_scene(gather.SCENE).with_camera(resolution=(64, 64))
+    glpath.render(scene, spp=64, max_depth=3).save(path)
+    report = denoise.bench_denoise(seeds=1, reference=path, scene=scene, most=16)
+    measured = report.measured
+    assert (report.holds, {row["program"] for row in report.rows}) == (None, {"gather", "path"})
+    assert [row["samples"] for row in report.rows] == [8, 16, 8, 16]
+    raw = glpath.render(scene, spp=16, max_depth=3)
+    assert measured["path_relmse_16"] < 0.5 * relative_mse(raw.mean, glpath.read_image(path))
+    first = report.rows[0]
+    before = measured["denoise_s"] + measured["solver_s"]
+    assert first["s"] == pytest.approx(before + 8e-3 * measured["gather_ms_per_set"])
     assert "vs_mitsuba" not in measured
 
 

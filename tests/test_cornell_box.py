@@ -98,7 +98,7 @@ def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
 @pytest.mark.evidence
 @pytest.mark.timed
 def test_the_gather_is_ahead_of_path_tracing_and_of_mitsuba() -> None:
-    """Its solver included, to 1e-3 with all bounces. Measured: 17 and 13 times."""
+    """Its solver included, to 1e-3 with all bounces. Measured: 7 and 5 times."""
     measured = (report := bench_gather(seeds=1)).measured
     assert report.holds
     assert measured["gather_s"] > measured["solver_s"]

@@ -36,8 +36,8 @@ TARGET = 1e-3
 REFERENCE_SHARE = 0.25
 #: By how much the mean of another program's picture may be off, or it is another picture.
 SAME_MEAN = 0.01
-# A seed that is not measured.
-_PILOT = 999
+#: A seed that is not measured.
+PILOT = 999
 # Shipped references have the first ones.
 _PEER_SEED = 10_000
 # Numbers of samples grow by no more.
@@ -63,7 +63,7 @@ class Contestant:
 
     def grow(self, truth: Reference, target: float) -> None:
         """More samples where the first number's error says that the last does not come to the target."""
-        _, images = self.draw(self.counts[:1], _PILOT)
+        _, images = self.draw(self.counts[:1], PILOT)
         needed = self.counts[0] * error_of(images[0], truth) / target
         if needed > self.counts[-1]:
             factor = min(1.25 * needed / self.counts[-1], _MOST_GROWTH)
@@ -183,8 +183,13 @@ def stage_times(tracer: PathSetEngine, sets: int = 24) -> dict[str, float]:
     return {stage: float(np.median(ms)) for stage, ms in each.items()}
 
 
-def trace_in_steps(tracer: Engine, counts: Sequence[int]) -> Steps:
-    """Milliseconds per path set between any two of `counts`, and the picture at each of them."""
+def trace_in_steps(
+    tracer: Engine, counts: Sequence[int], finish: Callable[[Float64, int], Float64] | None = None
+) -> Steps:
+    """Milliseconds per path set between any two of `counts`, and the picture at each of them.
+
+    finish : what is done with a picture of so many sets, not timed
+    """
     total: Float64 | float = 0.0
     done, ms, images = 0, [], []
     for sets in counts:
@@ -194,7 +199,7 @@ def trace_in_steps(tracer: Engine, counts: Sequence[int]) -> Steps:
         total = total + tracer.take()
         ms.append(1e3 * (time.perf_counter() - start) / (sets - done))
         done = sets
-        images.append(total / sets)
+        images.append(total / sets if finish is None else finish(total / sets, sets))
     return ms, images
 
 
@@ -208,7 +213,7 @@ def render_peer_in_steps(
     ms, images = [], []
     for spp in samples:
         timing = mitsuba_peer.time_to_render(
-            peer(spp), spp, depth, repeats=1, seed=_PEER_SEED + seed, warm=0 < seed < _PILOT
+            peer(spp), spp, depth, repeats=1, seed=_PEER_SEED + seed, warm=0 < seed < PILOT
         )
         ms.append(1e3 * float(timing.seconds[0]) / timing.spp)
         images.append(timing.images[0])

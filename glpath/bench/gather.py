@@ -46,6 +46,7 @@ from glpath.bench.equal_error import (
 from glpath.bench.references import reference_picture
 from glpath.experiments.mitsuba_peer import comparable
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
+from glpath.film_metadata import Aov
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import device_radiosity
@@ -114,20 +115,20 @@ def bench_gather(
 
     solve()
     say(f"stages, on {context.info.renderer}")
-    timed = stage_times(_gather(context, scene, solutions[0], 0, timings=True))
+    timed = stage_times(gather_engine(context, scene, solutions[0], 0, timings=True))
     measured = {f"gather_ms_per_set.{stage}": ms for stage, ms in timed.items()}
-    scans_ms, _ = trace_in_steps(_gather(context, scene, solutions[0], 0, directions="pair"), (8, 16, 24))
+    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solutions[0], 0, directions="pair"), (8, 16, 24))
     measured["scans_ms_per_set"] = float(np.median(scans_ms))
 
     contestants = {
         "gather": Contestant(
             scaled(_GATHER_SETS, scale),
-            lambda counts, seed: trace_in_steps(_gather(context, scene, solutions[0], seed), counts),
+            lambda counts, seed: trace_in_steps(gather_engine(context, scene, solutions[0], seed), counts),
             unit="set",
         ),
         "path_buffer": Contestant(
             scaled(_PATH_SETS, scale),
-            lambda counts, seed: trace_in_steps(_path(context, scene, seed), counts),
+            lambda counts, seed: trace_in_steps(path_engine_of(context, scene, seed), counts),
             unit="set",
         ),
     }
@@ -157,7 +158,7 @@ def bench_gather(
     if truth is not None:
         contestants["gather"].before_s = measured["solver_s"]
         for name, contestant in contestants.items():
-            measured |= _summary(name, contestant) | {f"{name}_mean_off": mean_off(contestant.means, truth.image)}
+            measured |= summary(name, contestant) | {f"{name}_mean_off": mean_off(contestant.means, truth.image)}
             rows += contestant.rows(name)
         for name in ("path_buffer", "mitsuba"):
             if name in contestants:
@@ -181,15 +182,17 @@ def bench_gather(
     )
 
 
-def _gather(
+def gather_engine(
     context: Context,
     scene: Scene,
     solution: RadiositySolution,
     seed: int,
     directions: Directions = "own",
     timings: bool = False,
+    aovs: tuple[Aov, ...] = (),
 ) -> PathSetEngine:
-    settings = GatherSettings(seed=seed, directions=directions)
+    """The gather, compiled."""
+    settings = GatherSettings(seed=seed, directions=directions, aovs=aovs)
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),
@@ -203,8 +206,9 @@ def _gather(
     return tracer
 
 
-def _path(context: Context, scene: Scene, seed: int) -> PathSetEngine:
-    settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed)
+def path_engine_of(context: Context, scene: Scene, seed: int, aovs: tuple[Aov, ...] = ()) -> PathSetEngine:
+    """The path tracer for all bounces, compiled."""
+    settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs)
     window = (0, 0, *scene.camera.resolution)
     tracer = path_engine(
         context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware
@@ -213,10 +217,10 @@ def _path(context: Context, scene: Scene, seed: int) -> PathSetEngine:
     return tracer
 
 
-def _summary(name: str, contestant: Contestant) -> dict[str, float]:
+def summary(name: str, contestant: Contestant, target: float = TARGET) -> dict[str, float]:
     """The contestant's numbers."""
     unit = contestant.unit
-    needed = samples_to_target(contestant.counts, contestant.error, TARGET)
+    needed = samples_to_target(contestant.counts, contestant.error, target)
     return {
         f"{name}_ms_per_{unit}": contestant.ms_per_sample,
         **{f"{name}_relmse_{n}": float(e) for n, e in zip(contestant.counts, contestant.error, strict=True)},

@@ -34,6 +34,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "light of all bounces from radiosity: time to an error, beside path tracing and Mitsuba 3",
         ("--scene", "--resolution", "--seeds", "--reference", "--scale"),
     ),
+    "denoise": (
+        "time to an error with Open Image Denoise: the gather and path tracing, beside Mitsuba 3 with the same",
+        ("--scene", "--resolution", "--seeds", "--reference"),
+    ),
     "t-buffer": (
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
         ("--rounds", "--scale"),
@@ -59,21 +63,23 @@ def bench(
         str | None,
         typer.Option(
             metavar="SCENE",
-            help=f"path-buffer, gather: {HELP[0].lower()}{HELP[1:-1]}; diffuse, lit by shapes that emit; "
+            help=f"path-buffer, gather, denoise: {HELP[0].lower()}{HELP[1:-1]}; diffuse, lit by shapes that emit; "
             "cornell-box-36.",
             autocompletion=completion.scenes,
         ),
     ] = None,
     resolution: Annotated[
-        str | None, typer.Option(metavar="WxH", help="path-buffer, gather: instead of the scene's.")
+        str | None, typer.Option(metavar="WxH", help="path-buffer, gather, denoise: instead of the scene's.")
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="path-buffer, gather: independent renders to take errors over; 3."),
+        typer.Option(metavar="N", help="path-buffer, gather, denoise: independent renders to take errors over; 3."),
     ] = None,
     reference: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="path-buffer, gather: a converged picture to take errors against."),
+        typer.Option(
+            metavar="FILE", help="path-buffer, gather, denoise: a converged picture, to take errors against."
+        ),
     ] = None,
     rounds: Annotated[
         int | None,
@@ -145,6 +151,10 @@ def _measure(
         from glpath.bench.gather import bench_gather
 
         return bench_gather(seeds, reference, scale, scene, progress)
+    if name == "denoise":
+        from glpath.bench.denoise import bench_denoise
+
+        return bench_denoise(seeds, reference, scene, progress)
     if name == "t-buffer":
         from glpath.bench.t_buffer import bench_t_buffer
 

@@ -213,6 +213,28 @@ def render_peer(peer: Any, spp: int, seed: int = 0) -> Float64:
     return np.array(mi.render(peer, spp=spp, seed=seed), dtype=np.float64)
 
 
+def time_aovs(peer: Any, spp: int, seed: int = 0) -> tuple[float, Float64, Float64]:
+    """Seconds, albedo and shading normal (H, W, 3) float64 of a `mitsuba.Scene`, for a denoiser; warm.
+
+    Apart from the picture: an `aov` integrator about the path tracer doubles the time of all samples, and these
+    are without noise after a few.
+    """
+    mi: Any = importlib.import_module("mitsuba")
+    import drjit
+
+    integrator = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+
+    def render(seed: int) -> Float64:
+        return np.array(mi.render(peer, integrator=integrator, spp=spp, seed=seed), dtype=np.float64)
+
+    render(seed + 1)
+    drjit.sync_thread()
+    start = time.perf_counter()
+    image = render(seed)
+    drjit.sync_thread()
+    return time.perf_counter() - start, image[..., :3], image[..., 3:6]
+
+
 def samples_rendered(peer: Any, spp: int) -> int:
     """Samples per pixel that Mitsuba takes when asked for `spp`: multijitter rounds 32 up to 35 = 5 x 7 strata."""
     sampler = peer.sensors()[0].sampler().clone()
