@@ -10,8 +10,14 @@ UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
 uniform float quanta;  // per unit of radiance
 
+#ifdef COMPUTE
+layout(rgba32ui) writeonly uniform uimage2D new_low;
+layout(rgba32ui) writeonly uniform uimage2D new_high;
+uvec4 low, high;
+#else
 layout(location = 0) out uvec4 low;
 layout(location = 1) out uvec4 high;
+#endif
 
 // radiance.a: events of a path, its casts below CAST_BITS and its losses above (path_result.glsl)
 void accumulate(ivec2 pixel, vec4 radiance)
@@ -34,4 +40,8 @@ void accumulate(ivec2 pixel, vec4 radiance)
     uint events = uint(radiance.a);
     low.a = old_low.a + (events & ((1u << CAST_BITS) - 1u));
     high.a = old_high.a + (events >> CAST_BITS) + (bad ? 1u << DROPPED_SHIFT : 0u);
+#ifdef COMPUTE
+    imageStore(new_low, pixel, low);
+    imageStore(new_high, pixel, high);
+#endif
 }

@@ -158,7 +158,9 @@ def bench_gather(
     if truth is not None:
         contestants["gather"].before_s = measured["solver_s"]
         for name, contestant in contestants.items():
-            measured |= summary(name, contestant) | {f"{name}_mean_off": mean_off(contestant.means, truth.image)}
+            measured |= summary(name, contestant, TARGET) | {
+                f"{name}_mean_off": mean_off(contestant.means, truth.image)
+            }
             rows += contestant.rows(name)
         for name in ("path_buffer", "mitsuba"):
             if name in contestants:
@@ -217,7 +219,7 @@ def path_engine_of(context: Context, scene: Scene, seed: int, aovs: tuple[Aov, .
     return tracer
 
 
-def summary(name: str, contestant: Contestant, target: float = TARGET) -> dict[str, float]:
+def summary(name: str, contestant: Contestant, target: float) -> dict[str, float]:
     """The contestant's numbers."""
     unit = contestant.unit
     needed = samples_to_target(contestant.counts, contestant.error, target)

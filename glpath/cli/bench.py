@@ -62,6 +62,7 @@ def bench(
     scene: Annotated[
         str | None,
         typer.Option(
+            "--scene",
             metavar="SCENE",
             help=f"path-buffer, gather, denoise: {HELP[0].lower()}{HELP[1:-1]}; diffuse, lit by shapes that emit; "
             "cornell-box-36.",

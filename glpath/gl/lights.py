@@ -1,4 +1,4 @@
-"""Light samples and the sky as the uniforms of `shaders/direct.glsl`, `path_rays.frag` and `sky.glsl`."""
+"""Light samples and the sky as the uniforms of `shaders/direct.glsl`, `path_rays.glsl` and `sky.glsl`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ LIGHT_ROWS = 4
 
 
 def light_rows(lights: LightSamples) -> NDArray[np.float32]:
-    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.frag`."""
+    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.glsl`."""
     rows = np.zeros((len(lights), LIGHT_ROWS, 4), np.float32)
     rows[:, 0, :3], rows[:, 0, 3] = lights.position, lights.kind
     rows[:, 1, :3], rows[:, 1, 3] = lights.direction, lights.density

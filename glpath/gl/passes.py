@@ -7,7 +7,7 @@ set before: `Pass.run` sets everything, every time.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -57,12 +57,15 @@ def _check_textures(name: str, program: Program, textures: Mapping[str, moderngl
 
 
 def _bind(
-    program: Program, textures: Mapping[str, moderngl.Texture], buffers: Mapping[int, moderngl.Buffer]
+    program: Program,
+    textures: Mapping[str, moderngl.Texture],
+    buffers: Mapping[int, moderngl.Buffer],
+    written: Collection[str] = (),
 ) -> None:
     for name, unit in program.samplers.items():
         textures[name].use(unit)
     for name, unit in program.images.items():
-        textures[name].bind_to_image(unit, read=True, write=False)
+        textures[name].bind_to_image(unit, read=name not in written, write=name in written)
     for binding, buffer in buffers.items():
         buffer.bind_to_storage_buffer(binding)
 
@@ -176,7 +179,38 @@ class Pass:
             gl.memory_barrier()
 
 
-def run_in_areas(drawn: Pass, areas: Sequence[tuple[int, int, int, int]], uniforms: Mapping[str, object]) -> None:
+@dataclass
+class PixelDispatch:
+    """A compute shader in the place of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
+
+    written : images among the textures that it writes; it reads the others
+    area    : (x, y, width, height), the uniform of that name
+    """
+
+    name: str
+    gl: moderngl.Context
+    program: Program
+    textures: Mapping[str, moderngl.Texture]
+    written: frozenset[str]
+    area: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    def __post_init__(self) -> None:
+        _check_textures(self.name, self.program, self.textures)
+
+    def run(self, uniforms: Mapping[str, object]) -> None:
+        """Set the whole state and run."""
+        _bind(self.program, self.textures, {}, self.written)
+        self.program.set({**uniforms, "area": self.area})
+        _, _, width, height = self.area
+        with self.gl.debug_scope(self.name):
+            self.program.gl.run(-(-width // 8), -(-height // 8))  # type: ignore[union-attr]
+        context_of(self.gl).drawn()
+        self.gl.memory_barrier()
+
+
+def run_in_areas(
+    drawn: Pass | PixelDispatch, areas: Sequence[tuple[int, int, int, int]], uniforms: Mapping[str, object]
+) -> None:
     """Draw area by area, see `draw_areas`, and wait for each where there are several.
 
     A watchdog counts what a device was given at once.

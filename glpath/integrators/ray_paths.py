@@ -5,7 +5,8 @@ pixels: each has its own directions, by the cosine of its surface, and its own c
 in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number of triangles,
 where a scan costs their number. README has what that is worth.
 
-A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.frag`).
+A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.glsl`); on a
+graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
 Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
@@ -15,6 +16,8 @@ Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +25,17 @@ from numpy.typing import NDArray
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
-from glpath.gl.passes import Pass, draw_areas, run_in_areas
+from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+
+Generated = Mapping[str, str]
+Defines = Mapping[str, object]
+Textures = dict[str, moderngl.Texture]
 
 #: Light samples of a path set, for its paths to choose from.
 LIGHTS = 16
@@ -58,6 +65,7 @@ class RayPathEngine(PathSetEngine):
     ) -> None:
         self.settings = settings
         self._radiosity = radiosity
+        self._hardware = hardware
         self._ambient = np.zeros(3)
         if isinstance(settings, PathTraceSettings):
             self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
@@ -97,14 +105,23 @@ class RayPathEngine(PathSetEngine):
             textures |= radiosity.textures
             generated |= radiosity.generated
             defines |= radiosity.defines | {"GATHER": 1}
-        program = load_program(
-            gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
-        )
         self._areas = draw_areas(self._size, settings.max_depth * _TESTS_A_VERTEX)
-        self._path_passes = [
-            Pass("paths", gl, program, self._sums.targets[1 - i], textures=textures | self._sums.textures[i])
-            for i in range(2)
-        ]
+        # llvmpipe runs both on all cores, and sooner as pixels.
+        make = self._dispatch if self._hardware else self._pass
+        self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
+
+    def _pass(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> Pass:
+        program = load_program(
+            self.gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
+        )
+        return Pass("paths", self.gl, program, self._sums.targets[1 - i], textures=textures)
+
+    def _dispatch(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> PixelDispatch:
+        program = load_program(
+            self.gl, compute="path_rays.comp", generated=generated, defines={**defines, "COMPUTE": 1}
+        )
+        written = {f"new_{name.removeprefix('sum_')}": t for name, t in self._sums.textures[1 - i].items()}
+        return PixelDispatch("paths", self.gl, program, {**textures, **written}, frozenset(written))
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""

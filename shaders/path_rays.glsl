@@ -1,0 +1,151 @@
+// path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
+// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; GATHER; those of
+//         light_sample.glsl
+// Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
+//
+// The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
+// that the points of each pixel are as even as the sequence, and those of two pixels have nothing in common.
+#include "texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "surface.glsl"
+#include "camera.glsl"
+#include "random.glsl"
+#include "light_sample.glsl"
+#include "path_vertex.glsl"
+#include "ray_bvh.glsl"
+#ifdef GATHER
+#include "radiosity.glsl"
+uniform int lookup_depth;       // number of the vertex where the solution is looked up
+uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
+const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
+#endif
+
+UINT_TEXELS(r32ui, eye_buffer);
+uniform int max_depth;               // vertices of a path
+uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
+uniform uint path_seed;              // of a path's own shifts
+uniform uvec2 direction_points[BOUNCES];
+uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
+uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
+
+float unit(uint bits)
+{
+    return float(bits >> 8u) * (1.0 / 16777216.0);
+}
+
+// Another number at each vertex, for the uses of random.glsl, 0 and 1.
+uint use_at(int vertex, uint use)
+{
+    return 8u * uint(vertex + 1) + use;
+}
+
+// A lattice's shift is a sum, a net's an exclusive or.
+vec2 direction_numbers(uint path, int bounce)
+{
+    if (bounce >= BOUNCES) return vec2(random_number(path, use_at(bounce, 0u)), random_number(path, use_at(bounce, 1u)));
+    uvec2 point = direction_points[bounce];
+    uint first = pcg(path_seed + 2u * uint(bounce));
+    uvec2 shift = uvec2(pcg(path + first), pcg(path + pcg(first)));
+    uvec2 own = lattice && bounce == 0 ? point + shift : point ^ shift;
+    return vec2(unit(own.x), unit(own.y));
+}
+
+// The set's light samples are few: paths share them by classes, and a path takes another one at each vertex.
+LightSample light_of(uint path, int depth)
+{
+    int i = LIGHT_ROWS * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS));
+    vec4 a = light_table[i], b = light_table[i + 1], c = light_table[i + 2], d = light_table[i + 3];
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
+}
+
+// By the cosine about a unit normal.
+vec3 cosine_direction(vec3 normal, vec2 u)
+{
+    vec3 x, y;
+    axes_across(normal, x, y);
+    float r = sqrt(u.x), phi = 2.0 * PI * u.y;
+    return normalize(r * cos(phi) * x + r * sin(phi) * y + sqrt(1.0 - u.x) * normal);
+}
+
+// Radiance of the path of a pixel of the window, and the rays that it cast.
+vec4 trace_path(ivec2 pixel)
+{
+    uint path = path_in_image(pixel);
+    vec3 origin = eye_position, direction = eye_direction(pixel);
+    int triangle = int(texel(eye_buffer, pixel).r) - 1;
+    vec3 L = vec3(0.0), beta = vec3(1.0);
+    float density = 0.0;  // of the direction, per solid angle
+    float rays = 0.0;
+    int vertices = max_depth;
+    for (int depth = 0; depth < vertices; ++depth)
+    {
+        if (triangle < 0) {
+#ifdef HAS_SKY
+            // Shared with the light sample of the vertex before, as emission is.
+            float share = depth == 0 ? 1.0 : power_heuristic(density, sky_density(direction));
+            L += beta * sky(direction) * share;
+#endif
+            break;
+        }
+        vec4 plane = facet_texel(triangle, FACET_PLANE);
+        float t = max(0.0, (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, direction));
+        vec3 position = origin + t * direction;
+        bool front = front_hit(plane.xyz, direction);
+        PathVertex v = path_vertex(surface_of_triangle(triangle, position, plane), triangle, plane, front, -direction);
+
+        float light_point;
+        vec3 Le = emitted(v.surface, front, light_point);
+        L += beta * Le * (depth == 0 ? 1.0 : emission_share(density, light_point, t, dot(plane.xyz, direction)));
+
+        vec3 reflected = beta;  // of direct light
+        bool goes_on = depth < vertices - 1;
+#ifdef GATHER
+        if (depth >= lookup_depth) {
+            goes_on = depth < lookup_depth + FURTHER
+                && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * element_width(triangle);
+            if (goes_on) {
+                vertices = depth + 2;
+            } else {
+                vec4 found = irradiance_at(triangle, position, front);
+                L += beta * v.bsdf.diffuse * found.rgb / PI;
+                reflected *= 1.0 - found.a;
+            }
+        }
+#endif
+        // Off the surface by more than rounding, or its other triangles would be met.
+        vec3 far = abs(position);
+        float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
+        vec3 start = position + rounding * v.normal;
+        LightSample light_sample = light_of(path, depth);
+        DirectLight direct = light_from(light_sample, position, v.normal, goes_on ? 2 : 0);
+        if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
+        vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+                 * shading_cosine(v.n, v.normal, direct.wi);
+        if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
+            // To just before the light, whose own triangle does not stand in its way.
+            vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
+            float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+            if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
+        }
+        if (!goes_on) {
+            L += beta * v.bsdf.diffuse * ambient;
+            break;
+        }
+        direction = cosine_direction(v.normal, direction_numbers(path, depth));
+        float cosine = dot(v.normal, direction);
+        beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
+        float most = max(beta.r, max(beta.g, beta.b));
+        if (depth + 1 >= roulette_depth) {
+            float stay = min(1.0, most);
+            if (random_number(path, use_at(depth, USE_ROULETTE)) >= stay) break;
+            beta /= stay;
+        }
+        if (most <= 0.0 || cosine <= 0.0) break;
+        density = cosine / PI;
+        origin = start;
+        rays += 1.0;
+        triangle = nearest_triangle(start, direction, triangle);
+    }
+    return vec4(L, rays);
+}
