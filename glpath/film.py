@@ -385,7 +385,7 @@ class Film:
             if not np.isfinite(sums).all():
                 raise ValueError("it holds sums that are NaN or infinite")
             for name in film.aov_sums:
-                film.aov_sums[name] = stored.read(_aov_key(name), "f", sums.shape[1:])
+                film.aov_sums[name][:] = stored.read(_aov_key(name), "f", sums.shape[1:])
             if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
                 raise ValueError("it holds sums of AOVs that are NaN or infinite")
             film.radiance_sums[used] = sums

@@ -208,3 +208,12 @@ def test_a_film_without_its_sums_or_with_wrong_ones_is_refused(make_film, tmp_pa
     np.savez(path, **{name: array for name, array in arrays.items() if name != "albedo_sums"})
     with pytest.raises(ImageError, match="albedo_sums"):
         Film.load(path)
+
+
+def test_sums_of_fewer_bits_are_read_as_what_films_have(tmp_path: Path) -> None:
+    path = tmp_path / "film.npz"
+    glpath.render("cornell-box-36", spp=1, max_depth=1, resolution=(8, 6), aovs=AOVS).save(path)
+    with np.load(path) as stored:
+        parts = {name: stored[name] for name in stored.files}
+    np.savez(path, **{**parts, "albedo_sums": parts["albedo_sums"].astype(np.float16)})
+    assert Film.load(path).aov("albedo").dtype == np.float64
