@@ -271,7 +271,7 @@ def test_a_small_bench_of_denoised_pictures_without_mitsuba_measures_and_claims_
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
     monkeypatch.setattr(gather, "PATH_DEPTH", 3)
     monkeypatch.setattr(denoise, "AGREEMENT", ())  # with the picture below, which lacks bounces
-    monkeypatch.setattr(denoise, "PATCHES", 50)
+    monkeypatch.setattr(gather, "PATCHES", 50)
     path = tmp_path / "reference.exr"
     scene = load_scene(gather.SCENE).with_camera(resolution=(64, 64))
     glpath.render(scene, spp=64, max_depth=3).save(path)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import Spoil
 
-from glpath.bench import gather, path_buffer, shaft, t_buffer
+from glpath.bench import equal_error, gather, path_buffer, shaft, t_buffer
 from glpath.bench.equal_error import Contestant
 from glpath.bench.references import Reference
 from glpath.experiments import office_table
@@ -40,16 +40,16 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for bench in (path_buffer, gather):
         monkeypatch.setattr(bench, "load_scene", lambda name: load_scene(name).with_camera(resolution=(SIDE, SIDE)))
-        monkeypatch.setattr(bench, "mitsuba_scenes", lambda *_: lambda spp: None)
         monkeypatch.setattr(bench, "render_peer_in_steps", peer_in_steps)
         monkeypatch.setattr(bench, "stage_times", lambda tracer: {})
-        monkeypatch.setattr(
-            bench,
-            "reference_picture",
-            lambda given, scene, depth, *_: Reference(smaller(stored_reference(scene.name, depth), SIDE), 0.0, ""),
-        )
         monkeypatch.setattr(bench, "TARGET", 5e-3)
         monkeypatch.setattr(bench, "other_peers", lambda *_: nullcontext({}))
+    monkeypatch.setattr(equal_error, "mitsuba_scenes", lambda *_: lambda spp: None)
+    monkeypatch.setattr(
+        equal_error,
+        "reference_picture",
+        lambda given, scene, depth, *_: Reference(smaller(stored_reference(scene.name, depth), SIDE), 0.0, ""),
+    )
     monkeypatch.setattr(Contestant, "grow", lambda *_: None)
     monkeypatch.setattr(gather, "radiance_row", lambda *_: ({}, []))
     in_steps = gather.trace_in_steps

@@ -25,26 +25,23 @@ import numpy as np
 
 from glpath.bench.equal_error import (
     PILOT,
-    REFERENCE_SHARE,
     Contestant,
+    Ground,
     Say,
     Steps,
     error_of,
     mean_off,
-    mitsuba_scenes,
     render_peer_in_steps,
     trace_in_steps,
 )
-from glpath.bench.gather import DEPTH, PATCHES, SCENE, gather_engine, path_engine_of, summary
-from glpath.bench.references import Reference, reference_picture
+from glpath.bench.gather import DEPTH, SCENE, gather_engine, path_engine_of, solve, summary
+from glpath.bench.references import Reference
 from glpath.denoise import denoised, require_denoiser
-from glpath.experiments.mitsuba_peer import comparable, time_aovs
+from glpath.experiments.mitsuba_peer import time_aovs
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.film_metadata import AOVS
 from glpath.gl.context import get_context
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.radiosity.solvers.solve import solve_radiosity
-from glpath.rendering.factory import radiosity_method
 from glpath.scene import load_scene
 from glpath.scene.model import Float64, Scene
 from glpath.versions import versions
@@ -74,19 +71,12 @@ def bench_denoise(
     """
     require_denoiser()
     context = get_context()
-    scene, notes = comparable(scene or load_scene(SCENE))
-    peer = mitsuba_scenes(scene, DEPTH, notes)
-    truth = reference_picture(reference, scene, DEPTH, peer is not None, REFERENCE_SHARE * TARGET, say)
-    if truth is None:
-        notes.append("without a reference: no errors. Give one (--reference), or install the reference extra.")
-    else:
-        notes.append(f"reference: {truth.source}")
+    ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
+    scene, peer, truth, notes = ground.scene, ground.peer, ground.truth, ground.notes
     say("radiosity")
-    method = radiosity_method(scene)
-    solve_radiosity(scene, patches=PATCHES, method=method)  # compiles what is left to compile
-    start = time.perf_counter()
-    solution = solve_radiosity(scene, patches=PATCHES, method=method)
-    measured = {"solver_s": time.perf_counter() - start}
+    solve(scene)  # compiles what is left to compile
+    solver_s, solution = solve(scene)
+    measured = {"solver_s": solver_s}
     denoiser_s: list[float] = []
     aov_s: list[float] = []
 

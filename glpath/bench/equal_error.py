@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from glpath.bench import radiance_peer
 from glpath.bench.cycles_peer import Cycles, cycles
-from glpath.bench.references import Reference
+from glpath.bench.references import Reference, reference_picture
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
 from glpath.experiments import mitsuba_peer
@@ -146,6 +147,33 @@ def radiance_row(
         {"radiance_s": seconds, "radiance_relmse": relmse, "radiance_mean_off": off},
         [{"program": "radiance", "samples": "cache", "relmse": relmse, "s": seconds}],
     )
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What programs are compared on: a scene that all can have, Mitsuba's of it, and the converged picture.
+
+    peer  : makes Mitsuba's scene, see `mitsuba_scenes`; None without it
+    truth : None where there is no reference
+    notes : on these, for the report
+    """
+
+    scene: Scene
+    peer: Callable[[int], Any] | None
+    truth: Reference | None
+    notes: list[str]
+
+    @classmethod
+    def of(cls, scene: Scene, depth: int, reference: str | Path | None, target: float, say: Say) -> Ground:
+        """reference: a picture that is given; else the shipped one, else Mitsuba's, good enough for the target."""
+        scene, notes = mitsuba_peer.comparable(scene)
+        peer = mitsuba_scenes(scene, depth, notes)
+        truth = reference_picture(reference, scene, depth, peer is not None, REFERENCE_SHARE * target, say)
+        if truth is None:
+            notes.append("without a reference: no errors. Give one (--reference), or install the reference extra.")
+        else:
+            notes.append(f"reference: {truth.source}")
+        return cls(scene, peer, truth, notes)
 
 
 def scaled(counts: tuple[int, ...], scale: float) -> tuple[int, ...]:

@@ -27,13 +27,12 @@ from pathlib import Path
 import numpy as np
 
 from glpath.bench.equal_error import (
-    REFERENCE_SHARE,
     TARGET,
     Contestant,
+    Ground,
     Say,
     compared_with,
     mean_off,
-    mitsuba_scenes,
     other_peers,
     radiance_row,
     render_peer_in_steps,
@@ -43,8 +42,6 @@ from glpath.bench.equal_error import (
     trace_in_steps,
     warm_up,
 )
-from glpath.bench.references import reference_picture
-from glpath.experiments.mitsuba_peer import comparable
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.film_metadata import Aov
 from glpath.gl.context import Context, get_context
@@ -94,36 +91,23 @@ def bench_gather(
     say       : called with a line on what goes on
     """
     context = get_context()
-    scene, notes = comparable(scene or load_scene(SCENE))
-    peer = mitsuba_scenes(scene, DEPTH, notes)
-    truth = reference_picture(reference, scene, DEPTH, peer is not None, REFERENCE_SHARE * TARGET, say)
-    if truth is None:
-        notes.append("without a reference: no errors. Give one (--reference), or install the reference extra.")
-    else:
-        notes.append(f"reference: {truth.source}")
+    ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
+    scene, peer, truth, notes = ground.scene, ground.peer, ground.truth, ground.notes
 
     say("radiosity")
-    method = radiosity_method(scene)
-    solve_radiosity(scene, patches=PATCHES, method=method)  # compiles what is left to compile
-    solver_s: list[float] = []
-    solutions: list[RadiositySolution] = []
-
-    def solve() -> None:
-        start = time.perf_counter()
-        solutions[:] = [solve_radiosity(scene, patches=PATCHES, method=method)]
-        solver_s.append(time.perf_counter() - start)
-
-    solve()
+    solve(scene)  # compiles what is left to compile
+    seconds, solution = solve(scene)
+    solver_s = [seconds]
     say(f"stages, on {context.info.renderer}")
-    timed = stage_times(gather_engine(context, scene, solutions[0], 0, timings=True))
+    timed = stage_times(gather_engine(context, scene, solution, 0, timings=True))
     measured = {f"gather_ms_per_set.{stage}": ms for stage, ms in timed.items()}
-    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solutions[0], 0, directions="pair"), (8, 16, 24))
+    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solution, 0, directions="pair"), (8, 16, 24))
     measured["scans_ms_per_set"] = float(np.median(scans_ms))
 
     contestants = {
         "gather": Contestant(
             scaled(_GATHER_SETS, scale),
-            lambda counts, seed: trace_in_steps(gather_engine(context, scene, solutions[0], seed), counts),
+            lambda counts, seed: trace_in_steps(gather_engine(context, scene, solution, seed), counts),
             unit="set",
         ),
         "path_buffer": Contestant(
@@ -148,11 +132,11 @@ def bench_gather(
                     contestant.grow(truth, TARGET)
             for seed in range(seeds):
                 say(f"render {seed + 1} of {seeds}")
-                solve()
+                solver_s.append(solve(scene)[0])
                 for contestant in contestants.values():
                     contestant.run(seed, truth)
 
-    measured |= {"solver_s": float(np.median(solver_s)), "elements": float(solutions[0].element_count)}
+    measured |= {"solver_s": float(np.median(solver_s)), "elements": float(solution.element_count)}
     claim = f"the gather, its solver included, is the first to relMSE {TARGET:g} with all bounces"
     holds: bool | None = None
     if truth is not None:
@@ -182,6 +166,13 @@ def bench_gather(
         notes=notes,
         faults=broken,
     )
+
+
+def solve(scene: Scene) -> tuple[float, RadiositySolution]:
+    """Seconds of the radiosity solver, and its solution: coarse, by the method that a render would take."""
+    start = time.perf_counter()
+    solution = solve_radiosity(scene, patches=PATCHES, method=radiosity_method(scene))
+    return time.perf_counter() - start, solution
 
 
 def gather_engine(

@@ -31,23 +31,20 @@ from pathlib import Path
 import numpy as np
 
 from glpath.bench.equal_error import (
-    REFERENCE_SHARE,
     TARGET,
     Contestant,
+    Ground,
     Say,
     Steps,
     compared_with,
     line_to_target,
     mean_off,
-    mitsuba_scenes,
     other_peers,
     render_peer_in_steps,
     stage_times,
     trace_in_steps,
     warm_up,
 )
-from glpath.bench.references import reference_picture
-from glpath.experiments.mitsuba_peer import comparable
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
@@ -88,10 +85,9 @@ def bench_path_buffer(
     say       : called with a line on what goes on
     """
     context = get_context()
-    scene, notes = comparable(scene or load_scene(SCENE))
+    ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
+    scene, peer, truth, notes = ground.scene, ground.peer, ground.truth, ground.notes
     measured: dict[str, float] = {}
-    peer = mitsuba_scenes(scene, DEPTH, notes)
-    truth = reference_picture(reference, scene, DEPTH, peer is not None, REFERENCE_SHARE * TARGET, say)
 
     say(f"stages, on {context.info.renderer}")
     timed = stage_times(_tracer(context, scene, 0, timings=True))
@@ -117,7 +113,6 @@ def bench_path_buffer(
             ms, _ = contestant.draw(contestant.counts, 0)
             measured[f"{_prefix(name)}ms_per_set"] = float(np.median(ms))
     else:
-        notes.append(f"reference: {truth.source}")
         if not np.isnan(truth.relmse):
             measured["reference_relmse"] = truth.relmse
         if peer is not None:
