@@ -17,7 +17,8 @@ import glpath.cli.devices as devices_cli
 from glpath.gl import limits, llvmpipe
 from glpath.gl.context import get_context
 from glpath.gl.limits import IMAGE_LIMITS, LIMITS, Found, Limit
-from glpath.gl.passes import Dispatch, Pass
+from glpath.gl.passes import Dispatch, Pass, PixelDispatch
+from glpath.integrators.ray_paths import RayPathEngine
 
 #: OpenGL 4.3, tables 23.53 to 23.72: the least that every device has.
 GUARANTEED = {
@@ -28,6 +29,7 @@ GUARANTEED = {
     "GL_MAX_TEXTURE_IMAGE_UNITS": 16,
     "GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS": 16,
     "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": 16,
+    "GL_MAX_COMPUTE_IMAGE_UNIFORMS": 8,
     "GL_MAX_FRAGMENT_UNIFORM_COMPONENTS": 1024,
     "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": 8,
     "GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS": 8,
@@ -64,7 +66,8 @@ class Used(NamedTuple):
 def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> None:
     draws: list[Used] = []
     dispatches: list[Used] = []
-    draw, dispatch = Pass.run, Dispatch.run
+    written: list[int] = []
+    draw, dispatch, dispatch_pixels = Pass.run, Dispatch.run, PixelDispatch.run
 
     def seen_draw(self: Pass, *arguments: object, **named: object) -> None:
         program, attachments = self.program, len(self.target.color_attachments)
@@ -77,8 +80,15 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
         dispatches.append(Used(self.name, 0, 0, len(program.samplers), len(program.images), dict(self.buffers)))
         dispatch(self, *arguments)  # type: ignore[arg-type]
 
+    def seen_pixels(self: PixelDispatch, *arguments: object) -> None:
+        program = self.program
+        dispatches.append(Used(self.name, 0, 0, len(program.samplers), len(program.images), {}))
+        written.append(len(self.written))
+        dispatch_pixels(self, *arguments)  # type: ignore[arg-type]
+
     monkeypatch.setattr(Pass, "run", seen_draw)
     monkeypatch.setattr(Dispatch, "run", seen_dispatch)
+    monkeypatch.setattr(PixelDispatch, "run", seen_pixels)
     for name in (
         "path-cornell-box-36-crop",
         "gather-cornell-box-36",
@@ -87,6 +97,9 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
     ):
         film_of(name, spp=1)
     film_of("t-buffer-stacked-triangles", spp=1, count_tests=True)
+    film_of("gather-rays-cornell-box-36", spp=1)
+    monkeypatch.setattr(RayPathEngine, "_pass", RayPathEngine._dispatch)  # as on a graphics card
+    film_of("gather-rays-cornell-box-36", spp=1)
     needed = {name: limit.needed for name, limit in (LIMITS | IMAGE_LIMITS).items()}
     assert max(d.attachments for d in draws) == needed["GL_MAX_DRAW_BUFFERS"]
     assert max(d.clip_distances for d in draws) == needed["GL_MAX_CLIP_DISTANCES"]
@@ -95,6 +108,7 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
     if llvmpipe.is_spoken(get_context().gl):  # then fragment shaders have hardly a sampler
         assert max(d.samplers for d in draws) <= needed["GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS"]
     assert max(d.samplers + d.images for d in dispatches) <= needed["GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS"]
+    assert max(written) == needed["GL_MAX_COMPUTE_IMAGE_UNIFORMS"]
     assert max(len(d.buffers) for d in draws) <= needed["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"]
     assert max(len(d.buffers) for d in dispatches) == needed["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"]
     bindings = 1 + max(binding for used in draws + dispatches for binding in used.buffers)
