@@ -220,6 +220,11 @@ class Lighting:
         )
 
     @property
+    def count(self) -> int:
+        """Lights to choose from: emitting sides of shapes, punctual ones and the sky."""
+        return len(self.cdf) - 1
+
+    @property
     def dark(self) -> bool:
         """There is no light to sample."""
         return len(self.cdf) == 1

@@ -1,6 +1,6 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
-// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; GATHER; those of
-//         light_sample.glsl
+// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; PARTS:
+//         of the lights, see direct_light; GATHER, and GUIDED with it; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -14,8 +14,12 @@
 #include "light_sample.glsl"
 #include "path_vertex.glsl"
 #include "ray_bvh.glsl"
+#include "cosine.glsl"
 #ifdef GATHER
 #include "radiosity.glsl"
+#ifdef GUIDED
+#include "path_guide.glsl"
+#endif
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
@@ -26,6 +30,7 @@ uniform int max_depth;               // vertices of a path
 uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BOUNCES];
+uniform uint choice_points[BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 
@@ -40,6 +45,13 @@ uint use_at(int vertex, uint use)
     return 8u * uint(vertex + 1) + use;
 }
 
+// Which part of the lights a vertex takes.
+float choice_number(uint path, int depth)
+{
+    if (depth >= BOUNCES) return random_number(path, use_at(depth, USE_LIGHT));
+    return unit(choice_points[depth] ^ pcg(path + pcg(path_seed + 2u * uint(depth) + 1u)));
+}
+
 // A lattice's shift is a sum, a net's an exclusive or.
 vec2 direction_numbers(uint path, int bounce)
 {
@@ -51,21 +63,44 @@ vec2 direction_numbers(uint path, int bounce)
     return vec2(unit(own.x), unit(own.y));
 }
 
-// The set's light samples are few: paths share them by classes, and a path takes another one at each vertex.
-LightSample light_of(uint path, int depth)
+LightSample light_in(int number, out float share)
 {
-    int i = LIGHT_ROWS * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS));
-    vec4 a = light_table[i], b = light_table[i + 1], c = light_table[i + 2], d = light_table[i + 3];
+    int row = LIGHT_ROWS * number;
+    vec4 a = light_table[row], b = light_table[row + 1], c = light_table[row + 2], d = light_table[row + 3];
+    share = d.z;
     return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
 }
 
-// By the cosine about a unit normal.
-vec3 cosine_direction(vec3 normal, vec2 u)
+// Direct light, shadows not asked for; views: see light_share.
+// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex. A
+// class has a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
+DirectLight direct_light(uint path, int depth, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
-    vec3 x, y;
-    axes_across(normal, x, y);
-    float r = sqrt(u.x), phi = 2.0 * PI * u.y;
-    return normalize(r * cos(phi) * x + r * sin(phi) * y + sqrt(1.0 - u.x) * normal);
+    int first = PARTS * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS / PARTS)), taken = 0;
+    float scale = 1.0, share;
+#if PARTS > 1
+    float weights[PARTS], sum = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        LightSample one = light_in(first + k, share);
+        vec3 light = light_from(one, position, normal, views).light;
+        weights[k] = share * (light.r + light.g + light.b);
+        sum += weights[k];
+    }
+    float at = choice_number(path, depth) * sum, upto = 0.0, weight = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        bool beyond = weights[k] > 0.0 && upto <= at;
+        taken = beyond ? k : taken;
+        weight = beyond ? weights[k] : weight;
+        upto += weights[k];
+    }
+    scale = weight > 0.0 ? sum / weight : 0.0;
+#endif
+    light_sample = light_in(first + taken, share);
+    DirectLight direct = light_from(light_sample, position, normal, views);
+    direct.light *= scale * share;
+    return direct;
 }
 
 // Radiance of the path of a pixel of the window, and the rays that it cast.
@@ -117,8 +152,8 @@ vec4 trace_path(ivec2 pixel)
         vec3 far = abs(position);
         float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
         vec3 start = position + rounding * v.normal;
-        LightSample light_sample = light_of(path, depth);
-        DirectLight direct = light_from(light_sample, position, v.normal, goes_on ? 2 : 0);
+        LightSample light_sample;
+        DirectLight direct = direct_light(path, depth, position, v.normal, goes_on ? 2 : 0, light_sample);
         if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
         vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
                  * shading_cosine(v.n, v.normal, direct.wi);
@@ -132,7 +167,16 @@ vec4 trace_path(ivec2 pixel)
             L += beta * v.bsdf.diffuse * ambient;
             break;
         }
-        direction = cosine_direction(v.normal, direction_numbers(path, depth));
+        vec2 numbers = direction_numbers(path, depth);
+#ifdef GUIDED
+        // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
+        if (front) {
+            float chosen;
+            numbers = guided(guide_at(triangle, position), numbers, chosen);
+            beta /= chosen;
+        }
+#endif
+        direction = cosine_direction(v.normal, numbers);
         float cosine = dot(v.normal, direction);
         beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
         float most = max(beta.r, max(beta.g, beta.b));

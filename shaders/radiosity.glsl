@@ -7,7 +7,11 @@
 
 vec4 irradiance_value(int first, int place, int back)
 {
+#ifdef ALL_LIGHT
+    return all_light_texel(2 * (first + place) + back, ALL_LIGHT_IRRADIANCE);
+#else
     return radiosity_texel(2 * (first + place) + back, RADIOSITY_IRRADIANCE);
+#endif
 }
 
 // How wide the triangle's elements are.
@@ -16,29 +20,55 @@ float element_width(int triangle)
     return lattice_texel(triangle, LATTICE_RANGE).z;
 }
 
-// front: of the triangle, or its back.
-vec4 irradiance_at(int triangle, vec3 position, bool front)
+// Where a point lies in its triangle's lattice.
+struct LatticePlace
+{
+    int last;    // number of the last cell of the first row
+    int i, j;    // the cell
+    bool upper;  // in its upper element?
+    vec2 f;      // place in the cell, 0 to 1
+};
+
+LatticePlace lattice_place(int triangle, vec3 position)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
-    vec2 range = lattice_texel(triangle, LATTICE_RANGE).xy;
-    float n = range.x;
-    int last = int(n) - 1, first = int(range.y), back = int(!front);
-
+    float n = lattice_texel(triangle, LATTICE_RANGE).x;
+    int last = int(n) - 1;
     // Rounding may put a point just outside of its triangle.
     vec2 p = clamp(vec2(dot(along_x.xyz, position) + along_x.w, dot(along_y.xyz, position) + along_y.w), 0.0, n);
     int i = min(int(p.x), last);
     int j = min(int(p.y), last - i);
     vec2 f = clamp(p - vec2(i, j), 0.0, 1.0);
-    bool upper = f.x + f.y > 1.0 && i + j < last;
-    if (!upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);
+    return LatticePlace(last, i, j, f.x + f.y > 1.0 && i + j < last, f);
+}
+
+// An element's number in its triangle.
+int element_in(LatticePlace p)
+{
+    return p.j * (2 * (p.last + 1) - p.j) + 2 * p.i + int(p.upper);
+}
+
+// And in the whole solution.
+int element_at(int triangle, vec3 position)
+{
+    return int(lattice_texel(triangle, LATTICE_RANGE).w) + element_in(lattice_place(triangle, position));
+}
+
+// front: of the triangle, or its back.
+vec4 irradiance_at(int triangle, vec3 position, bool front)
+{
+    LatticePlace p = lattice_place(triangle, position);
+    int first = int(lattice_texel(triangle, LATTICE_RANGE).y), back = int(!front);
 #ifdef INTERPOLATED
+    vec2 f = p.f;
+    if (!p.upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);
     // Rows j and j + 1 of vertices; the three around the point, the one off the diagonal first.
-    int row = j * (last + 2) - (j * (j - 1)) / 2 + i, next = row + last + 2 - j;
-    vec2 w = upper ? 1.0 - f.yx : f;
-    return (1.0 - w.x - w.y) * irradiance_value(first, upper ? next + 1 : row, back)
+    int row = p.j * (p.last + 2) - (p.j * (p.j - 1)) / 2 + p.i, next = row + p.last + 2 - p.j;
+    vec2 w = p.upper ? 1.0 - f.yx : f;
+    return (1.0 - w.x - w.y) * irradiance_value(first, p.upper ? next + 1 : row, back)
          + w.x * irradiance_value(first, row + 1, back)
          + w.y * irradiance_value(first, next, back);
 #else
-    return irradiance_value(first, j * (2 * (last + 1) - j) + 2 * i + int(upper), back);
+    return irradiance_value(first, element_in(p), back);
 #endif
 }

@@ -13,6 +13,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators import ray_paths
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
 from glpath.scene import Scene, path_traceable, scene_from_dict
 
@@ -291,3 +292,21 @@ def test_a_chest_is_dark_inside_whatever_shines_on_it() -> None:
     inside = glpath.render(scene_of([FLOOR, chest], **view, **tables), spp=64, max_depth=2).mean
     assert np.mean(inside > 0) < 0.01
     assert inside.mean() < 1e-4
+
+
+def test_a_light_chosen_by_what_it_sends_changes_the_error_and_not_the_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Resampling [Talbot 2005] has no bias, whatever a light is said to send; here are lights of all kinds."""
+    scene = scene_of([*THINGS, LAMP], lights=[POINT, SPOT, SUN], sky=SKY, size=(32, 24))
+    means, errors = [], []
+    for parts in (1, 8):
+        monkeypatch.setattr(ray_paths, "_PARTS", parts)
+        films = np.array([glpath.render(scene, max_depth=2, spp=64, seed=seed).mean for seed in range(8)])
+        means.append(films.mean(axis=0))
+        errors.append(films.var(axis=0, ddof=1))
+    spread = np.sqrt(sum(errors) / 8).clip(1e-4)
+    assert (abs(means[1] - means[0]) / spread).mean() < 1.2
+    assert means[1].mean() == pytest.approx(means[0].mean(), rel=3e-3)
+    weight = 1 / (means[0] ** 2 + 0.01)
+    assert (errors[0] * weight).mean() > 1.5 * (errors[1] * weight).mean()

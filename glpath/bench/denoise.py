@@ -6,7 +6,7 @@ times of samples and the errors come from the same renders, and the programs tak
 until a pilot render is well below the target. `measured`:
 
     denoise_s                       : the denoiser, for one picture
-    solver_s                        : the radiosity solution, once
+    solver_s, guide_s               : the radiosity solution and the gather's path guides, once
     gather_ms_per_set               : with AOVs
     gather_relmse_N                 : error at N path sets after denoising, mean over seeds
     gather_sets_to_target, gather_s : path sets to the target; seconds, with solver and denoiser
@@ -34,7 +34,7 @@ from glpath.bench.equal_error import (
     render_peer_in_steps,
     trace_in_steps,
 )
-from glpath.bench.gather import DEPTH, SCENE, gather_engine, path_engine_of, solve, summary
+from glpath.bench.gather import DEPTH, SCENE, gather_engine, guiding_seconds, path_engine_of, solve, summary
 from glpath.bench.references import Reference
 from glpath.denoise import denoised, require_denoiser
 from glpath.experiments.mitsuba_peer import time_aovs
@@ -76,7 +76,7 @@ def bench_denoise(
     say("radiosity")
     solve(scene)  # compiles what is left to compile
     solver_s, solution = solve(scene)
-    measured = {"solver_s": solver_s}
+    measured = {"solver_s": solver_s, "guide_s": guiding_seconds(context, scene, solution)}
     denoiser_s: list[float] = []
     aov_s: list[float] = []
 
@@ -119,7 +119,10 @@ def bench_denoise(
                 contestant.run(seed, truth)
         measured["denoise_s"] = float(np.median(denoiser_s))
         for name, contestant in contestants.items():
-            first = {"gather": measured["solver_s"], "mitsuba": float(np.median(aov_s or [0.0]))}
+            first = {
+                "gather": measured["solver_s"] + measured["guide_s"],
+                "mitsuba": float(np.median(aov_s or [0.0])),
+            }
             contestant.before_s = measured["denoise_s"] + first.get(name, 0.0)
             measured |= summary(name, contestant, TARGET)
             measured[f"{name}_mean_off"] = mean_off(contestant.means, truth.image)

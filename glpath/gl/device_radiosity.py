@@ -4,7 +4,7 @@ Each triangle of the scene has its own lattice of elements, see `glpath.radiosit
 it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of its
 element or three of the vertices around.
 
-Cost:     48 bytes a triangle, 32 bytes an element or vertex.
+Cost:     48 bytes a triangle, 32 bytes an element or vertex, 64 with all light.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
-        "RANGE": "n; number of the first of its values; width of an element, scene units",
+        "RANGE": "n; number of the first of its values; width of an element, scene units; number of the first one",
     },
     "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns; how much of direct light is in it"},
+    "all_light": {"IRRADIANCE": "the same, where it is asked for, with all light in it"},
 }
 # A float holds the number of a value.
 _MOST = 1 << 24
@@ -48,9 +49,12 @@ class DeviceRadiosity:
     starts    : (T,) number of each triangle's first value
     reflectance  : (2, T, 3) of the triangles' fronts and backs
     interpolated : are `values` those of the vertices?
+    all_light    : as `values`, with all light, for programs with ALL_LIGHT, or None
 
     Attributes
     ----------
+    divisions : (T,) n of each triangle
+    has_all_light : was it given?
     textures, uniforms, defines, generated : for programs that include radiosity.glsl
     max_radiance : the greatest radiance that is reflected
 
@@ -68,11 +72,12 @@ class DeviceRadiosity:
         reflectance: Float64,
         *,
         interpolated: bool,
+        all_light: Float64 | None = None,
     ) -> None:
         count, places = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        most = max(0, min(_MOST, limit // 2))
+        most = max(0, min(_MOST, limit // (2 if all_light is None else 4)))
         if places > most:
             raise SceneError(
                 f"radiosity: the solution has {places:,} {'vertices' if interpolated else 'elements'}; this device "
@@ -84,16 +89,25 @@ class DeviceRadiosity:
         lattice[:, 2, 0] = divisions
         lattice[:, 2, 1] = starts
         lattice[:, 2, 2] = _element_widths(corners, divisions)
-        irradiance = np.zeros((2 * places, 1, 4))
-        irradiance[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
-        irradiance[:, 0, 3] = np.repeat(direct_share, 2)
+        lattice[:, 2, 3] = np.cumsum(divisions.astype(np.int64) ** 2) - divisions.astype(np.int64) ** 2
+        irradiance = _sides_in_turns(values, direct_share)
+        everything = np.zeros((0, 1, 4)) if all_light is None else _sides_in_turns(all_light, np.ones(places))
         most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
-        tables = {"lattice": lattice, "radiosity": irradiance}
+        tables = {"lattice": lattice, "radiosity": irradiance, "all_light": everything}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
+        self.divisions, self.has_all_light = divisions, all_light is not None
         self.textures = {"radiosity": texture}
         self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
         self.generated = {"RADIOSITY": radiosity_glsl()}
+
+
+def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:
+    """(2 N, 1, 4): irradiance (2, N, 3) and share (N,), front and back of a place one behind the other."""
+    rows = np.empty((2 * len(direct_share), 1, 4))
+    rows[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
+    rows[:, 0, 3] = np.repeat(direct_share, 2)
+    return rows
 
 
 def _element_widths(corners: Float64, divisions: NDArray[np.int32]) -> Float64:

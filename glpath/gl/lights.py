@@ -47,11 +47,15 @@ def light_defines(sky: Sky | None, lighting: Lighting) -> dict[str, object]:
 LIGHT_ROWS = 4
 
 
-def light_rows(lights: LightSamples) -> NDArray[np.float32]:
-    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.glsl`."""
+def light_rows(lights: LightSamples, share: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.glsl`.
+
+    share : (N,) of all lights, by their probability, that each sample stands for
+    """
     rows = np.zeros((len(lights), LIGHT_ROWS, 4), np.float32)
     rows[:, 0, :3], rows[:, 0, 3] = lights.position, lights.kind
     rows[:, 1, :3], rows[:, 1, 3] = lights.direction, lights.density
     rows[:, 2, :3], rows[:, 2, 3] = lights.radiance, lights.quadratic
     rows[:, 3, :2] = lights.cone
+    rows[:, 3, 2] = share
     return rows

@@ -34,6 +34,8 @@ class Kind(NamedTuple):
 
 
 FLOATS = Kind(np.float32, "f4", "TEXELS(rgba32f, {})", "vec4")
+# Fractions of 255.
+BYTES = Kind(np.uint8, "f1", "TEXELS(rgba8, {})", "vec4")
 UINTS = Kind(np.uint32, "u4", "UINT_TEXELS(rgba32ui, {})", "uvec4")
 
 

@@ -52,9 +52,12 @@ def device_radiosity(
         gl,
         scene.triangles,
         solution.divisions,
-        *table,
+        table.values,
+        table.direct_share,
+        table.starts,
         side_reflectance(scene),
         interpolated=settings.radiosity_lookup == "interpolated",
+        all_light=table.all_light if settings.guide == "solution" and settings.directions == "own" else None,
     )
 
 

@@ -28,6 +28,7 @@ from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
@@ -37,8 +38,11 @@ Generated = Mapping[str, str]
 Defines = Mapping[str, object]
 Textures = dict[str, moderngl.Texture]
 
-#: Light samples of a path set, for its paths to choose from.
+#: Light samples of a path set at most, for its paths to choose from.
 LIGHTS = 16
+# What all lights are divided into at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
+# for the shadow of one.
+_PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
@@ -64,6 +68,7 @@ class RayPathEngine(PathSetEngine):
         timings: bool = False,
     ) -> None:
         self.settings = settings
+        self.guide: PathGuide | None = None
         self._radiosity = radiosity
         self._hardware = hardware
         self._ambient = np.zeros(3)
@@ -88,16 +93,22 @@ class RayPathEngine(PathSetEngine):
         self._light_tables: list[bytes] = []
         self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
         self._sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
+        # Of the numbers that say which light: a part is a light, or an eighth of them all.
+        self._parts = max(1, min(self.lighting.count, _PARTS))
+        self._light_edges = np.linspace(0.0, 1.0, self._parts + 1)
+        if 1 < self.lighting.count == self._parts:
+            self._light_edges = self.lighting.cdf
         bvh = RayBvh(gl, scene)
         self._constant = self._constant_uniforms() | bvh.uniforms
         textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
         # Includes are put in place before #ifdef is looked at.
-        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": ""}
+        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": ""}
         defines: dict[str, object] = {
             **scene.defines,
             **light_defines(scene.scene.sky, self.lighting),
             "BOUNCES": self._bounces,
-            "LIGHTS": LIGHTS,
+            "LIGHTS": len(self._light_shifts),
+            "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
         }
         if radiosity is not None:
@@ -105,6 +116,20 @@ class RayPathEngine(PathSetEngine):
             textures |= radiosity.textures
             generated |= radiosity.generated
             defines |= radiosity.defines | {"GATHER": 1}
+            if radiosity.has_all_light:
+                self.guide = guide = PathGuide(
+                    gl,
+                    scene,
+                    radiosity,
+                    uniforms=self._constant,
+                    textures=textures,
+                    generated=generated,
+                    defines=defines,
+                )
+                self._constant |= guide.uniforms
+                textures |= guide.textures
+                generated |= {"PATH_GUIDE": path_guide_glsl()}
+                defines |= guide.defines
         self._areas = draw_areas(self._size, settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
@@ -139,15 +164,17 @@ class RayPathEngine(PathSetEngine):
     def _of_set(self, index: int, sample: PathSetSample) -> Uniforms:
         seed = self._settings.seed
         points = _words(sample.directions[: self._bounces, 0])
+        choices = _words(sample.directions[: self._bounces, 1, 0])
         return {
             "image_window": self._image_window(),
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
+            "choice_points": [int(x) for x in choices],
             "light_table": self._light_table(index),
         }
 
     def _light_table(self, index: int) -> bytes:
-        """The set's light samples, each at the sequence's point shifted by numbers of its own.
+        """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.
 
         Made for many sets at once, as a call into numpy costs more than what it does for a single one.
         """
@@ -155,16 +182,26 @@ class RayPathEngine(PathSetEngine):
         if self._light_block != block:
             sets = range(block * _LIGHT_BLOCK, (block + 1) * _LIGHT_BLOCK)
             points = _words(np.array([self._sampler[i].light for i in sets]))
-            u = (points[:, None] ^ self._light_shifts).reshape(-1, 3) / 2.0**32
+            u = (points[:, None] ^ self._light_shifts) / 2.0**32
+            edges = self._light_edges
+            part = np.arange(u.shape[1]) % self._parts
+            share = np.diff(edges)[part]
+            u[..., 0] = np.clip(edges[part] + share * u[..., 0], edges[part], np.nextafter(edges[part + 1], 0.0))
+            u = u.reshape(-1, 3)
             lights = LightSamples.dark(len(u)) if self.lighting.dark else self.lighting.samples(u)
-            self._light_tables = [rows.tobytes() for rows in np.split(light_rows(lights), _LIGHT_BLOCK)]
+            rows = light_rows(lights, np.tile(share, _LIGHT_BLOCK))
+            self._light_tables = [each.tobytes() for each in np.split(rows, _LIGHT_BLOCK)]
             self._light_block = block
         return self._light_tables[place]
 
     def _constant_uniforms(self) -> Uniforms:
         settings = self._settings
         self._light_shifts = np.array(
-            [[counter_hash(settings.seed, i, axis, 10) for axis in range(3)] for i in range(LIGHTS)], np.uint32
+            [
+                [counter_hash(settings.seed, i, axis, 10) for axis in range(3)]
+                for i in range(LIGHTS - LIGHTS % self._parts)
+            ],
+            np.uint32,
         )
         roulette = settings.roulette if isinstance(settings, PathTraceSettings) else None
         uniforms: Uniforms = {

@@ -29,6 +29,7 @@ Integrator = Literal["path", "gather", "classic", "t-buffer"]
 Directions = Literal["own", "pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
 DirectLight = Literal["traced", "solution"]
+Guide = Literal["solution", "cosine"]
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
 Secondary = Literal["classic", "bvh"]
@@ -209,10 +210,27 @@ class GatherSettings(PathSetSettings):
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
+    guide: Annotated[
+        Guide,
+        Meta(
+            description='what directions "own" are chosen by: the light that the "solution" says comes from there, '
+            'or the "cosine" alone'
+        ),
+    ] = "solution"
 
     def recorded(self) -> dict[str, Any]:
         """Without the solution: what is recorded of it is its digest, known when it is there."""
-        return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup")}
+        left_out = {"radiosity", "radiosity_lookup"} | ({"guide"} if self.directions != "own" else set())
+        return {k: v for k, v in super().recorded().items() if k not in left_out}
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        super().check_together(given)
+        if given.get("directions", "own") != "own" and "guide" in given:
+            raise UsageError(
+                f'guide: "{given["guide"]}" with directions "{given["directions"]}", which a set\'s paths share',
+                'Take directions "own".',
+            )
 
 
 # Two integrators have it, with another default each.

@@ -34,11 +34,13 @@ class LookupTable(NamedTuple):
     values       : (2, N, 3) float64, irradiance W m^-2 of fronts and backs, at vertices or of elements
     direct_share : (N,) float64, how much of the direct light is in them, 0 to 1
     starts       : (T,) int64, number of each triangle's first value
+    all_light    : as `values`, with all of the direct light in them
     """
 
     values: Float64
     direct_share: Float64
     starts: NDArray[np.int64]
+    all_light: Float64
 
 
 def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool) -> LookupTable:
@@ -49,8 +51,9 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
     share = np.ones(parts.shape[2])
     if traced:
         share = near_lamps(Lighting.of(scene), _places(scene, solution.divisions, interpolated))
-    values = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
-    return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1])
+    direct = parts[DIRECT].astype(np.float64)
+    values = parts[INDIRECT] + share[:, None] * direct
+    return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1], parts[INDIRECT] + direct)
 
 
 def near_lamps(lighting: Lighting, places: Float64) -> Float64:

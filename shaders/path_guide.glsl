@@ -1,0 +1,40 @@
+// path_guide.glsl: directions chosen by the light that comes from there; see `glpath.integrators.path_guide`.
+// Needs:  <PATH_GUIDE>; radiosity.glsl; GUIDES_SHARED: where elements share guides
+// Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
+#include <PATH_GUIDE>
+
+// The number of the guide of an element's front.
+int guide_at(int triangle, vec3 position)
+{
+    int element = element_at(triangle, position);
+#ifdef GUIDES_SHARED
+    ivec4 bytes = ivec4(guide_of_texel(element, GUIDE_OF_ELEMENT) * 255.0 + 0.5);
+    return bytes.x + 256 * bytes.y + 65536 * bytes.z;
+#else
+    return element;
+#endif
+}
+
+// A point of the unit square, uniform in u, moved to where the guide has light; density: of it, in the square.
+vec2 guided(int guide, vec2 u, out float density)
+{
+    int level_first = guide * GUIDE_NODES;
+    ivec2 cell = ivec2(0);
+    density = 1.0;
+    for (int level = 0; level < GUIDE_LEVELS; ++level)
+    {
+        vec4 shares = guide_node_texel(level_first + (cell.y << level) + cell.x, GUIDE_NODE_SHARES);
+        level_first += 1 << (2 * level);
+        float all = shares.x + shares.y + shares.z + shares.w, left = (shares.x + shares.z) / all;
+        bool right = u.x >= left;
+        u.x = right ? (u.x - left) / (1.0 - left) : u.x / left;
+        vec2 column = right ? shares.yw : shares.xz;
+        float below = column.x / (column.x + column.y);
+        bool above = u.y >= below;
+        u.y = above ? (u.y - below) / (1.0 - below) : u.y / below;
+        density *= 4.0 * (above ? column.y : column.x) / all;
+        cell = 2 * cell + ivec2(right, above);
+    }
+    // Rounding may reach one.
+    return (vec2(cell) + clamp(u, 0.0, 0.9999999)) / float(1 << GUIDE_LEVELS);
+}

@@ -1,0 +1,145 @@
+"""Path guiding: what it chooses and how often, and that it changes the error of a picture, not the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import glpath
+from glpath.gl.context import get_context
+from glpath.gl.passes import Pass
+from glpath.gl.program import load_program
+from glpath.gl.texel_store import BYTES, make_store
+from glpath.integrators import path_guide
+from glpath.integrators.path_guide import guide_nodes, guide_places, path_guide_glsl
+from glpath.radiosity.mesh import lattice
+from glpath.scene import load_scene, path_traceable
+
+LEVELS, SIDE = 4, 16
+
+
+def choose(
+    nodes: NDArray[np.uint8], u: NDArray[np.float32], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> NDArray[np.float32]:
+    """(N, 3): where the shader moves numbers (N, 2) by the first guide, and the density there."""
+    gl = get_context().gl
+    (folder / "choose.frag").write_text(
+        """
+        int element_at(int triangle, vec3 position) { return 0; }
+        #include "path_guide.glsl"
+        uniform sampler2D numbers;
+        layout(location = 0) out vec4 found;
+        void main()
+        {
+            float density;
+            vec2 moved = guided(0, texelFetch(numbers, ivec2(gl_FragCoord.xy), 0).xy, density);
+            found = vec4(moved, density, float(guide_at(0, vec3(0.0))));
+        }
+        """
+    )
+    for name in ("path_guide.glsl", "texels.glsl", "fullscreen.vert"):
+        (folder / name).write_text((Path(glpath.__file__).parent.parent / "shaders" / name).read_text())
+    monkeypatch.setattr("glpath.gl.program.shader_folder", lambda: folder)
+    tables = {"guide_of": np.array([[[1, 2, 3, 0]]], np.uint8), "guide_node": nodes[0][:, None]}
+    texture, uniforms = make_store(gl, BYTES, path_guide._LAYOUT, tables, "test")
+    size = (min(len(u), 256), -(-len(u) // 256))
+    given = gl.texture(size, 2, data=u.astype("f4").tobytes(), dtype="f4")
+    given.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    target = gl.texture(size, 4, dtype="f4")
+    program = load_program(
+        gl,
+        vertex="fullscreen.vert",
+        fragment="choose.frag",
+        generated={"PATH_GUIDE": path_guide_glsl()},
+        defines={"GUIDES_SHARED": 1, "GUIDE_LEVELS": LEVELS, "GUIDE_NODES": nodes.shape[1]},
+    )
+    textures = {"path_guide": texture, "numbers": given}
+    Pass("choose", gl, program, gl.framebuffer([target]), textures=textures).run(uniforms)
+    return np.frombuffer(target.read(), np.float32).reshape(-1, 4)
+
+
+def test_a_choice_has_the_density_that_it_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uniform numbers land in each cell as often as the density says, which is over 0 and sums up to 1."""
+    light = np.random.default_rng(5).random((1, SIDE, SIDE)) ** 8
+    light[0, 3:5, 7:9] = 200.0
+    light[0, 9:, :4] = 0.0
+    at = (np.arange(256) + 0.5) / 256
+    u = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2).astype(np.float32)
+    x, y, density, number = choose(guide_nodes(light), u, tmp_path, monkeypatch).T
+    assert set(number) == {1 + 2 * 256 + 3 * 65536}
+    assert min(x.min(), y.min()) >= 0
+    assert max(x.max(), y.max()) < 1
+    found = np.histogram2d(y, x, bins=SIDE, range=((0, 1), (0, 1)))[0] / len(u)
+    told, told_of = np.zeros((SIDE, SIDE)), (np.floor(y * SIDE).astype(int), np.floor(x * SIDE).astype(int))
+    told[told_of] = density / SIDE**2
+    assert (told[found > 0] > 0).all()
+    assert told.sum() == pytest.approx(1.0, abs=0.02)  # cells that no number of the grid was moved to are missing
+    np.testing.assert_allclose(found, told, atol=2e-3)
+    # The bright cells have what they are due, and the dark ones are not forgotten.
+    assert found[3:5, 7:9].sum() > 0.3
+    assert found[9:, :4].sum() > 0.5 * path_guide._UNGUIDED * 7 * 4 / SIDE**2
+
+
+def test_without_light_all_directions_are_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    u = np.random.default_rng(1).random((256, 2)).astype(np.float32)
+    moved = choose(guide_nodes(np.zeros((1, SIDE, SIDE))), u, tmp_path, monkeypatch)
+    np.testing.assert_allclose(moved[:, :2], u, atol=1e-6)
+    np.testing.assert_allclose(moved[:, 2], 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cornell-box-36", "room"])
+def test_places_lie_on_the_elements_of_their_guide(name: str) -> None:
+    scene = path_traceable(load_scene(name))
+    divisions = np.where(np.arange(len(scene.triangles)) % 3 == 0, 2, 1).astype(np.int32)
+    guide_of, places = guide_places(scene, divisions)
+    count = int(lattice.element_count(divisions).sum())
+    assert guide_of.shape == (count,)
+    assert set(guide_of) == set(range(len(places)))
+    most = path_guide._MOST
+    assert len(places) == count if count <= most else most // 4 < len(places) <= most
+    of_element = np.repeat(np.arange(len(divisions)), divisions**2)
+    triangle = places[..., 3].astype(int)
+    for guide in range(0, len(places), 7):
+        assert set(triangle[guide]) <= set(of_element[guide_of == guide])
+    a, b, c = scene.triangles[triangle].transpose(2, 0, 1, 3)
+    normal = np.cross(b - a, c - a)
+    square = np.einsum("gpi,gpi->gp", normal, normal)
+    size = np.sqrt(square)
+    points = places[..., :3]
+    assert (abs(np.einsum("gpi,gpi->gp", points - a, normal)) < 1e-5 * size * np.sqrt(size)).all()
+    for p, q in ((a, b), (b, c), (c, a)):
+        weight = np.einsum("gpi,gpi->gp", np.cross(q - p, points - p), normal) / square
+        assert (weight > -1e-6).all()
+    # Neighbours alone share a guide, with normals of one side of things.
+    unit = normal / size[..., None]
+    assert (np.einsum("gpi,gi->gp", unit, unit[:, 0]) > 0.3).all()
+
+
+@pytest.mark.parametrize(("name", "spp", "least"), [("cornell-box-36", 64, 1.5), ("room", 16, 1.05)])
+def test_a_guided_gather_is_the_same_picture_with_less_error(name: str, spp: int, least: float) -> None:
+    scene = path_traceable(load_scene(name)).with_camera(resolution=(32, 32))
+    if name == "room":
+        solution = glpath.solve_radiosity(scene, method="monte-carlo", particles=400_000)
+    else:
+        solution = glpath.solve_radiosity(scene, patches=500)
+    pictures = {}
+    for guide in ("cosine", "solution"):
+        options = {"integrator": "gather", "radiosity": solution, "guide": guide, "spp": spp}
+        pictures[guide] = np.array([glpath.render(scene, seed=seed, **options).mean for seed in range(6)])
+    means = {guide: each.mean(axis=0) for guide, each in pictures.items()}
+    errors = {guide: each.var(axis=0, ddof=1) for guide, each in pictures.items()}
+    # Of each pixel, and of the whole, beside what six seeds can tell.
+    spread = np.sqrt((errors["cosine"] + errors["solution"]) / 6).clip(1e-4)
+    assert abs((means["solution"] - means["cosine"]) / spread).mean() < 1.3
+    assert means["solution"].mean() == pytest.approx(means["cosine"].mean(), rel=1e-2 if name == "room" else 2e-3)
+    weight = 1 / (means["cosine"] ** 2 + 0.01)
+    assert (errors["cosine"] * weight).mean() > least * (errors["solution"] * weight).mean()
+
+
+def test_shared_directions_are_not_guided() -> None:
+    with pytest.raises(glpath.UsageError, match='guide: "solution" with directions "pair"'):
+        glpath.render("cornell-box-36", integrator="gather", directions="pair", guide="solution", spp=1)
