@@ -26,11 +26,12 @@ void main()
     if (a.triangle >= 0) {
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
-        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * element_width(a.triangle);
+        LatticePlace place = lattice_place(a.triangle, a.position);
+        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * place.width;
 #ifdef LAST_VERTEX
         near = false;
 #endif
-        vec4 found = near ? vec4(0.0) : irradiance_at(a.triangle, a.position, a.front);
+        vec4 found = near ? vec4(0.0) : irradiance_at(place, a.front);
         vec3 looked_up = a.throughput * (v.bsdf.diffuse * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX

@@ -39,7 +39,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     PathVertex v = path_vertex(surface_of_triangle(triangle, position, plane), triangle, plane, front, -direction);
     float light_point;
     vec3 Le = emitted(v.surface, front, light_point);
-    return v.bsdf.diffuse * irradiance_at(triangle, position, front).rgb / PI
+    return v.bsdf.diffuse * irradiance_at(lattice_place(triangle, position), front).rgb / PI
          + Le * emission_share(density, light_point, t, dot(plane.xyz, direction));
 }
 

@@ -136,13 +136,14 @@ vec4 trace_path(ivec2 pixel)
         vec3 reflected = beta;  // of direct light
         bool goes_on = depth < vertices - 1;
 #ifdef GATHER
+        LatticePlace place = lattice_place(triangle, position);
         if (depth >= lookup_depth) {
             goes_on = depth < lookup_depth + FURTHER
-                && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * element_width(triangle);
+                && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * place.width;
             if (goes_on) {
                 vertices = depth + 2;
             } else {
-                vec4 found = irradiance_at(triangle, position, front);
+                vec4 found = irradiance_at(place, front);
                 L += beta * v.bsdf.diffuse * found.rgb / PI;
                 reflected *= 1.0 - found.a;
             }
@@ -172,7 +173,7 @@ vec4 trace_path(ivec2 pixel)
         // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
         if (front) {
             float chosen;
-            numbers = guided(guide_at(triangle, position), numbers, chosen);
+            numbers = guided(guide_at(place), numbers, chosen);
             beta /= chosen;
         }
 #endif

@@ -14,51 +14,41 @@ vec4 irradiance_value(int first, int place, int back)
 #endif
 }
 
-// How wide the triangle's elements are.
-float element_width(int triangle)
-{
-    return lattice_texel(triangle, LATTICE_RANGE).z;
-}
-
 // Where a point lies in its triangle's lattice.
 struct LatticePlace
 {
-    int last;    // number of the last cell of the first row
-    int i, j;    // the cell
-    bool upper;  // in its upper element?
-    vec2 f;      // place in the cell, 0 to 1
+    int first_value, first_element;  // of the triangle
+    float width;  // of an element
+    int last;     // number of the last cell of the first row
+    int i, j;     // the cell
+    bool upper;   // in its upper element?
+    vec2 f;       // place in the cell, 0 to 1
 };
 
 LatticePlace lattice_place(int triangle, vec3 position)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
-    float n = lattice_texel(triangle, LATTICE_RANGE).x;
+    vec4 range = lattice_texel(triangle, LATTICE_RANGE);
+    float n = range.x;
     int last = int(n) - 1;
     // Rounding may put a point just outside of its triangle.
     vec2 p = clamp(vec2(dot(along_x.xyz, position) + along_x.w, dot(along_y.xyz, position) + along_y.w), 0.0, n);
     int i = min(int(p.x), last);
     int j = min(int(p.y), last - i);
     vec2 f = clamp(p - vec2(i, j), 0.0, 1.0);
-    return LatticePlace(last, i, j, f.x + f.y > 1.0 && i + j < last, f);
+    return LatticePlace(int(range.y), int(range.w), range.z, last, i, j, f.x + f.y > 1.0 && i + j < last, f);
 }
 
-// An element's number in its triangle.
+// The number of the place's element in its triangle.
 int element_in(LatticePlace p)
 {
     return p.j * (2 * (p.last + 1) - p.j) + 2 * p.i + int(p.upper);
 }
 
-// And in the whole solution.
-int element_at(int triangle, vec3 position)
-{
-    return int(lattice_texel(triangle, LATTICE_RANGE).w) + element_in(lattice_place(triangle, position));
-}
-
 // front: of the triangle, or its back.
-vec4 irradiance_at(int triangle, vec3 position, bool front)
+vec4 irradiance_at(LatticePlace p, bool front)
 {
-    LatticePlace p = lattice_place(triangle, position);
-    int first = int(lattice_texel(triangle, LATTICE_RANGE).y), back = int(!front);
+    int first = p.first_value, back = int(!front);
 #ifdef INTERPOLATED
     vec2 f = p.f;
     if (!p.upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);

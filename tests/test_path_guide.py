@@ -29,7 +29,8 @@ def choose(
     gl = get_context().gl
     (folder / "choose.frag").write_text(
         """
-        int element_at(int triangle, vec3 position) { return 0; }
+        struct LatticePlace { int first_element; };
+        int element_in(LatticePlace place) { return 0; }
         #include "path_guide.glsl"
         uniform sampler2D numbers;
         layout(location = 0) out vec4 found;
@@ -37,7 +38,7 @@ def choose(
         {
             float density;
             vec2 moved = guided(0, texelFetch(numbers, ivec2(gl_FragCoord.xy), 0).xy, density);
-            found = vec4(moved, density, float(guide_at(0, vec3(0.0))));
+            found = vec4(moved, density, float(guide_at(LatticePlace(0))));
         }
         """
     )

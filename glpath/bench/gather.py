@@ -66,7 +66,7 @@ DEPTH = 64
 PATH_DEPTH = 8
 #: Of the solution: coarse, but its own error is well below the target.
 PATCHES = 500
-_GATHER_SETS = (32, 64, 128, 256)
+_GATHER_SETS = (16, 32, 64, 128)
 _PATH_SETS = (64, 128, 256)
 _SAMPLES = (64, 169)
 # The path tracer's lacks the light of longer paths.
