@@ -32,15 +32,11 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
         return vec3(0.0);
 #endif
     }
-    vec4 plane = facet_texel(triangle, FACET_PLANE);
-    float t = max(0.0, (plane.w - dot(plane.xyz, start)) / dot(plane.xyz, direction));
-    vec3 position = start + t * direction;
-    bool front = front_hit(plane.xyz, direction);
-    PathVertex v = path_vertex(surface_of_triangle(triangle, position, plane), triangle, plane, front, -direction);
-    float light_point;
-    vec3 Le = emitted(v.surface, front, light_point);
-    return v.bsdf.diffuse * irradiance_at(lattice_place(triangle, position), front).rgb / PI
-         + Le * emission_share(density, light_point, t, dot(plane.xyz, direction));
+    float t, light_point;
+    PathVertex v = vertex_on(triangle, start, direction, t);
+    vec3 Le = emitted(v.surface, v.front, light_point);
+    return v.bsdf.diffuse * irradiance_at(lattice_place(triangle, v.surface.position), v.front).rgb / PI
+         + Le * emission_share(density, light_point, t, dot(v.plane.xyz, direction));
 }
 
 void main()

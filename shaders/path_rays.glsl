@@ -123,15 +123,13 @@ vec4 trace_path(ivec2 pixel)
 #endif
             break;
         }
-        vec4 plane = facet_texel(triangle, FACET_PLANE);
-        float t = max(0.0, (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, direction));
-        vec3 position = origin + t * direction;
-        bool front = front_hit(plane.xyz, direction);
-        PathVertex v = path_vertex(surface_of_triangle(triangle, position, plane), triangle, plane, front, -direction);
+        float t, light_point;
+        PathVertex v = vertex_on(triangle, origin, direction, t);
+        vec3 position = v.surface.position;
+        bool front = v.front;
 
-        float light_point;
         vec3 Le = emitted(v.surface, front, light_point);
-        L += beta * Le * (depth == 0 ? 1.0 : emission_share(density, light_point, t, dot(plane.xyz, direction)));
+        L += beta * Le * (depth == 0 ? 1.0 : emission_share(density, light_point, t, dot(v.plane.xyz, direction)));
 
         vec3 reflected = beta;  // of direct light
         bool goes_on = depth < vertices - 1;

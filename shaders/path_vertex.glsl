@@ -34,3 +34,12 @@ PathVertex path_vertex(Surface s, int triangle, vec4 plane, bool front, vec3 wo)
     vec3 normal = front ? s.normal : -s.normal;
     return PathVertex(s, triangle, plane, front, wo, normal, shading_normal(s, front, wo), bsdf_at(s, front));
 }
+
+// Where a ray meets a triangle; t: how far along its unit direction.
+PathVertex vertex_on(int triangle, vec3 origin, vec3 direction, out float t)
+{
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    t = max(0.0, (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, direction));
+    Surface s = surface_of_triangle(triangle, origin + t * direction, plane);
+    return path_vertex(s, triangle, plane, front_hit(plane.xyz, direction), -direction);
+}

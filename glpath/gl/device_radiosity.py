@@ -22,7 +22,7 @@ LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
-        "RANGE": "n; number of the first of its values; width of an element, scene units; number of the first one",
+        "RANGE": "n; number of the first of its values; width of an element, scene units; number of the first",
     },
     "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns; how much of direct light is in it"},
     "all_light": {"IRRADIANCE": "the same, where it is asked for, with all light in it"},
@@ -78,18 +78,22 @@ class DeviceRadiosity:
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
         most = max(0, min(_MOST, limit // (2 if all_light is None else 4)))
-        if places > most:
+        elements = divisions.astype(np.int64) ** 2
+        # Of a fine lattice these are twice as many as its vertices, and guides have their numbers.
+        numbered = int(elements.sum()) if all_light is not None else 0
+        found = max(places, numbered)
+        if found > most:
+            what = "vertices" if interpolated and places >= numbered else "elements"
             raise SceneError(
-                f"radiosity: the solution has {places:,} {'vertices' if interpolated else 'elements'}; this device "
-                f"looks up at most {most:,}",
-                "Solve the scene on a coarser mesh.",
+                f"radiosity: the solution has {found:,} {what}; this device looks up at most {most:,}",
+                "Solve the scene on a coarser mesh" + (', or take guide "cosine".' if numbered else "."),
             )
         lattice = np.zeros((count, 3, 4))
         lattice[:, :2] = _lattice_rows(corners, divisions)
         lattice[:, 2, 0] = divisions
         lattice[:, 2, 1] = starts
         lattice[:, 2, 2] = _element_widths(corners, divisions)
-        lattice[:, 2, 3] = np.cumsum(divisions.astype(np.int64) ** 2) - divisions.astype(np.int64) ** 2
+        lattice[:, 2, 3] = np.cumsum(elements) - elements
         irradiance = _sides_in_turns(values, direct_share)
         everything = np.zeros((0, 1, 4)) if all_light is None else _sides_in_turns(all_light, np.ones(places))
         most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
