@@ -1,9 +1,10 @@
 """Path tracing and the gather with rays of every path's own, cast by a BVH in the shader.
 
 A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the place in their
-pixels: each has its own directions, by the cosine of its surface, and its own choice of light. So no ray is lost
-in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number of triangles,
-where a scan costs their number. README has what that is worth.
+pixels: each has its own directions, by the cosine of its surface or, in a gather, by the light that comes from
+there (`path_guide`), and its own choice among a sample of each light, by what it would send. So no ray is lost in a
+crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number of triangles, where a
+scan costs their number. README has what that is worth.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.glsl`); on a
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
@@ -11,7 +12,8 @@ graphics card a compute shader does, with the same bits, as some of these shade 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
 Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
           geometry that does not fit into memory.
-Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights.
+Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
+          global illumination.
 """
 
 from __future__ import annotations
