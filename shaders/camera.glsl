@@ -10,14 +10,19 @@ uniform vec2 eye_centre;   // the pixel position that eye_forward goes through, 
 uniform ivec2 eye_corner;  // of the window in the image, pixels
 uniform ivec2 eye_size;    // of the window, pixels
 
-// Unit, through the sub-pixel position of a pixel of the window.
-vec3 eye_direction(ivec2 pixel)
+// Unit, through the sub-pixel position of a pixel of the window, and so many pixels beside it.
+vec3 eye_direction(ivec2 pixel, vec2 beside)
 {
-    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre) / eye_focal;
+    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
     precise vec3 d = eye_forward + q.x * eye_right + q.y * eye_up;
     precise float scale = sqrt(dot(d, d));
     precise vec3 unit = d / scale;
     return unit;
+}
+
+vec3 eye_direction(ivec2 pixel)
+{
+    return eye_direction(pixel, vec2(0.0));
 }
 
 // From the world to the eye's axes, about the eye.

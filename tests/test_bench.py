@@ -32,6 +32,7 @@ from glpath.errors import GlpathError
 from glpath.experiments import mitsuba_peer
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
+from glpath.rendering import factory
 from glpath.scene import load_scene
 
 
@@ -244,7 +245,7 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
     monkeypatch.setattr(gather, "PATH_DEPTH", 3)
     monkeypatch.setattr(gather, "AGREEMENT", ())  # with the picture below, which lacks bounces
-    monkeypatch.setattr(gather, "PATCHES", 50)
+    monkeypatch.setattr(factory, "GATHER_PATCHES", 50)
     monkeypatch.setenv(other_python.PYTHON, sys.executable)
     for peer in (cycles_peer, radiance_peer):
         monkeypatch.setattr(peer.other_python, "find_package", absent)
@@ -271,7 +272,7 @@ def test_a_small_bench_of_denoised_pictures_without_mitsuba_measures_and_claims_
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
     monkeypatch.setattr(gather, "PATH_DEPTH", 3)
     monkeypatch.setattr(denoise, "AGREEMENT", ())  # with the picture below, which lacks bounces
-    monkeypatch.setattr(gather, "PATCHES", 50)
+    monkeypatch.setattr(factory, "GATHER_PATCHES", 50)
     path = tmp_path / "reference.exr"
     scene = load_scene(gather.SCENE).with_camera(resolution=(64, 64))
     glpath.render(scene, spp=64, max_depth=3).save(path)

@@ -28,7 +28,7 @@ from glpath.radiosity import lookup as lookup_module
 from glpath.radiosity.lookup import lookup_table, near_lamps
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.sides import side_reflectance
-from glpath.rendering import tiles
+from glpath.rendering import factory, tiles
 from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
 
@@ -460,8 +460,7 @@ def plates() -> Scene:
 def test_without_a_solution_the_scene_is_solved_first() -> None:
     seen: list[glpath.Progress] = []
     film = gather(plates(), None, spp=4, on_progress=seen.append)
-    solution = glpath.solve_radiosity(plates())
-    given = gather(plates(), solution, spp=4)
+    given = gather(plates(), factory.solve_for_gather(path_traceable(plates())), spp=4)
     np.testing.assert_array_equal(film.mean, given.mean)
     assert film.metadata.settings == given.metadata.settings
     assert 0 < film.metadata.statistics["radiosity_s"] < film.metadata.elapsed_s
@@ -479,19 +478,39 @@ def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: p
     assert caught.value.film.path_sets == 0
 
 
-@pytest.mark.parametrize(("scene", "method"), [("cornell-box-36", "progressive"), ("room", "monte-carlo")])
-def test_a_large_scene_is_solved_by_particles(monkeypatch: pytest.MonkeyPatch, scene: str, method: str) -> None:
-    """Every triangle of the room would have to shoot: minutes, where particles take seconds."""
+@pytest.mark.parametrize(("scene", "particles"), [("cornell-box-36", 1 << 17), ("room", 100 * 14920)])
+def test_a_scene_is_solved_by_so_many_particles(
+    monkeypatch: pytest.MonkeyPatch, scene: str, particles: int
+) -> None:
+    """So many a triangle, and some at least."""
+    monkeypatch.setattr(factory, "_PARTICLES_PER_TRIANGLE", 100)
+    monkeypatch.setattr(factory, "_MOST_PARTICLES", 1 << 24)
     asked = []
 
     def solve(_: object, **options: object) -> None:
-        asked.append(options["method"])
+        asked.append((options["method"], options["particles"]))
         raise glpath.UsageError("enough")
 
     monkeypatch.setattr("glpath.radiosity.solvers.solve.solve_radiosity", solve)
     with pytest.raises(glpath.UsageError, match="enough"):
         glpath.render(scene, integrator="gather", spp=1, resolution=(8, 8))
-    assert asked == [method]
+    assert asked == [("monte-carlo", particles)]
+
+
+@pytest.mark.parametrize("scene", ["cornell-box-36", "room"])
+def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(scene: str) -> None:
+    """A hundredth of what a picture of a hundred sets is off; both pictures have the same paths."""
+    traced = glpath.load_scene(scene).with_camera(resolution=(32, 32))
+
+    def picture(solution: glpath.RadiositySolution | None) -> np.ndarray:
+        return glpath.render(traced, integrator="gather", radiosity=solution, guide="cosine", spp=64, seed=3).mean
+
+    exact = glpath.solve_radiosity(
+        traced, method="monte-carlo", patches=factory.GATHER_PATCHES, particles=1 << 21, seed=1
+    )
+    found, truth = picture(None), picture(exact)
+    assert relative_mse(found, truth) < 6e-5
+    assert found.mean() == pytest.approx(truth.mean(), rel=3e-3)
 
 
 @pytest.mark.evidence

@@ -53,8 +53,7 @@ from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import Directions, GatherSettings, PathTraceSettings
 from glpath.radiosity.solution import RadiositySolution
-from glpath.radiosity.solvers.solve import solve_radiosity
-from glpath.rendering.factory import radiosity_method
+from glpath.rendering.factory import solve_for_gather
 from glpath.scene import load_scene
 from glpath.scene.model import Scene
 from glpath.versions import versions
@@ -64,8 +63,6 @@ SCENE = "cornell-box-36"
 DEPTH = 64
 #: The path tracer's. Longer paths add less than a tenth of the target to the error and cost a scan each.
 PATH_DEPTH = 8
-#: Of the solution: coarse, but its own error is well below the target.
-PATCHES = 500
 _GATHER_SETS = (16, 32, 64, 128)
 _PATH_SETS = (64, 128, 256)
 _SAMPLES = (64, 169)
@@ -176,9 +173,9 @@ def bench_gather(
 
 
 def solve(scene: Scene) -> tuple[float, RadiositySolution]:
-    """Seconds of the radiosity solver, and its solution: coarse, by the method that a render would take."""
+    """Seconds of the radiosity solver, and its solution: that of a render that is given none."""
     start = time.perf_counter()
-    solution = solve_radiosity(scene, patches=PATCHES, method=radiosity_method(scene))
+    solution = solve_for_gather(scene)
     return time.perf_counter() - start, solution
 
 

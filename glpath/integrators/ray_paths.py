@@ -34,7 +34,7 @@ from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
-from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+from glpath.sampling import PathSetSample, PathSetSampler, counter_hash, pixel_place
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -48,6 +48,12 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
+# A pixel on a lamp's edge looks for the lamp at so many places a set. There the picture is brightest, and what is
+# left of the error when it was denoised; the pixels are few.
+_LAMP_PLACES = 8
+# Where lamps' edges are looked for, x to the right and y down: one through a pixel has some of the pixel's corners
+# on one side and some on the other.
+_EDGE_SEARCH = ((0.5, 0.5), (-0.05, -0.05), (1.05, -0.05), (-0.05, 1.05), (1.05, 1.05))
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -113,6 +119,12 @@ class RayPathEngine(PathSetEngine):
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
         }
+        emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
+        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
+        self._edges_of: object = None
+        if self._shines.any():
+            defines["LAMP_EDGES"] = _LAMP_PLACES
+            textures["lamp_edges"] = self._lamp_edges = self._texture(self._size, 1, "u4")
         if radiosity is not None:
             self._constant |= radiosity.uniforms
             textures |= radiosity.textures
@@ -152,6 +164,7 @@ class RayPathEngine(PathSetEngine):
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
+        self._find_lamp_edges()
         sample = self._sampler[index]
         eye = self._eye_uniforms(sample.pixel)
         self._see(eye)
@@ -160,6 +173,25 @@ class RayPathEngine(PathSetEngine):
         with self.stopwatch.stage("paths"):
             run_in_areas(paths, self._areas, uniforms)
         self._sum = 1 - self._sum
+
+    def _find_lamp_edges(self) -> None:
+        """Mark the pixels of the window where a lamp may end.
+
+        By places that are the same for all path sets, so that what a set finds has no part in where it looks, and
+        of the pixel alone, so that a picture in tiles has the bits of the picture in one.
+        """
+        of = (self.window, self.sensor)
+        if self._edges_of == of or not self._shines.any():
+            return
+        places = [self._shines[self._seen_from(np.array(place))] for place in _EDGE_SEARCH]
+        edges = np.any(places, axis=0) & ~np.all(places, axis=0)
+        self._lamp_edges.write(edges[::-1].astype(np.uint32).tobytes())
+        self._edges_of = of
+
+    def _seen_from(self, place: NDArray[np.float64]) -> NDArray[np.int64]:
+        """`seen` by rays through a place of the pixels."""
+        self._eye_pass.run(self.scene.uniforms | self._eye_uniforms(place))
+        return self.seen()
 
     # What the draw is told.
 
@@ -173,7 +205,17 @@ class RayPathEngine(PathSetEngine):
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
             "light_table": self._light_table(index),
+            "lamp_places": self._lamp_places(index, sample.pixel),
         }
+
+    def _lamp_places(self, index: int, place: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """From the set's place in a pixel to where lamps are looked for: the next of an even sequence. y up."""
+        seed = self._settings.seed
+        if self._settings.sampling == "random":
+            places = np.random.default_rng((seed, index)).random((_LAMP_PLACES, 2)).tolist()
+        else:
+            places = [pixel_place(seed, _LAMP_PLACES * index + k) for k in range(_LAMP_PLACES)]
+        return [(x - float(place[0]), float(place[1]) - y) for x, y in places]
 
     def _light_table(self, index: int) -> bytes:
         """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.
