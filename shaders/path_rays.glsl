@@ -1,7 +1,7 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
 // Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; PARTS:
-//         of the lights, see direct_light; LAMP_EDGES: eye rays for the light of a pixel where a lamp ends, see light_seen;
-//         GATHER, and GUIDED with it; those of light_sample.glsl
+//         of the lights, see direct_light; LAMP_EDGES where there are lamps; GATHER, and GUIDED with it; those of
+//         light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -16,6 +16,9 @@
 #include "path_vertex.glsl"
 #include "ray_bvh.glsl"
 #include "cosine.glsl"
+#ifdef LAMP_EDGES
+#include "lamp_edges.glsl"
+#endif
 #ifdef GATHER
 #include "radiosity.glsl"
 #ifdef GUIDED
@@ -34,10 +37,6 @@ uniform uvec2 direction_points[BOUNCES];
 uniform uint choice_points[BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
-#ifdef LAMP_EDGES
-UINT_TEXELS(r32ui, lamp_edges);        // not 0: see light_seen
-uniform vec2 lamp_places[LAMP_EDGES];  // from the set's place in a pixel, pixels
-#endif
 
 float unit(uint bits)
 {
@@ -108,28 +107,6 @@ DirectLight direct_light(uint path, int depth, vec3 position, vec3 normal, int v
     return direct;
 }
 
-#ifdef LAMP_EDGES
-// Radiance of lamps and sky that the eye sees, in the mean over places of the pixel.
-vec3 light_seen(ivec2 pixel)
-{
-    vec3 sum = vec3(0.0);
-    for (int k = 0; k < LAMP_EDGES; ++k)
-    {
-        vec3 direction = eye_direction(pixel, lamp_places[k]);
-        int triangle = nearest_triangle(eye_position, direction, -1);
-        if (triangle >= 0) {
-            float t, light_point;
-            PathVertex v = vertex_on(triangle, eye_position, direction, t);
-            sum += emitted(v.surface, v.front, light_point);
-        }
-#ifdef HAS_SKY
-        else sum += sky(direction);
-#endif
-    }
-    return sum / float(LAMP_EDGES);
-}
-#endif
-
 // Radiance of the path of a pixel of the window, and the rays that it cast.
 vec4 trace_path(ivec2 pixel)
 {
@@ -137,12 +114,10 @@ vec4 trace_path(ivec2 pixel)
     vec3 origin = eye_position, direction = eye_direction(pixel);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
-    float seen = 1.0;     // share of the light that the eye sees by the path itself
 #ifdef LAMP_EDGES
-    if (texel(lamp_edges, pixel).r != 0u) {
-        L = light_seen(pixel);
-        seen = 0.0;
-    }
+    float seen = lamps_seen(pixel, L) ? 0.0 : 1.0;  // the path's share of the light that the eye sees
+#else
+    const float seen = 1.0;
 #endif
     float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;

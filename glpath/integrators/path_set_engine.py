@@ -56,6 +56,7 @@ class PathSetEngine(ABC):
         self._sum = 0  # which of the two sets of sums holds the present ones
         self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._eye_buffer = self._texture(size, 1, "u4")
+        self._eye_constant: Uniforms = scene.uniforms
         self._eye_pass = Pass(
             "eye",
             gl,
@@ -133,10 +134,13 @@ class PathSetEngine(ABC):
     def _see(self, eye: Uniforms) -> None:
         """Which triangle every pixel of the window sees, and the AOVs of what it sees."""
         with self.stopwatch.stage("eye"):
-            self._eye_pass.run(self.scene.uniforms | eye)
+            self._look(eye)
         if self._aovs is not None:
             with self.stopwatch.stage("AOVs"):
                 self._aovs.add(eye)
+
+    def _look(self, eye: Uniforms) -> None:
+        self._eye_pass.run(self._eye_constant | eye)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
         extent = float(np.linalg.norm(self.scene.centre - self.sensor.camera.position)) + self.scene.radius

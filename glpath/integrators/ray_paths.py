@@ -30,11 +30,12 @@ from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
-from glpath.sampling import PathSetSample, PathSetSampler, counter_hash, pixel_place
+from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -48,12 +49,6 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
-# A pixel on a lamp's edge looks for the lamp at so many places a set. There the picture is brightest, and what is
-# left of the error when it was denoised; the pixels are few.
-_LAMP_PLACES = 8
-# Where lamps' edges are looked for, x to the right and y down: one through a pixel has some of the pixel's corners
-# on one side and some on the other.
-_EDGE_SEARCH = ((0.5, 0.5), (-0.05, -0.05), (1.05, -0.05), (-0.05, 1.05), (1.05, 1.05))
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -107,6 +102,9 @@ class RayPathEngine(PathSetEngine):
         if 1 < self.lighting.count == self._parts:
             self._light_edges = self.lighting.cdf
         bvh = RayBvh(gl, scene)
+        width, height = self.sensor.resolution
+        if not self._hardware and len(scene.scene.triangles) > width * height:
+            self._look_by_rays(bvh)
         self._constant = self._constant_uniforms() | bvh.uniforms
         textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
         # Includes are put in place before #ifdef is looked at.
@@ -119,12 +117,12 @@ class RayPathEngine(PathSetEngine):
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
         }
-        emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
-        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
+        self._lamp_edges: LampEdges | None = None
+        if LampEdges.are_in(scene):
+            self._lamp_edges = LampEdges(gl, scene, self._size, bvh, settings.seed, settings.sampling)
+            defines["LAMP_EDGES"] = 1
+            textures |= self._lamp_edges.textures
         self._edges_of: object = None
-        if self._shines.any():
-            defines["LAMP_EDGES"] = _LAMP_PLACES
-            textures["lamp_edges"] = self._lamp_edges = self._texture(self._size, 1, "u4")
         if radiosity is not None:
             self._constant |= radiosity.uniforms
             textures |= radiosity.textures
@@ -149,6 +147,21 @@ class RayPathEngine(PathSetEngine):
         make = self._dispatch if self._hardware else self._pass
         self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
 
+    def _look_by_rays(self, bvh: RayBvh) -> None:
+        """See by eye rays from now on, not by scan conversion.
+
+        On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
+        picture in tiles has the bits of the picture in one.
+        """
+        gl, scene = self.gl, self.scene
+        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl()}
+        program = load_program(
+            gl, vertex="fullscreen.vert", fragment="eye_rays.frag", generated=generated, defines=scene.defines
+        )
+        target = gl.framebuffer([self._eye_buffer])
+        self._eye_pass = Pass("eye", gl, program, target, textures={**scene.textures, **bvh.textures})
+        self._eye_constant = {**scene.uniforms, **bvh.uniforms}
+
     def _pass(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> Pass:
         program = load_program(
             self.gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
@@ -164,9 +177,9 @@ class RayPathEngine(PathSetEngine):
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
-        self._find_lamp_edges()
         sample = self._sampler[index]
         eye = self._eye_uniforms(sample.pixel)
+        self._see_lamp_edges(index, sample.pixel, eye)
         self._see(eye)
         uniforms = self._constant | eye | self._of_set(index, sample)
         paths = self._path_passes[self._sum]
@@ -174,23 +187,20 @@ class RayPathEngine(PathSetEngine):
             run_in_areas(paths, self._areas, uniforms)
         self._sum = 1 - self._sum
 
-    def _find_lamp_edges(self) -> None:
-        """Mark the pixels of the window where a lamp may end.
-
-        By places that are the same for all path sets, so that what a set finds has no part in where it looks, and
-        of the pixel alone, so that a picture in tiles has the bits of the picture in one.
-        """
-        of = (self.window, self.sensor)
-        if self._edges_of == of or not self._shines.any():
+    def _see_lamp_edges(self, index: int, place: NDArray[np.float64], eye: Uniforms) -> None:
+        """The light of the pixels where a lamp ends; which these are is found at a window's first path set."""
+        if self._lamp_edges is None:
             return
-        places = [self._shines[self._seen_from(np.array(place))] for place in _EDGE_SEARCH]
-        edges = np.any(places, axis=0) & ~np.all(places, axis=0)
-        self._lamp_edges.write(edges[::-1].astype(np.uint32).tobytes())
-        self._edges_of = of
+        with self.stopwatch.stage("lamp edges"):
+            of = (self.window, self.sensor)
+            if self._edges_of != of:
+                self._lamp_edges.find(self._seen_from)
+                self._edges_of = of
+            self._lamp_edges.see(index, place, eye)
 
     def _seen_from(self, place: NDArray[np.float64]) -> NDArray[np.int64]:
         """`seen` by rays through a place of the pixels."""
-        self._eye_pass.run(self.scene.uniforms | self._eye_uniforms(place))
+        self._look(self._eye_uniforms(place))
         return self.seen()
 
     # What the draw is told.
@@ -205,17 +215,7 @@ class RayPathEngine(PathSetEngine):
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
             "light_table": self._light_table(index),
-            "lamp_places": self._lamp_places(index, sample.pixel),
         }
-
-    def _lamp_places(self, index: int, place: NDArray[np.float64]) -> list[tuple[float, float]]:
-        """From the set's place in a pixel to where lamps are looked for: the next of an even sequence. y up."""
-        seed = self._settings.seed
-        if self._settings.sampling == "random":
-            places = np.random.default_rng((seed, index)).random((_LAMP_PLACES, 2)).tolist()
-        else:
-            places = [pixel_place(seed, _LAMP_PLACES * index + k) for k in range(_LAMP_PLACES)]
-        return [(x - float(place[0]), float(place[1]) - y) for x, y in places]
 
     def _light_table(self, index: int) -> bytes:
         """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.

@@ -1,0 +1,116 @@
+"""Pixels where a lamp ends: in each set, the lamps seen there are looked for at several places of the pixel.
+
+A lamp is a hundred times as bright as what it lights, and all pixels meet its edge at the same few places, one a
+set: of a picture that was denoised, that is most of the error that is left. The pixels are few, so that eight rays
+more for each cost next to nothing. What lamps light has no part in this.
+
+Cost:     five views of the scene for each window, and a draw of the pixels that are found for each set.
+Poor at:  lamps narrower than a pixel, some of which are not found; their paths see them, as everything else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.lights import sky_uniforms
+from glpath.gl.passes import Pass
+from glpath.gl.program import load_program
+from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.sampling import Sampling, pixel_place
+
+#: Places in each path set.
+PLACES = 8
+# Where edges are looked for, x to the right and y down: one that goes through a pixel has some of the pixel's
+# corners on one side and some on the other. They are the same for all path sets, so that what a set finds has no
+# part in where it looks, and the pixel's own, so that a picture in tiles has the bits of the picture in one.
+_SEARCH = ((0.5, 0.5), (-0.05, -0.05), (1.05, -0.05), (-0.05, 1.05), (1.05, 1.05))
+
+
+class LampEdges:
+    """The light of lamps' edges in one window of the image.
+
+    size     : (width, height) of the window, pixels
+    textures : for programs that include lamp_edges.glsl
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: DeviceScene,
+        size: tuple[int, int],
+        bvh: RayBvh,
+        seed: int,
+        sampling: Sampling,
+    ) -> None:
+        self._seed, self._sampling = seed, sampling
+        self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky), **bvh.uniforms}
+        emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
+        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
+        # Their pixels side by side, as a device shades them in squares.
+        self._most_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
+        square = (self._most_across,) * 2
+        self.textures = {
+            "lamp_place": gl.texture(size, 1, dtype="u4"),
+            "lamp_light": gl.texture(square, 4, dtype="f4"),
+        }
+        self._pixels = gl.texture(square, 1, dtype="u4")
+        for texture in (*self.textures.values(), self._pixels):
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._pass = Pass(
+            "lamp edges",
+            gl,
+            load_program(
+                gl,
+                vertex="fullscreen.vert",
+                fragment="lamp_edges.frag",
+                generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
+                defines={**scene.defines, "HAS_SKY": scene.scene.sky is not None, "PLACES": PLACES},
+            ),
+            gl.framebuffer([self.textures["lamp_light"]]),
+            textures={**scene.textures, **bvh.textures, "lamp_pixels": self._pixels} | self.textures,
+        )
+
+    @staticmethod
+    def are_in(scene: DeviceScene) -> bool:
+        """Does any triangle shine?"""
+        return any(shape.emits and shape.primitive == "triangle" for shape in scene.scene.shapes)
+
+    def find(self, seen_from: Callable[[NDArray[np.float64]], NDArray[np.int64]]) -> None:
+        """Go on with another window or sensor.
+
+        seen_from : from a place in the pixels to the number of the triangle that each sees, (h, w), -1 for none
+        """
+        shines = [self._shines[seen_from(np.array(place))] for place in _SEARCH]
+        edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
+        y, x = np.nonzero(edges[::-1])
+        across = min(-(-math.isqrt(len(x)) // 8) * 8 + 8, self._most_across)
+        row, column = np.divmod(np.arange(len(x)), across)
+        where = np.zeros(edges.shape, np.uint32)
+        where[y, x] = _packed(column, row)
+        self.textures["lamp_place"].write(where.tobytes())
+        pixels = np.zeros((self._most_across,) * 2, np.uint32)
+        pixels[row, column] = _packed(x, y)
+        self._pixels.write(pixels.tobytes())
+        self._pass.area = (0, 0, across, int(row.max(initial=-1)) + 1)
+
+    def see(self, index: int, place: NDArray[np.float64], eye: Mapping[str, object]) -> None:
+        """The light of a path set. place: the set's own in the pixels, which `eye` is of."""
+        if self._pass.area is None or not self._pass.area[3]:
+            return
+        if self._sampling == "random":
+            places = np.random.default_rng((self._seed, index)).random((PLACES, 2)).tolist()
+        else:
+            places = [pixel_place(self._seed, PLACES * index + k) for k in range(PLACES)]
+        beside = [(x - float(place[0]), float(place[1]) - y) for x, y in places]
+        self._pass.run({**self._uniforms, **eye, "places": beside})
+
+
+def _packed(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """A place of a texture as lamp_edges.glsl reads it; 0 is none."""
+    return (x | y << 16).astype(np.uint32) + np.uint32(1)

@@ -1,0 +1,15 @@
+// eye_rays.frag: which triangle the eye sees, by rays; its number + 1, 0 for none.
+// Needs:  <SCENE>, <RAY_BVH>
+// Runs over: the pixels of the window. Frame: world
+#include "texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "camera.glsl"
+#include "ray_bvh.glsl"
+
+layout(location = 0) out uint seen;
+
+void main()
+{
+    seen = uint(nearest_triangle(eye_position, eye_direction(ivec2(gl_FragCoord.xy)), -1) + 1);
+}
