@@ -17,6 +17,7 @@ from glpath.experiments import mitsuba_peer
 from glpath.film import Film
 from glpath.film_metadata import AOVS
 from glpath.image import read_exr_channels, read_image
+from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene
 
@@ -80,6 +81,16 @@ def slow_aovs(scene: Scene) -> Aovs:
 @pytest.fixture(scope="module")
 def expected() -> Aovs:
     return slow_aovs(glpath.load_scene(SCENE).with_camera(resolution=RESOLUTION))
+
+
+def test_aovs_of_more_path_sets_than_a_word_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums are collected before they run over; the bits stay those of all at once."""
+    whole = glpath.render("cornell-box-36", spp=8, resolution=(24, 24), max_depth=1, aovs=AOVS)
+    monkeypatch.setattr(aovs, "_MOST_PATH_SETS", 3)
+    parts = glpath.render("cornell-box-36", spp=8, resolution=(24, 24), max_depth=1, aovs=AOVS)
+    for name in AOVS:
+        assert parts.aov_sums[name].tobytes() == whole.aov_sums[name].tobytes()
+        assert np.abs(whole.aov_sums[name]).max() > 4
 
 
 @pytest.mark.parametrize(

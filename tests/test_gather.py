@@ -478,7 +478,7 @@ def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: p
     assert caught.value.film.path_sets == 0
 
 
-@pytest.mark.parametrize(("scene", "particles"), [("cornell-box-36", 1 << 17), ("room", 100 * 14920)])
+@pytest.mark.parametrize(("scene", "particles"), [("cornell-box-36", 1 << 16), ("room", 100 * 14920)])
 def test_a_scene_is_solved_by_so_many_particles(
     monkeypatch: pytest.MonkeyPatch, scene: str, particles: int
 ) -> None:

@@ -51,7 +51,7 @@ TARGET = 5e-4
 # Of Mitsuba's albedo and normals, which it renders apart: with more, no error is less.
 _AOV_SAMPLES = 16
 # Mitsuba's strata are squares.
-_SETS, _SAMPLES = (8, 16, 32, 64, 128, 256, 512, 1024), (9, 16, 36, 64, 121, 256, 529, 1024)
+_SETS, _SAMPLES = (4, 8, 16, 32, 64, 128, 256, 512, 1024), (4, 9, 16, 36, 64, 121, 256, 529, 1024)
 # What a denoiser makes of a lamp's edge takes energy away.
 AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.03) for name in ("gather", "path", "mitsuba"))
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">", 1.0))

@@ -33,9 +33,9 @@ Say = Callable[[str], None]
 _CROWDED = 0.25
 
 #: Of the solution that a gather makes, which looks up indirect light alone, a bounce away: its noise is in hundreds
-#: of elements at once. Against eight million particles, so few change a picture's relMSE by 5e-6 (`cornell-box-36`)
+#: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
 #: and 2e-5 (`room`); progressive refinement takes three times as long for the same there, ten times in `office`.
-GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 17, 1 << 20, 8
+GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
 
 
 def solve_for_gather(
