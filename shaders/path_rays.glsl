@@ -1,7 +1,6 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
 // Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; PARTS:
-//         of the lights, see direct_light; LAMP_EDGES where there are lamps; GATHER, and GUIDED with it; those of
-//         light_sample.glsl
+//         of the lights, see direct_light; LAMP_EDGES where there are lamps; GATHER, GUIDED; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -19,11 +18,13 @@
 #ifdef LAMP_EDGES
 #include "lamp_edges.glsl"
 #endif
-#ifdef GATHER
+#if defined(GATHER) || defined(GUIDED)
 #include "radiosity.glsl"
+#endif
 #ifdef GUIDED
 #include "path_guide.glsl"
 #endif
+#ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
@@ -142,8 +143,10 @@ vec4 trace_path(ivec2 pixel)
 
         vec3 reflected = beta;  // of direct light
         bool goes_on = depth < vertices - 1;
-#ifdef GATHER
+#if defined(GATHER) || defined(GUIDED)
         LatticePlace place = lattice_place(triangle, position);
+#endif
+#ifdef GATHER
         if (depth >= lookup_depth) {
             goes_on = depth < lookup_depth + FURTHER
                 && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * place.width;

@@ -300,7 +300,7 @@ def test_renders_of_other_seeds_pass() -> None:
         assert verdict.mode == "stat"
         assert not verdict.measured["paired"]
         assert verdict.passed, verdict.summary
-        hidden = compare(a, b)  # 64 path sets of other random numbers do not show 5 %
+        hidden = compare(a, b, sees=0.01)  # 64 path sets of other random numbers do not show 1 %
         assert not hidden.passed
         assert hidden.measured["path_sets_needed"] > SPP
 
@@ -343,7 +343,7 @@ def test_a_thousand_renders_of_other_seeds_pass() -> None:
 @pytest.mark.evidence
 def test_the_path_sets_that_renders_are_asked_for_are_enough() -> None:
     scene = glpath.load_scene("cornell-box")
-    needed = compare(*(render(scene, seed) for seed in range(2))).measured["path_sets_needed"]
+    needed = compare(*(render(scene, seed, spp=32) for seed in range(2))).measured["path_sets_needed"]
     more = compare(*(render(scene, seed, spp=needed) for seed in range(2, 4)))
     print(f"\n{needed} path sets asked for, which see {100 * more.measured['smallest_bias']:.2g} %")
     assert more.passed, more.summary

@@ -17,7 +17,7 @@ from glpath.gl.texel_store import BYTES, make_store
 from glpath.integrators import path_guide
 from glpath.integrators.path_guide import guide_nodes, guide_places, path_guide_glsl
 from glpath.radiosity.mesh import lattice
-from glpath.scene import load_scene, path_traceable
+from glpath.scene import load_scene, path_traceable, scene_from_dict
 
 LEVELS, SIDE = 4, 16
 
@@ -120,16 +120,27 @@ def test_places_lie_on_the_elements_of_their_guide(name: str) -> None:
     assert (np.einsum("gpi,gi->gp", unit, unit[:, 0]) > 0.3).all()
 
 
-@pytest.mark.parametrize(("name", "spp", "least"), [("cornell-box-36", 64, 1.25), ("room", 16, 1.02)])
-def test_a_guided_gather_is_the_same_picture_with_less_error(name: str, spp: int, least: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "depth", "spp", "least"),
+    [
+        ("cornell-box-36", None, 64, 1.25),
+        ("cornell-box-36", 3, 64, 1.35),
+        ("cornell-box-36", 6, 64, 1.35),
+        ("room", None, 16, 1.02),
+        pytest.param("room", 4, 64, 1.1, marks=pytest.mark.evidence),
+    ],
+)
+def test_a_guided_picture_is_the_same_with_less_error(name: str, depth: int | None, spp: int, least: float) -> None:
+    """depth: of path tracing; None: a gather"""
     scene = path_traceable(load_scene(name)).with_camera(resolution=(32, 32))
-    if name == "room":
-        solution = glpath.solve_radiosity(scene, method="monte-carlo", particles=400_000)
+    if depth is not None:
+        options: dict[str, object] = {"max_depth": depth}
     else:
-        solution = glpath.solve_radiosity(scene, patches=500)
+        method = {"method": "monte-carlo", "particles": 400_000} if name == "room" else {"patches": 500}
+        options = {"integrator": "gather", "radiosity": glpath.solve_radiosity(scene, **method)}
     pictures, seeds = {}, 4 if name == "room" else 6
     for guide in ("cosine", "solution"):
-        options = {"integrator": "gather", "radiosity": solution, "guide": guide, "spp": spp}
+        options |= {"guide": guide, "spp": spp}
         pictures[guide] = np.array([glpath.render(scene, seed=seed, **options).mean for seed in range(seeds)])
     means = {guide: each.mean(axis=0) for guide, each in pictures.items()}
     errors = {guide: each.var(axis=0, ddof=1) for guide, each in pictures.items()}
@@ -145,3 +156,45 @@ def test_a_guided_gather_is_the_same_picture_with_less_error(name: str, spp: int
 def test_shared_directions_are_not_guided() -> None:
     with pytest.raises(glpath.UsageError, match='guide: "solution" with directions "pair"'):
         glpath.render("cornell-box-36", integrator="gather", directions="pair", guide="solution", spp=1)
+
+
+def test_a_guided_furnace_is_a_closed_form() -> None:
+    """Uniform light at every wall: what guides move about, weights must move back."""
+    scene = load_scene("furnace").with_camera(resolution=(16, 16))
+    plain, guided = (
+        glpath.render(scene, spp=256, max_depth=6, guide=guide).mean for guide in ("cosine", "solution")
+    )
+    np.testing.assert_allclose(guided.mean(), plain.mean(), rtol=2e-3)
+    np.testing.assert_allclose(guided, plain, rtol=0.05)
+
+
+def test_films_know_whether_their_paths_were_guided(tmp_path: Path) -> None:
+    scene = load_scene("cornell-box-36").with_camera(resolution=(16, 16))
+    plain, guided = (glpath.render(scene, spp=4, max_depth=2, guide=guide) for guide in ("cosine", "solution"))
+    assert "guide" not in plain.metadata.settings
+    assert guided.metadata.settings["guide"] == "solution"
+    assert len(guided.metadata.settings["radiosity"]) == 64
+    assert guided.metadata.statistics["radiosity_s"] > 0
+    with pytest.raises(glpath.UsageError, match="guide"):
+        plain.merge(guided)
+
+
+@pytest.mark.filterwarnings("ignore:The material:glpath.SceneWarning")
+def test_a_scene_that_radiosity_cannot_solve_says_so() -> None:
+    lamp = {
+        "type": "quad",
+        "corners": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
+        "material": "white",
+        "emission": {"radiance": [1, 1, 1]},
+    }
+    scene = scene_from_dict(
+        {
+            "camera": {"position": [0, 0, 3], "target": [0, 0, 0]},
+            "film": {"resolution": [8, 8]},
+            "materials": {"white": {"reflectance": 1.0}},
+            "shapes": [lamp],
+        }
+    )
+    assert glpath.render(scene, spp=1).mean.max() > 0
+    with pytest.raises(glpath.SceneError, match="reflectance"):
+        glpath.render(scene, spp=1, guide="solution")

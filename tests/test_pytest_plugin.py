@@ -180,11 +180,11 @@ def test_a_scene_is_rendered_and_a_missing_bounce_is_found_by_stat(run: Run, sui
     assert stored.provenance["glpath.path_sets"] == "64"
     assert "glpath.device" in stored.provenance
     run().assert_outcomes(passed=1)
-    suite(text.format('3, limits={"sees": 0.0021}'))
+    suite(text.format('3, limits={"sees": 0.00202}'))
     for update in ("none", "all"):
         result = run("--glpath-update", update)
         result.assert_outcomes(failed=1)
-        result.stdout.fnmatch_lines(["*noise hides too much to compare*0.21 % asked; render both *"])
+        result.stdout.fnmatch_lines(["*noise hides too much to compare*0.202 % asked; render both *"])
     assert Picture.load(baselines / "test_box.exr").mean.tobytes() == stored.mean.tobytes()
     suite(text.format(2))
     result = run()

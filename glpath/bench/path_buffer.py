@@ -13,6 +13,7 @@ log(samples), its time is that number times its milliseconds per sample, compila
     lost_share                    : of the scans, the share of rays that lost the roulette of their cell
     scans_ms_per_set, scans_relmse_N, scans_sets_to_target
     vs_scans                      : the scans' time to the target error over ours
+    guided_..., guided_before_s   : of own rays guided by a radiosity solution (`--guide solution`); what that took
     relmse_N, last_relmse         : our error at N path sets, mean over seeds, and at the largest N
     relmse_of_one_set             : the latter times N: of a right picture, all of its error is noise
     relmse_of_one_set_allowed     : half, or twice what Mitsuba has of one sample
@@ -21,6 +22,7 @@ log(samples), its time is that number times its milliseconds per sample, compila
     sets_to_target, mitsuba_samples_to_target
     vs_mitsuba                    : Mitsuba's time to the target error over ours
     cycles_..., vs_cycles         : the same of Cycles, where it is installed
+    guided_vs_mitsuba, guided_vs_cycles
     mean_off, mitsuba_mean_off    : by how much the mean of the largest picture is off that of the converged one
 """
 
@@ -45,6 +47,7 @@ from glpath.bench.equal_error import (
     trace_in_steps,
     warm_up,
 )
+from glpath.bench.gather import guided_engine, guiding_seconds, solve
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
@@ -104,8 +107,17 @@ def bench_path_buffer(
         lost.append(float(statistics["paths_lost"]) / float(statistics["paths_cast"]))  # type: ignore[arg-type]
         return steps
 
+    solve(scene)  # compiles what is left to compile
+    solver_s, solution = solve(scene)
+    before_s = solver_s + guiding_seconds(context, scene, solution)
+
+    def trace_guided(counts: tuple[int, ...], seed: int) -> Steps:
+        settings = PathTraceSettings(max_depth=DEPTH, seed=seed)
+        return trace_in_steps(guided_engine(context, scene, solution, settings), counts)
+
     contestants = {
         "": Contestant(_SETS, trace, unit="set"),
+        "guided": Contestant(_SETS, trace_guided, unit="set", before_s=before_s),
         "scans": Contestant(_SETS, scan, unit="set"),
     }
     if truth is None:
@@ -144,6 +156,11 @@ def bench_path_buffer(
             if name in contestants:
                 measured[f"vs_{name}"] = measured[f"{name}_s"] / measured["s"]
         measured |= compared_with("cycles", measured, measured["s"])
+        measured["guided_before_s"] = before_s
+        guided = measured["guided_s"]
+        if "mitsuba" in contestants:
+            measured["guided_vs_mitsuba"] = measured["mitsuba_s"] / guided
+        measured |= {f"guided_{k}": v for k, v in compared_with("cycles", measured, guided).items()}
     measured["lost_share"] = float(np.median(lost))
     measured["paths_per_s"] = 1e3 * width * height / measured["ms_per_set"]
     if "mitsuba" in contestants:
@@ -178,7 +195,7 @@ def _summary(prefix: str, contestant: Contestant) -> dict[str, float]:
         **{f"{prefix}relmse_{n}": float(e) for n, e in zip(contestant.counts, contestant.error, strict=True)},
         f"{prefix}slope": slope,
         f"{prefix}{unit}s_to_target": needed,
-        f"{prefix}s": 1e-3 * needed * contestant.ms_per_sample,
+        f"{prefix}s": contestant.before_s + 1e-3 * needed * contestant.ms_per_sample,
     }
 
 

@@ -32,7 +32,7 @@ from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.path_stages import PathStages
-from glpath.integrators.settings import GatherSettings, Lookup
+from glpath.integrators.settings import GatherSettings, Lookup, PathTraceSettings
 from glpath.sampling import PathSetSample
 from glpath.scene.model import Scene
 
@@ -41,9 +41,11 @@ if TYPE_CHECKING:
 
 
 def device_radiosity(
-    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings
+    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings | PathTraceSettings
 ) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
+    if isinstance(settings, PathTraceSettings):
+        settings = GatherSettings(guide=settings.guide)
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
     from glpath.radiosity.mesh.sides import side_reflectance
 

@@ -25,9 +25,10 @@ def path_engine(
 ) -> PathSetEngine:
     """The engine; see `PathSetEngine` for the parameters.
 
-    radiosity : of a gather: the solution, of the scene's own triangles
+    radiosity : of a gather, and of a path tracer that is guided: the solution, of the scene's own triangles
     """
-    assert (radiosity is not None) == isinstance(settings, GatherSettings), "a gather has a solution, and none else"
+    needed = isinstance(settings, GatherSettings) or settings.guided
+    assert (radiosity is not None) == needed, "a gather and guided paths have a solution, and none else"
     common = {"hardware": hardware, "timings": timings}
     if settings.directions == "own":
         return RayPathEngine(gl, scene, settings, window, radiosity=radiosity, **common)

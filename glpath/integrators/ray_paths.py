@@ -56,7 +56,7 @@ _TESTS_A_VERTEX = 200
 class RayPathEngine(PathSetEngine):
     """Traces path sets of one window of the image; see `PathSetEngine` for the parameters.
 
-    radiosity : the solution of the scene's triangles that a gather looks up
+    radiosity : the solution of the scene's triangles that a gather looks up, and that guides paths
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class RayPathEngine(PathSetEngine):
             self._constant |= radiosity.uniforms
             textures |= radiosity.textures
             generated |= radiosity.generated
-            defines |= radiosity.defines | {"GATHER": 1}
+            defines |= radiosity.defines | ({"GATHER": 1} if isinstance(settings, GatherSettings) else {})
             if radiosity.has_all_light:
                 self.guide = guide = PathGuide(
                     gl,

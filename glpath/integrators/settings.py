@@ -74,6 +74,16 @@ class IntegratorSettings:
         """Raise UsageError for options that mean nothing beside others; `given` has those that were set."""
 
 
+# Two integrators have it, with another default each: a path tracer would be later with its first picture.
+GuidedBy = Annotated[
+    Guide,
+    Meta(
+        description='what directions "own" are chosen by: the light that a radiosity "solution" says comes from '
+        'there (path tracing has a coarse one made first, and stays unbiased), or the "cosine" alone'
+    ),
+]
+
+
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
     """What "path" and "gather" have in common.
@@ -125,6 +135,8 @@ class PathSetSettings(IntegratorSettings):
         if self.directions == "own":
             for name in _OF_PATH_BUFFERS:
                 del given[name]
+        else:
+            del given["guide"]
         return given
 
     @classmethod
@@ -134,6 +146,11 @@ class PathSetSettings(IntegratorSettings):
                 f'light_resolution: {given["light_resolution"]!r} with directions "own"; it is an option of shared '
                 "directions",
                 'Take directions "pair", "lattice", "hemisphere" or "sphere".',
+            )
+        if given.get("directions", "own") != "own" and "guide" in given:
+            raise UsageError(
+                f'guide: "{given["guide"]}" with directions "{given["directions"]}", which a set\'s paths share',
+                'Take directions "own".',
             )
 
 
@@ -163,6 +180,16 @@ class PathTraceSettings(PathSetSettings):
             extra={"metavar": "DEPTH"},
         ),
     ] = None
+    guide: GuidedBy = "cosine"
+
+    @property
+    def guided(self) -> bool:
+        """Is a radiosity solution needed?"""
+        return self.guide == "solution" and self.directions == "own"
+
+    def recorded(self) -> dict[str, Any]:
+        """A film that is not guided is as those from before there were guides."""
+        return {k: v for k, v in super().recorded().items() if k != "guide" or self.guided}
 
 
 @dataclass(frozen=True)
@@ -210,27 +237,11 @@ class GatherSettings(PathSetSettings):
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
-    guide: Annotated[
-        Guide,
-        Meta(
-            description='what directions "own" are chosen by: the light that the "solution" says comes from there, '
-            'or the "cosine" alone'
-        ),
-    ] = "solution"
+    guide: GuidedBy = "solution"
 
     def recorded(self) -> dict[str, Any]:
         """Without the solution: what is recorded of it is its digest, known when it is there."""
-        left_out = {"radiosity", "radiosity_lookup"} | ({"guide"} if self.directions != "own" else set())
-        return {k: v for k, v in super().recorded().items() if k not in left_out}
-
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        super().check_together(given)
-        if given.get("directions", "own") != "own" and "guide" in given:
-            raise UsageError(
-                f'guide: "{given["guide"]}" with directions "{given["directions"]}", which a set\'s paths share',
-                'Take directions "own".',
-            )
+        return {k: v for k, v in super().recorded().items() if k not in {"radiosity", "radiosity_lookup"}}
 
 
 # Two integrators have it, with another default each.

@@ -41,7 +41,7 @@ GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500
 def solve_for_gather(
     scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None
 ) -> RadiositySolution:
-    """The radiosity solution that a gather makes where it is given none: coarse, by particles."""
+    """The radiosity solution of guided paths, and of a gather that is given none: coarse, by particles."""
     from glpath.radiosity.solvers.solve import solve_radiosity  # slow to import
 
     wanted = _PARTICLES_PER_TRIANGLE * len(scene.triangles)
@@ -123,12 +123,17 @@ def plan_of(settings: IntegratorSettings) -> Plan:
 
 @dataclass(frozen=True)
 class _PathTracing:
-    """What is particular to the path tracer."""
+    """What is particular to the path tracer.
+
+    solution : of the prepared plan, where paths are guided
+    """
 
     settings: PathTraceSettings
+    solution: RadiositySolution | None = None
 
     def recorded(self) -> dict[str, Any]:
-        return self.settings.recorded()
+        by = {} if self.solution is None else {"radiosity": solution_digest(self.solution, "interpolated")}
+        return self.settings.recorded() | by
 
     def warnings(self, scene: Scene) -> list[str]:
         return []
@@ -137,23 +142,40 @@ class _PathTracing:
         return path_traceable(scene)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        return self
+        return _PathTracing(self.settings, _solved(scene, say)) if self.settings.guided else self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
-        return path_engine(
-            context.gl,
-            DeviceScene(context.gl, scene),
-            self.settings,
-            window,
-            hardware=context.info.hardware,
-            timings=timings,
-        )
+        return _path_set_engine(self, context, scene, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
 
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)
+
+
+def _path_set_engine(
+    plan: _PathTracing | _Gathering, context: Context, scene: Scene, window: Window, timings: bool
+) -> PathSetEngine:
+    solution, settings = plan.solution, plan.settings
+    return path_engine(
+        context.gl,
+        DeviceScene(context.gl, scene),
+        settings,
+        window,
+        radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
+        hardware=context.info.hardware,
+        timings=timings,
+    )
+
+
+def _solved(scene: Scene, say: Say) -> RadiositySolution:
+    def report(progress: RadiosityProgress) -> None:
+        unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
+        say(f"solving radiosity: {progress.stage}{unshot}" if progress.elements else progress.stage)
+
+    say("solving radiosity")
+    return solve_for_gather(scene, report)
 
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
@@ -206,17 +228,11 @@ class _Gathering:
         return path_traceable(scene)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        # All of radiosity is slow to import.
-        from glpath.radiosity.solution import RadiositySolution
-
-        def report(progress: RadiosityProgress) -> None:
-            unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
-            say(f"solving radiosity: {progress.stage}{unshot}" if progress.elements else progress.stage)
+        from glpath.radiosity.solution import RadiositySolution  # slow to import
 
         given = self.settings.radiosity
         if given is None:
-            say("solving radiosity")
-            solution = solve_for_gather(scene, report)
+            solution = _solved(scene, say)
         elif isinstance(given, Path):
             solution = RadiositySolution.load(given)
         else:
@@ -227,15 +243,7 @@ class _Gathering:
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
         assert self.solution is not None, "the plan is not prepared"
-        return path_engine(
-            context.gl,
-            DeviceScene(context.gl, scene),
-            self.settings,
-            window,
-            radiosity=device_radiosity(context.gl, scene, self.solution, self.settings),
-            hardware=context.info.hardware,
-            timings=timings,
-        )
+        return _path_set_engine(self, context, scene, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
