@@ -65,7 +65,7 @@ DEPTH = 64
 #: The path tracer's. Longer paths add less than a tenth of the target to the error and cost a scan each.
 PATH_DEPTH = 8
 _GATHER_SETS = (16, 32, 64, 128)
-_PATH_SETS = (64, 128, 256)
+_PATH_SETS = (32, 64, 128)
 _SAMPLES = (64, 169)
 # The path tracer's lacks the light of longer paths.
 AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.02) for name in ("gather", "path_buffer", "mitsuba"))
