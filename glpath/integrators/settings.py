@@ -211,7 +211,7 @@ class GatherSettings(PathSetSettings):
         Solution | Path | None,
         Meta(
             description="a file of `glpath radiosity`, or in Python a `RadiositySolution`, of the scene (whatever "
-            "its camera); without, the scene is solved first, by Monte Carlo from 4000 triangles on",
+            "its camera); without, the scene is solved first, coarsely, by particles",
             extra={"metavar": "FILE"},
         ),
     ] = None
