@@ -124,14 +124,18 @@ def pixel_place(seed: int, index: int) -> tuple[float, float]:
     The first is the centre. All are a Sobol sequence in the base of which any 2**k beginning at a multiple of 2**k
     fill a grid: Owen-scrambled, then shifted digit by digit so that the first comes to lie on the centre.
     """
-    block, place = divmod(index, _PLACES)
-    if block == 0:
-        x, y = _pixel_places(seed)[place]
-    else:
-        # Far on in a long render: the same grid again, turned by a hash.
-        turn = [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]
-        x, y = (_pixel_places(seed)[place] + turn) % 1.0
+    ((x, y),) = pixel_places(seed, index, 1)
     return float(x), float(y)
+
+
+def pixel_places(seed: int, first: int, count: int) -> NDArray[np.float64]:
+    """(count, 2): those that follow each other; `count` a power of two up to 4096 that divides `first`."""
+    block, place = divmod(first, _PLACES)
+    found = _pixel_places(seed)[place : place + count]
+    if block:
+        # Far on in a long render: the same grid again, turned by a hash.
+        found = (found + [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]) % 1.0
+    return found
 
 
 _PLACES = 4096

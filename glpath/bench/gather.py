@@ -23,7 +23,6 @@ log(error) over log(samples), the time is theirs and, of ours, the solver's. Com
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +201,25 @@ def gather_engine(
 ) -> PathSetEngine:
     """The gather, compiled."""
     settings = GatherSettings(seed=seed, directions=directions, aovs=aovs)
+    return compiled_engine(context, scene, solution, settings, timings)
+
+
+def path_engine_of(
+    context: Context, scene: Scene, solution: RadiositySolution, seed: int, aovs: tuple[Aov, ...] = ()
+) -> PathSetEngine:
+    """The path tracer for all bounces, guided by the solution, compiled."""
+    settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs, guide="solution")
+    return compiled_engine(context, scene, solution, settings)
+
+
+def compiled_engine(
+    context: Context,
+    scene: Scene,
+    solution: RadiositySolution,
+    settings: GatherSettings | PathTraceSettings,
+    timings: bool = False,
+) -> PathSetEngine:
+    """An engine that goes by the solution, with all that is left to compile compiled."""
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),
@@ -210,30 +228,6 @@ def gather_engine(
         radiosity=device_radiosity(context.gl, scene, solution, settings),
         hardware=context.info.hardware,
         timings=timings,
-    )
-    warm_up(tracer)
-    return tracer
-
-
-def path_engine_of(
-    context: Context, scene: Scene, solution: RadiositySolution, seed: int, aovs: tuple[Aov, ...] = ()
-) -> PathSetEngine:
-    """The path tracer for all bounces, guided by the solution, compiled."""
-    return guided_engine(context, scene, solution, PathTraceSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs))
-
-
-def guided_engine(
-    context: Context, scene: Scene, solution: RadiositySolution, settings: PathTraceSettings
-) -> PathSetEngine:
-    """A path tracer with these settings, but guided, compiled."""
-    settings = replace(settings, guide="solution")
-    tracer = path_engine(
-        context.gl,
-        DeviceScene(context.gl, scene),
-        settings,
-        (0, 0, *scene.camera.resolution),
-        radiosity=device_radiosity(context.gl, scene, solution, settings),
-        hardware=context.info.hardware,
     )
     warm_up(tracer)
     return tracer

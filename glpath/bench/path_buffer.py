@@ -47,7 +47,7 @@ from glpath.bench.equal_error import (
     trace_in_steps,
     warm_up,
 )
-from glpath.bench.gather import guided_engine, guiding_seconds, solve
+from glpath.bench.gather import compiled_engine, guiding_seconds, solve
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
@@ -112,8 +112,8 @@ def bench_path_buffer(
     before_s = solver_s + guiding_seconds(context, scene, solution)
 
     def trace_guided(counts: tuple[int, ...], seed: int) -> Steps:
-        settings = PathTraceSettings(max_depth=DEPTH, seed=seed)
-        return trace_in_steps(guided_engine(context, scene, solution, settings), counts)
+        settings = PathTraceSettings(max_depth=DEPTH, seed=seed, guide="solution")
+        return trace_in_steps(compiled_engine(context, scene, solution, settings), counts)
 
     contestants = {
         "": Contestant(_SETS, trace, unit="set"),

@@ -24,7 +24,13 @@ def eye_uniforms(
         "eye_up": tuple(up),
         "eye_forward": tuple(forward),
         "eye_focal": camera.focal,
-        "eye_centre": (width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]),
+        "eye_centre": eye_centre(camera.resolution, pixel),
         "eye_corner": (x, height - y - h),
         "eye_size": (w, h),
     }
+
+
+def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple[float, float]:
+    """The one of them that changes with the place in each pixel."""
+    width, height = resolution
+    return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]

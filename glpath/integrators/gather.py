@@ -45,7 +45,7 @@ def device_radiosity(
 ) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
     if isinstance(settings, PathTraceSettings):
-        settings = GatherSettings(guide=settings.guide)
+        settings = GatherSettings(guide=settings.guide)  # guides look it up, as a gather's do
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
     from glpath.radiosity.mesh.sides import side_reflectance
 

@@ -22,9 +22,9 @@ from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
-from glpath.sampling import Sampling, pixel_place
+from glpath.sampling import Sampling, pixel_places
 
-#: Places in each path set.
+#: Places in each path set, a power of two.
 PLACES = 8
 # Where edges are looked for, x to the right and y down: one that goes through a pixel has some of the pixel's
 # corners on one side and some on the other. They are the same for all path sets, so that what a set finds has no
@@ -104,11 +104,11 @@ class LampEdges:
         if self._pass.area is None or not self._pass.area[3]:
             return
         if self._sampling == "random":
-            places = np.random.default_rng((self._seed, index)).random((PLACES, 2)).tolist()
+            places = np.random.default_rng((self._seed, index)).random((PLACES, 2))
         else:
-            places = [pixel_place(self._seed, PLACES * index + k) for k in range(PLACES)]
-        beside = [(x - float(place[0]), float(place[1]) - y) for x, y in places]
-        self._pass.run({**self._uniforms, **eye, "places": beside})
+            places = pixel_places(self._seed, PLACES * index, PLACES)
+        beside = (places - place) * (1.0, -1.0)
+        self._pass.run({**self._uniforms, **eye, "places": beside.astype("f4").tobytes()})
 
 
 def _packed(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.uint32]:

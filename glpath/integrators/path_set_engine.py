@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.gl.camera import eye_uniforms
+from glpath.gl.camera import eye_centre, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
@@ -56,6 +56,8 @@ class PathSetEngine(ABC):
         self._sum = 0  # which of the two sets of sums holds the present ones
         self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._eye_buffer = self._texture(size, 1, "u4")
+        self._eye_of: object = None  # sensor and window of `_eye`, what is told of the camera for all path sets
+        self._eye: Uniforms = {}
         self._eye_constant: Uniforms = scene.uniforms
         self._eye_pass = Pass(
             "eye",
@@ -143,9 +145,13 @@ class PathSetEngine(ABC):
         self._eye_pass.run(self._eye_constant | eye)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
-        extent = float(np.linalg.norm(self.scene.centre - self.sensor.camera.position)) + self.scene.radius
-        eye = eye_uniforms(self.sensor.camera, self.window, (float(pixel[0]), float(pixel[1])))
-        return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
+        of = (self.sensor, self.window)
+        if self._eye_of != of:
+            camera = self.sensor.camera
+            extent = float(np.linalg.norm(self.scene.centre - camera.position)) + self.scene.radius
+            depths = (1e-5 * self.scene.radius, 1.01 * extent)
+            self._eye_of, self._eye = of, eye_uniforms(camera, self.window) | {"eye_range": depths}
+        return self._eye | {"eye_centre": eye_centre(self.sensor.resolution, (float(pixel[0]), float(pixel[1])))}
 
     def _image_window(self) -> tuple[int, int, int, int]:
         """x, y of the window's lower left pixel in the image, and the image's size."""

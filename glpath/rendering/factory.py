@@ -132,8 +132,8 @@ class _PathTracing:
     solution: RadiositySolution | None = None
 
     def recorded(self) -> dict[str, Any]:
-        by = {} if self.solution is None else {"radiosity": solution_digest(self.solution, "interpolated")}
-        return self.settings.recorded() | by
+        # Not the solution: pictures by any one add up, as paths are unbiased.
+        return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
         return []
