@@ -215,17 +215,18 @@ def path_engine_of(
 def compiled_engine(
     context: Context,
     scene: Scene,
-    solution: RadiositySolution,
+    solution: RadiositySolution | None,
     settings: GatherSettings | PathTraceSettings,
     timings: bool = False,
 ) -> PathSetEngine:
-    """An engine that goes by the solution, with all that is left to compile compiled."""
+    """An engine, which goes by the solution if there is one, with all that is left to compile compiled."""
+    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings)
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),
         settings,
         (0, 0, *scene.camera.resolution),
-        radiosity=device_radiosity(context.gl, scene, solution, settings),
+        radiosity=radiosity,
         hardware=context.info.hardware,
         timings=timings,
     )

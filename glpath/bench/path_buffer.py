@@ -45,13 +45,10 @@ from glpath.bench.equal_error import (
     render_peer_in_steps,
     stage_times,
     trace_in_steps,
-    warm_up,
 )
 from glpath.bench.gather import compiled_engine, guiding_seconds, solve
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
-from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import Directions, PathTraceSettings
 from glpath.scene import load_scene
@@ -202,13 +199,5 @@ def _summary(prefix: str, contestant: Contestant) -> dict[str, float]:
 def _tracer(
     context: Context, scene: Scene, seed: int, directions: Directions = "own", timings: bool = False
 ) -> PathSetEngine:
-    tracer = path_engine(
-        context.gl,
-        DeviceScene(context.gl, scene),
-        PathTraceSettings(max_depth=DEPTH, seed=seed, directions=directions),
-        (0, 0, *scene.camera.resolution),
-        hardware=context.info.hardware,
-        timings=timings,
-    )
-    warm_up(tracer)
-    return tracer
+    settings = PathTraceSettings(max_depth=DEPTH, seed=seed, directions=directions)
+    return compiled_engine(context, scene, None, settings, timings)

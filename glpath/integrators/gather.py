@@ -59,7 +59,7 @@ def device_radiosity(
         table.starts,
         side_reflectance(scene),
         interpolated=settings.radiosity_lookup == "interpolated",
-        all_light=table.all_light if settings.guide == "solution" and settings.directions == "own" else None,
+        all_light=table.all_light if settings.guided else None,
     )
 
 

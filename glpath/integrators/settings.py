@@ -125,8 +125,14 @@ class PathSetSettings(IntegratorSettings):
             extra={"flag": "--aov"},
         ),
     ] = ()
+    guide: GuidedBy = "cosine"
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
+
+    @property
+    def guided(self) -> bool:
+        """Do paths go by a radiosity solution?"""
+        return self.guide == "solution" and self.directions == "own"
 
     def recorded(self) -> dict[str, Any]:
         """Those that decide something: rays of one's own need no buffer, and AOVs are beside the image."""
@@ -180,12 +186,6 @@ class PathTraceSettings(PathSetSettings):
             extra={"metavar": "DEPTH"},
         ),
     ] = None
-    guide: GuidedBy = "cosine"
-
-    @property
-    def guided(self) -> bool:
-        """Is a radiosity solution needed?"""
-        return self.guide == "solution" and self.directions == "own"
 
     def recorded(self) -> dict[str, Any]:
         """A film that is not guided is as those from before there were guides."""
