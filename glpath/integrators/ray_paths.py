@@ -3,8 +3,8 @@
 A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the place in their
 pixels: each has its own directions, by the cosine of its surface or, where there is a radiosity solution, by the
 light that comes from there (`path_guide`), and its own choice among a sample of each light, by what it would send.
-So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number of
-triangles, where a scan costs their number. README has what that is worth.
+So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number
+of triangles, where a scan costs their number. README has what that is worth.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.glsl`); on a
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
