@@ -1,6 +1,7 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
-// Needs:  BOUNCES, LIGHTS: as many directions come from the sequence, and light samples has a set; PARTS:
-//         of the lights, see direct_light; LAMP_EDGES where there are lamps; GATHER, GUIDED; those of light_sample.glsl
+// Needs:  BRANCHES of a path, which part at its first vertex; BOUNCES, LIGHTS: as many directions come from the sequence
+//         for each, and light samples has a set; PARTS: of the lights, see direct_light; LAMP_EDGES where there are lamps;
+//         GATHER, GUIDED; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -34,8 +35,8 @@ UINT_TEXELS(r32ui, eye_buffer);
 uniform int max_depth;               // vertices of a path
 uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
-uniform uvec2 direction_points[BOUNCES];
-uniform uint choice_points[BOUNCES];
+uniform uvec2 direction_points[BRANCHES * BOUNCES];
+uniform uint choice_points[BRANCHES * BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 
@@ -44,27 +45,36 @@ float unit(uint bits)
     return float(bits >> 8u) * (1.0 / 16777216.0);
 }
 
-// Another number at each vertex, for the uses of random.glsl, 0 and 1.
-uint use_at(int vertex, uint use)
+// Where on its branches a path is.
+struct Course
 {
-    return 8u * uint(vertex + 1) + use;
+    uint path;
+    int depth;   // number of the vertex
+    int branch;
+};
+
+// Another number at each vertex of each branch, for the uses of random.glsl, 0 and 1.
+float random_at(Course at, uint use)
+{
+    return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
 // Which part of the lights a vertex takes.
-float choice_number(uint path, int depth)
+float choice_number(Course at)
 {
-    if (depth >= BOUNCES) return random_number(path, use_at(depth, USE_LIGHT));
-    return unit(choice_points[depth] ^ pcg(path + pcg(path_seed + 2u * uint(depth) + 1u)));
+    if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
+    uint point = choice_points[BOUNCES * at.branch + at.depth];
+    return unit(point ^ pcg(at.path + pcg(path_seed + 2u * uint(at.depth) + 1u)));
 }
 
 // A lattice's shift is a sum, a net's an exclusive or.
-vec2 direction_numbers(uint path, int bounce)
+vec2 direction_numbers(Course at)
 {
-    if (bounce >= BOUNCES) return vec2(random_number(path, use_at(bounce, 0u)), random_number(path, use_at(bounce, 1u)));
-    uvec2 point = direction_points[bounce];
-    uint first = pcg(path_seed + 2u * uint(bounce));
-    uvec2 shift = uvec2(pcg(path + first), pcg(path + pcg(first)));
-    uvec2 own = lattice && bounce == 0 ? point + shift : point ^ shift;
+    if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));
+    uvec2 point = direction_points[BOUNCES * at.branch + at.depth];
+    uint first = pcg(path_seed + 2u * uint(at.depth));
+    uvec2 shift = uvec2(pcg(at.path + first), pcg(at.path + pcg(first)));
+    uvec2 own = lattice && at.depth == 0 ? point + shift : point ^ shift;
     return vec2(unit(own.x), unit(own.y));
 }
 
@@ -79,9 +89,10 @@ LightSample light_in(int number, out float share)
 // Direct light, shadows not asked for; views: see light_share.
 // The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex. A
 // class has a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
-DirectLight direct_light(uint path, int depth, vec3 position, vec3 normal, int views, out LightSample light_sample)
+DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
-    int first = PARTS * int((pcg(path + path_seed) + 5u * uint(depth)) % uint(LIGHTS / PARTS)), taken = 0;
+    uint other = 5u * uint(at.depth + at.branch);
+    int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS)), taken = 0;
     float scale = 1.0, share;
 #if PARTS > 1
     float weights[PARTS], sum = 0.0;
@@ -92,10 +103,10 @@ DirectLight direct_light(uint path, int depth, vec3 position, vec3 normal, int v
         weights[k] = share * (light.r + light.g + light.b);
         sum += weights[k];
     }
-    float at = choice_number(path, depth) * sum, upto = 0.0, weight = 0.0;
+    float number = choice_number(at) * sum, upto = 0.0, weight = 0.0;
     for (int k = 0; k < PARTS; ++k)
     {
-        bool beyond = weights[k] > 0.0 && upto <= at;
+        bool beyond = weights[k] > 0.0 && upto <= number;
         taken = beyond ? k : taken;
         weight = beyond ? weights[k] : weight;
         upto += weights[k];
@@ -108,10 +119,18 @@ DirectLight direct_light(uint path, int depth, vec3 position, vec3 normal, int v
     return direct;
 }
 
-// Radiance of the path of a pixel of the window, and the rays that it cast.
+// A vertex that a path leaves.
+struct Leaving
+{
+    PathVertex v;
+    vec3 start;  // off the surface
+    int guide;   // its number
+};
+
+// Radiance of the path of a pixel of the window, and the rays that it cast. Its branches part at the first vertex.
 vec4 trace_path(ivec2 pixel)
 {
-    uint path = path_in_image(pixel);
+    Course at = Course(path_in_image(pixel), 0, 0);
     vec3 origin = eye_position, direction = eye_direction(pixel);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
@@ -123,84 +142,114 @@ vec4 trace_path(ivec2 pixel)
     float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
-    for (int depth = 0; depth < vertices; ++depth)
-    {
-        if (triangle < 0) {
-#ifdef HAS_SKY
-            // Shared with the light sample of the vertex before, as emission is.
-            float share = depth == 0 ? seen : power_heuristic(density, sky_density(direction));
-            L += beta * sky(direction) * share;
+    bool goes_on = true;
+    Leaving from;
+#if BRANCHES > 1
+    Leaving first;
 #endif
-            break;
+    for (;;)
+    {
+        // What is at the end of the ray.
+        bool arrived = goes_on;
+        goes_on = false;
+#ifdef HAS_SKY
+        if (arrived && triangle < 0) {
+            // Shared with the light sample of the vertex before, as emission is.
+            float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
+            L += beta * sky(direction) * share;
         }
-        float t, light_point;
-        PathVertex v = vertex_on(triangle, origin, direction, t);
-        vec3 position = v.surface.position;
-        bool front = v.front;
+#endif
+        if (arrived && triangle >= 0) {
+            float t, light_point;
+            PathVertex v = vertex_on(triangle, origin, direction, t);
+            vec3 position = v.surface.position;
+            bool front = v.front;
 
-        vec3 Le = emitted(v.surface, front, light_point);
-        L += beta * Le * (depth == 0 ? seen : emission_share(density, light_point, t, dot(v.plane.xyz, direction)));
+            vec3 Le = emitted(v.surface, front, light_point);
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, t, dot(v.plane.xyz, direction)));
 
-        vec3 reflected = beta;  // of direct light
-        bool goes_on = depth < vertices - 1;
+            vec3 reflected = beta;  // of direct light
+            goes_on = at.depth < vertices - 1;
 #if defined(GATHER) || defined(GUIDED)
-        LatticePlace place = lattice_place(triangle, position);
+            LatticePlace place = lattice_place(triangle, position);
 #endif
 #ifdef GATHER
-        if (depth >= lookup_depth) {
-            goes_on = depth < lookup_depth + FURTHER
-                && t < lookup_distance * random_number(path, use_at(depth, USE_LOOKUP)) * place.width;
-            if (goes_on) {
-                vertices = depth + 2;
-            } else {
-                vec4 found = irradiance_at(place, front);
-                L += beta * v.bsdf.diffuse * found.rgb / PI;
-                reflected *= 1.0 - found.a;
+            if (at.depth >= lookup_depth) {
+                goes_on = at.depth < lookup_depth + FURTHER
+                    && t < lookup_distance * random_at(at, USE_LOOKUP) * place.width;
+                if (goes_on) {
+                    vertices = at.depth + 2;
+                } else {
+                    vec4 found = irradiance_at(place, front);
+                    L += beta * v.bsdf.diffuse * found.rgb / PI;
+                    reflected *= 1.0 - found.a;
+                }
             }
+#endif
+            // Off the surface by more than rounding, or its other triangles would be met.
+            vec3 far = abs(position);
+            float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
+            vec3 start = position + rounding * v.normal;
+            LightSample light_sample;
+            DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
+            if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
+            vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+                     * shading_cosine(v.n, v.normal, direct.wi);
+            if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
+                // To just before the light, whose own triangle does not stand in its way.
+                vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
+                float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+                if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
+            }
+            if (!goes_on) L += beta * v.bsdf.diffuse * ambient;
+            from = Leaving(v, start, 0);
+#ifdef GUIDED
+            from.guide = front ? guide_at(place) : -1;
+#endif
+        }
+#if BRANCHES > 1
+        if (goes_on && at.depth == 0) {
+            first = from;
+            beta = vec3(1.0 / float(BRANCHES));
+        } else if (!goes_on && at.depth > 0 && at.branch < BRANCHES - 1) {
+            from = first;
+            beta = vec3(1.0 / float(BRANCHES));
+            at = Course(at.path, 0, at.branch + 1);
+            vertices = max_depth;
+            goes_on = true;
         }
 #endif
-        // Off the surface by more than rounding, or its other triangles would be met.
-        vec3 far = abs(position);
-        float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
-        vec3 start = position + rounding * v.normal;
-        LightSample light_sample;
-        DirectLight direct = direct_light(path, depth, position, v.normal, goes_on ? 2 : 0, light_sample);
-        if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
-        vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
-                 * shading_cosine(v.n, v.normal, direct.wi);
-        if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
-            // To just before the light, whose own triangle does not stand in its way.
-            vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
-            float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
-            if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
-        }
-        if (!goes_on) {
-            L += beta * v.bsdf.diffuse * ambient;
-            break;
-        }
-        vec2 numbers = direction_numbers(path, depth);
+        if (!goes_on) break;
+        vec2 numbers = direction_numbers(at);
 #ifdef GUIDED
         // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
-        if (front) {
+        if (from.guide >= 0) {
             float chosen;
-            numbers = guided(guide_at(place), numbers, chosen);
+            numbers = guided(from.guide, numbers, chosen);
             beta /= chosen;
         }
 #endif
+        PathVertex v = from.v;
         direction = cosine_direction(v.normal, numbers);
         float cosine = dot(v.normal, direction);
         beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
         float most = max(beta.r, max(beta.g, beta.b));
-        if (depth + 1 >= roulette_depth) {
+        if (at.depth + 1 >= roulette_depth) {
             float stay = min(1.0, most);
-            if (random_number(path, use_at(depth, USE_ROULETTE)) >= stay) break;
+            goes_on = random_at(at, USE_ROULETTE) < stay;
             beta /= stay;
         }
-        if (most <= 0.0 || cosine <= 0.0) break;
-        density = cosine / PI;
-        origin = start;
-        rays += 1.0;
-        triangle = nearest_triangle(start, direction, triangle);
+        goes_on = goes_on && most > 0.0 && cosine > 0.0;
+        at.depth += 1;
+        if (goes_on) {
+            density = cosine / PI;
+            origin = from.start;
+            rays += 1.0;
+            triangle = nearest_triangle(from.start, direction, v.triangle);
+        }
+#if BRANCHES == 1
+        if (!goes_on) break;
+#endif
     }
     return vec4(L, rays);
 }

@@ -123,7 +123,7 @@ def test_places_lie_on_the_elements_of_their_guide(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "depth", "spp", "least"),
     [
-        ("cornell-box-36", None, 64, 1.25),
+        ("cornell-box-36", None, 32, 1.25),
         ("cornell-box-36", 3, 64, 1.35),
         ("cornell-box-36", 6, 64, 1.35),
         ("room", None, 16, 1.02),

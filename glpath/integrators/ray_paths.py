@@ -3,6 +3,7 @@
 A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the place in their
 pixels: each has its own directions, by the cosine of its surface or, where there is a radiosity solution, by the
 light that comes from there (`path_guide`), and its own choice among a sample of each light, by what it would send.
+A gather's path parts at its first vertex: two branches share the eye's ray and the light there.
 So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number
 of triangles, where a scan costs their number. README has what that is worth.
 
@@ -49,6 +50,9 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
+# Directions from a gather's first vertex: nearly all of its error is theirs. What they share, the eye's ray and the
+# light there, is 0.4 of a set.
+_BRANCHES = 2
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -95,7 +99,10 @@ class RayPathEngine(PathSetEngine):
         self._light_block = -1
         self._light_tables: list[bytes] = []
         self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
-        self._sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
+        self._branches = _BRANCHES if isinstance(settings, GatherSettings) else 1
+        self._sampler, self._branch_sampler = (
+            PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True) for _ in range(2)
+        )
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._parts = max(1, min(self.lighting.count, _PARTS))
         self._light_edges = np.linspace(0.0, 1.0, self._parts + 1)
@@ -114,6 +121,7 @@ class RayPathEngine(PathSetEngine):
             **light_defines(scene.scene.sky, self.lighting),
             "BOUNCES": self._bounces,
             "LIGHTS": len(self._light_shifts),
+            "BRANCHES": self._branches,
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
         }
@@ -133,6 +141,7 @@ class RayPathEngine(PathSetEngine):
                     gl,
                     scene,
                     radiosity,
+                    width * height,
                     uniforms=self._constant,
                     textures=textures,
                     generated=generated,
@@ -142,7 +151,7 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
-        self._areas = draw_areas(self._size, settings.max_depth * _TESTS_A_VERTEX)
+        self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
         self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
@@ -207,8 +216,10 @@ class RayPathEngine(PathSetEngine):
 
     def _of_set(self, index: int, sample: PathSetSample) -> Uniforms:
         seed = self._settings.seed
-        points = _words(sample.directions[: self._bounces, 0])
-        choices = _words(sample.directions[: self._bounces, 1, 0])
+        # Branches are as even as so many sets, over all of a pixel's paths.
+        branches = range(self._branches * index, self._branches * (index + 1))
+        each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
+        points, choices = _words(each[:, 0]), _words(each[:, 1, 0])
         return {
             "image_window": self._image_window(),
             "random_seed": counter_hash(seed, index, 0, 5),

@@ -36,20 +36,26 @@ _CROWDED = 0.25
 #: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
 #: and 2e-5 (`room`); progressive refinement takes three times as long for the same there, ten times in `office`.
 GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
+_COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
 
 
 def solve_for_gather(
     scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None
 ) -> RadiositySolution:
-    """The radiosity solution of guided paths, and of a gather that is given none: coarse, by particles."""
+    """The radiosity solution of guided paths, and of a gather that is given none: coarse, by particles.
+
+    A large picture of few triangles has more elements: finer guides are worth more than they cost there.
+    """
     from glpath.radiosity.solvers.solve import solve_radiosity  # slow to import
 
-    wanted = _PARTICLES_PER_TRIANGLE * len(scene.triangles)
+    width, height = scene.camera.resolution
+    finer = max(1.0, (width * height / _COARSE_PIXELS) ** 0.5)
+    wanted = max(_PARTICLES_PER_TRIANGLE * len(scene.triangles), round(_LEAST_PARTICLES * finer))
     return solve_radiosity(
         scene,
         method="monte-carlo",
-        patches=GATHER_PATCHES,
-        particles=min(max(wanted, _LEAST_PARTICLES), _MOST_PARTICLES),
+        patches=round(GATHER_PATCHES * finer),
+        particles=min(wanted, _MOST_PARTICLES),
         on_progress=on_progress,
     )
 
