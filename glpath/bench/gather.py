@@ -198,9 +198,10 @@ def gather_engine(
     directions: Directions = "own",
     timings: bool = False,
     aovs: tuple[Aov, ...] = (),
+    branches: int = GatherSettings.branches,
 ) -> PathSetEngine:
     """The gather, compiled."""
-    settings = GatherSettings(seed=seed, directions=directions, aovs=aovs)
+    settings = GatherSettings(seed=seed, directions=directions, aovs=aovs, branches=branches)
     return compiled_engine(context, scene, solution, settings, timings)
 
 

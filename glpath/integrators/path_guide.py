@@ -7,8 +7,8 @@ all, so that nothing that it does not know of is rare. A path's two numbers are 
 which keeps much of their evenness, and its weight is divided by the density. Fronts of triangles have guides,
 backs none.
 
-Cost:     340 bytes a guide, of which there are 2048 at most; building, 16 rays for each pixel of the picture, a
-          million at least. A choice: five texels.
+Cost:     340 bytes a guide, of which there are 2048 at most; building, eight rays for each pixel of the picture, at
+          least half a million. A choice: five texels.
 Poor at:  light that differs between the elements that share a guide, beside a lamp or behind a small opening.
 Source:   Jensen 1995, Importance driven path tracing using the photon map; Clarberg et al. 2005, Wavelet importance
           sampling; Vorba et al. 2014, On-line learning of parametric mixture models for light transport simulation.
@@ -36,10 +36,10 @@ Int64 = NDArray[np.int64]
 _LEVELS = 4
 _MOST = 2048  # guides
 _PLACES = 16  # of a guide, where its rays start
-# Rays of a cell at least; at most it has one from each place. Of all guides they take as long as two or three path
-# sets. Four times as many take a tenth off the squared error of `room`, whose guides are shared, half of that off
+# Rays of a cell at least; at most it has one from each place. Of all guides they take as long as a path set or two.
+# Four times as many take a tenth off the squared error of `room`, whose guides are shared, half of that off
 # the box's; four times the guides, with as many rays in all, do no better.
-_LEAST_RAYS, _LEAST_BUDGET, _RAYS_A_PIXEL = 2, 1 << 20, 16
+_LEAST_RAYS, _LEAST_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
 _TESTS_A_RAY = 100
 # Share of the density that is the cosine's alone. The less of it, the more weighs what no ray of a guide has met
 # where a path finds it.

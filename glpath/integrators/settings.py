@@ -238,10 +238,32 @@ class GatherSettings(PathSetSettings):
         ),
     ] = 1.0
     guide: GuidedBy = "solution"
+    branches: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=8,
+            description='of directions "own": how many a path takes from its first vertex, which share what the eye '
+            "sees there; where few path sets are for a denoiser, 1 is quicker",
+        ),
+    ] = 2
 
     def recorded(self) -> dict[str, Any]:
         """Without the solution: what is recorded of it is its digest, known when it is there."""
-        return {k: v for k, v in super().recorded().items() if k not in {"radiosity", "radiosity_lookup"}}
+        given = super().recorded()
+        del given["radiosity"], given["radiosity_lookup"]
+        if self.directions != "own":
+            del given["branches"]
+        return given
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        super().check_together(given)
+        if given.get("directions", "own") != "own" and "branches" in given:
+            raise UsageError(
+                f'branches: {given["branches"]!r} with directions "{given["directions"]}", which paths share',
+                'Take directions "own".',
+            )
 
 
 # Two integrators have it, with another default each.
