@@ -243,8 +243,8 @@ class GatherSettings(PathSetSettings):
         Meta(
             ge=1,
             le=8,
-            description='of directions "own": how many a path takes from its first vertex, sharing what the eye sees '
-            "and its light; where few path sets are for a denoiser, 1 is quicker",
+            description='of directions "own": how many a path takes from its first vertex, sharing what the eye '
+            "sees and its light; where few path sets are for a denoiser, 1 is quicker",
         ),
     ] = 2
 
