@@ -499,23 +499,30 @@ def test_ctrl_c_while_the_scene_is_solved_gives_a_film_of_nothing(monkeypatch: p
     assert caught.value.film.path_sets == 0
 
 
-@pytest.mark.parametrize(("scene", "particles"), [("cornell-box-36", 1 << 16), ("room", 100 * 14920)])
+@pytest.mark.parametrize(
+    ("scene", "side", "patches", "particles"),
+    [
+        ("cornell-box-36", 8, 500, 1 << 16),
+        ("cornell-box-36", 1024, 2000, 1 << 18),
+        ("room", 8, 500, 100 * 14920),
+    ],
+)
 def test_a_scene_is_solved_by_so_many_particles(
-    monkeypatch: pytest.MonkeyPatch, scene: str, particles: int
+    monkeypatch: pytest.MonkeyPatch, scene: str, side: int, patches: int, particles: int
 ) -> None:
-    """So many a triangle, and some at least."""
+    """So many a triangle, and some at least; large pictures have more elements, each as many as before."""
     monkeypatch.setattr(factory, "_PARTICLES_PER_TRIANGLE", 100)
     monkeypatch.setattr(factory, "_MOST_PARTICLES", 1 << 24)
     asked = []
 
     def solve(_: object, **options: object) -> None:
-        asked.append((options["method"], options["particles"]))
+        asked.append((options["method"], options["patches"], options["particles"]))
         raise glpath.UsageError("enough")
 
     monkeypatch.setattr("glpath.radiosity.solvers.solve.solve_radiosity", solve)
     with pytest.raises(glpath.UsageError, match="enough"):
-        glpath.render(scene, integrator="gather", spp=1, resolution=(8, 8))
-    assert asked == [("monte-carlo", particles)]
+        glpath.render(scene, integrator="gather", spp=1, resolution=(side, side))
+    assert asked == [("monte-carlo", patches, particles)]
 
 
 @pytest.mark.parametrize("scene", ["cornell-box-36", "room"])

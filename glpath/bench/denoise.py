@@ -91,7 +91,7 @@ def bench_denoise(
 
     contestants = {
         "gather": Contestant(
-            # As the option's help has it: so few sets are better many.
+            # With so few sets, edges want more of them rather than branches.
             _SETS,
             ours(lambda seed: gather_engine(context, scene, solution, seed, aovs=AOVS, branches=1)),
             "set",

@@ -21,6 +21,7 @@ Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbo
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 
 import moderngl
 import numpy as np
@@ -98,9 +99,11 @@ class RayPathEngine(PathSetEngine):
         self._light_tables: list[bytes] = []
         self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
         self._branches = settings.branches if isinstance(settings, GatherSettings) else 1
-        self._sampler, self._branch_sampler = (
-            PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True) for _ in range(2)
-        )
+        # One goes ahead of the other, and a sampler holds the numbers of but few sets.
+        sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
+        self._sampler = self._branch_sampler = sampler
+        if self._branches > 1:
+            self._branch_sampler = copy(sampler)
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._parts = max(1, min(self.lighting.count, _PARTS))
         self._light_edges = np.linspace(0.0, 1.0, self._parts + 1)

@@ -242,7 +242,7 @@ class GatherSettings(PathSetSettings):
         int,
         Meta(
             ge=1,
-            le=8,
+            le=4,
             description='of directions "own": how many a path takes from its first vertex, sharing what the eye '
             "sees and its light; where few path sets are for a denoiser, 1 is quicker",
         ),
