@@ -69,7 +69,7 @@ def slow_aovs(scene: Scene) -> Aovs:
                 if front[i] or material.two_sided:
                     seen[i] = material.reflectance
                 if material.texture is not None:
-                    seen[i] *= slow.texture_colour(scene, material.texture, uv[i : i + 1])[0]
+                    seen[i] *= slow.texture_colour(scene, material.texture.texture, uv[i : i + 1])[0]
                 if s.emits and (front[i] or s.emission_two_sided):
                     seen[i] += s.emission
             albedo[hit] = seen

@@ -57,7 +57,7 @@ def test_a_material_says_how_it_reflects(tmp_path: Path):
     # What a texture multiplies is white, or a textured wall would be half as bright as its picture.
     assert by_name["tiled"].reflectance.tolist() == [1] * 3
     assert by_name["tinted"].reflectance.tolist() == [1, 0.5, 0]
-    assert found.textures[by_name["tiled"].texture].name == "tiles"
+    assert found.textures[by_name["tiled"].texture.texture].name == "tiles"
 
 
 # --- textures ---

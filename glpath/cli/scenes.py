@@ -215,7 +215,7 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
     return {
         "name": material.name,
         "reflectance": material.reflectance.tolist(),
-        "texture": None if material.texture is None else scene.textures[material.texture].name,
+        "texture": None if material.texture is None else scene.textures[material.texture.texture].name,
         "specular": material.specular.tolist(),
         "exponent": material.exponent,
         "mirror": material.mirror.tolist(),

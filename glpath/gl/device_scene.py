@@ -235,7 +235,7 @@ class DeviceScene:
                 "solid": _texel(solids[:, None]),
                 "shape": _texel(_integers([(s.material, s.emission_two_sided) for s in scene.shapes], 2)),
                 "textured": _texel(
-                    _integers([(0 if m.texture is None else m.texture + 1,) for m in scene.materials], 1)
+                    _integers([(0 if m.texture is None else m.texture.texture + 1,) for m in scene.materials], 1)
                 ),
                 "image": _texel(
                     _integers(
@@ -368,7 +368,7 @@ def _texture_rows(gl: moderngl.Context, scene: Scene) -> tuple[moderngl.Texture,
         )
     store = np.zeros((rows, WIDTH, 4) if rows else (1, 1, 4), np.float32)
     for texture, first in zip(scene.textures, first_rows, strict=True):
-        texels = texture.image.reshape(-1, 3)
+        texels = texture.linear()[..., :3].reshape(-1, 3)
         store[first:].reshape(-1, 4)[: len(texels), :3] = texels
     return row_texture(gl, store, FLOATS), first_rows
 

@@ -137,15 +137,15 @@ def _about_materials(scene: Scene) -> list[str]:
     found = []
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        plain = material.texture is None
-        if plain and np.all(material.reflectance >= 1):
+        if material.texture is None and np.all(material.reflectance >= 1):
             found.append(
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."
             )
         max_reflectance = material.reflectance
-        if not plain:
-            max_reflectance = max_reflectance * scene.textures[material.texture or 0].image.max(axis=(0, 1))
+        if material.texture is not None:
+            texels = scene.textures[material.texture.texture].linear()
+            max_reflectance = max_reflectance * texels[..., :3].max(axis=(0, 1))
         if np.any(material.mirror > 0) and np.any(max_reflectance + material.mirror > 1 + 1e-6):
             found.append(
                 f'The material "{material.name}" reflects more light than it receives: '

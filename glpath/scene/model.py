@@ -17,6 +17,7 @@ from glpath.errors import SceneError
 from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
+from glpath.scene.material import Material, Texture, TextureSlot
 
 __all__ = [
     "Camera",
@@ -32,47 +33,12 @@ __all__ = [
     "Shapes",
     "Sky",
     "Texture",
+    "TextureSlot",
     "placed",
     "sphere_extent",
 ]
 
 LightKind = Literal["point", "spot", "directional"]
-
-
-@dataclass(frozen=True)
-class Texture:
-    """A picture that colours surfaces, repeated endlessly. A checker is one of 2 x 2 texels, not filtered.
-
-    image  : (h, w, 3) float32, linear Rec. 709, row 0 at the top, where v = 1
-    scale  : repeats per unit of u and of v
-    filter : "linear" or "nearest"
-    """
-
-    name: str
-    image: NDArray[np.float32]
-    scale: tuple[float, float] = (1.0, 1.0)
-    filter: Literal["linear", "nearest"] = "linear"
-
-
-@dataclass(frozen=True)
-class Material:
-    """Lambertian reflection, Phong's highlight and a mirror [TB IV]; the mirror is the ray tracers' alone.
-
-    reflectance : (3,) float64 in [0, 1], linear Rec. 709
-    two_sided   : False makes the back black (it still blocks light)
-    specular    : (3,) float64 >= 0, Phong's coefficient
-    exponent    : Phong's, > 0
-    mirror      : (3,) float64 in [0, 1], share of the light from the mirror direction
-    texture     : index into `Scene.textures`, which the reflectance is multiplied by; None without
-    """
-
-    name: str
-    reflectance: Float64
-    two_sided: bool = True
-    specular: Float64 = field(default_factory=lambda: np.zeros(3))
-    exponent: float = 32.0
-    mirror: Float64 = field(default_factory=lambda: np.zeros(3))
-    texture: int | None = None
 
 
 @dataclass(frozen=True)
@@ -136,13 +102,18 @@ class Scene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
         for shape in self.shapes:
-            if isinstance(shape.geometry, Mesh) and shape.geometry.uv is None and shape.count:
-                material = self.materials[shape.material]
-                if material.texture is not None:
+            if not isinstance(shape.geometry, Mesh) or not shape.count:
+                continue
+            material = self.materials[shape.material]
+            for uv_set in {slot.uv_set for slot in material.slots.values()}:
+                field_name = ("uv", "uv1")[uv_set]
+                if getattr(shape.geometry, field_name) is None:
                     raise SceneError(
                         f'{self.source or self.name}: the shape "{shape.name}" has the material '
-                        f'"{material.name}" with a texture, but its mesh has no texture coordinates.',
-                        "Give the mesh `uv`, one pair for each vertex, or the shape a material without a texture.",
+                        f'"{material.name}" with a texture, but its mesh has no texture coordinates '
+                        f"`{field_name}`.",
+                        f"Give the mesh `{field_name}`, one pair for each vertex, or the shape a material without "
+                        "a texture.",
                     )
 
     @property
@@ -205,7 +176,7 @@ class Scene:
         """(3,) float64 reflectance of one of the scene's materials, the mean over its texture where it has one."""
         if material.texture is None:
             return material.reflectance
-        return np.asarray(material.reflectance * self.textures[material.texture].image.mean(axis=(0, 1)))
+        return np.asarray(material.reflectance * self.textures[material.texture.texture].mean)
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.

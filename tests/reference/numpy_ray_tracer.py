@@ -100,7 +100,7 @@ def trace(scene: Scene, origins: Float64, directions: Float64, max_depth: int, t
     for number, material in enumerate(scene.materials):
         if material.texture is not None:
             own = material_of == number
-            rho[own] *= texture_colour(scene, material.texture, uv[own])
+            rho[own] *= texture_colour(scene, material.texture.texture, uv[own])
     shows = front | np.array([s.emission_two_sided for s in scene.shapes])[shape_of]
     emission = np.array([s.emission for s in scene.shapes])[shape_of] * shows[:, None]
     reflected = d - 2 * np.sum(d * n, axis=1, keepdims=True) * n

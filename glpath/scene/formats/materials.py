@@ -19,7 +19,7 @@ from glpath.image import picture_size, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
 from glpath.scene.formats.values import nearby_files, rgb, share, unknown
-from glpath.scene.model import Material, Texture
+from glpath.scene.model import Material, Texture, TextureSlot
 from glpath.scene.place import Place
 
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
@@ -38,7 +38,7 @@ def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], 
         if given.texture not in texture_number:
             where = place.field("texture")
             raise unknown("texture", given.texture, list(texture_number), where, 'type = "checker" or "image"')
-        texture = texture_number[given.texture]
+        texture = TextureSlot(texture_number[given.texture])
     reflectance = given.reflectance
     if isinstance(reflectance, UnsetType):
         reflectance = 0.5 if texture is None else 1.0
