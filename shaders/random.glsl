@@ -6,6 +6,8 @@ const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;
 const uint USE_LIGHT = 3u;
 const uint USE_LOOKUP = 4u;
+const uint USE_LOBE = 5u;
+const uint USE_FRESNEL = 6u;
 
 uint pcg(uint v)
 {

@@ -4,6 +4,7 @@
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is told in units of a white Lambertian surface's, 1 / pi, so that
 //         what leaves is beta * bsdf_eval * cos * E / pi.
 #include <CONSTANTS>
+#include "bsdf.glsl"
 #ifdef HAS_TEXTURES
 #include "texture.glsl"
 #endif
@@ -17,14 +18,6 @@ struct Surface
     int shape;
     int material;
     bool emits_back;  // where it emits at all
-};
-
-struct Bsdf
-{
-    vec3 diffuse;   // reflectance
-    vec3 specular;  // Phong's coefficient
-    float exponent;
-    vec3 mirror;    // share of the light from the mirror direction
 };
 
 // Does a ray along `direction` arrive on the front?
@@ -99,7 +92,12 @@ Bsdf bsdf_at(Surface s, bool front)
 {
     vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
     float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0;
-    Bsdf b = Bsdf(diffuse.rgb * reflects, vec3(0.0), 1.0, vec3(0.0));
+    vec3 base = diffuse.rgb;
+#ifdef HAS_TEXTURES
+    uint number = textured_texel(s.material, TEXTURED_BY).x;
+    if (number != 0u) base *= texture_colour(int(number) - 1, s.uv);
+#endif
+    Bsdf b = lambertian(base * reflects);
 #ifdef HAS_HIGHLIGHTS
     vec4 phong = material_texel(s.material, MATERIAL_SPECULAR);
     b.specular = phong.rgb * reflects;
@@ -108,22 +106,31 @@ Bsdf bsdf_at(Surface s, bool front)
 #ifdef HAS_MIRRORS
     b.mirror = material_texel(s.material, MATERIAL_MIRROR).rgb * reflects;
 #endif
-#ifdef HAS_TEXTURES
-    uint number = textured_texel(s.material, TEXTURED_BY).x;
-    if (number != 0u) b.diffuse *= texture_colour(int(number) - 1, s.uv);
+#ifdef HAS_MICROFACETS
+    vec4 surface = material_texel(s.material, MATERIAL_SURFACE);
+    if (surface.x >= 0.0) {
+        vec4 layer = material_texel(s.material, MATERIAL_LAYER), coat = material_texel(s.material, MATERIAL_COAT);
+        float metal = surface.y, clear = 0.0;
+#ifdef HAS_GLASS
+        vec4 glass = material_texel(s.material, MATERIAL_GLASS);
+        clear = (1.0 - metal) * glass.x;
+        // The back of glass is its inside.
+        if (clear > 0.0) reflects = 1.0;
+        b.clear = base * clear;
+        b.eta = glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+#endif
+        b.diffuse = base * ((1.0 - metal - clear) * reflects);
+        b.metal = base * metal * reflects;
+        b.metallic = metal * reflects;
+        b.dielectric = layer.rgb;
+        b.grazing = layer.w;
+        b.layered = (1.0 - metal) * reflects;
+        b.alpha = ggx_alpha(surface.x, surface.z);
+        b.coat = coat.x * reflects;
+        b.coat_alpha = coat.y * coat.y;
+    }
 #endif
     return b;
-}
-
-// Lambert, and Phong's highlight [TB IV]: the cosine is not in the highlight's definition, so it is divided out.
-vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
-{
-#ifdef HAS_HIGHLIGHTS
-    float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
-    return b.diffuse + b.specular * (highlight / max(dot(n, wi), 1e-4));
-#else
-    return b.diffuse;
-#endif
 }
 
 // Radiance that a surface emits to the side that is seen; `density` per area of a light point there, 0 without light.

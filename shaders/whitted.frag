@@ -134,7 +134,7 @@ void main()
         shadow_tests += tests - before;
 #endif
 #ifdef REFLECTIONS
-        weight *= bsdf.mirror;
+        weight *= mirrored(bsdf, dot(n, -direction));
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
         origin = s.position;

@@ -50,7 +50,7 @@ def everything(**changes: Any) -> Scene:
     ellipsoid = np.concatenate([rotation(rng) @ np.diag([0.3, 0.8, 0.5]), [[1.3], [-1.2], [1.6]]], axis=1)
     triangles = [[[-3, -2, -2], [-1, -2, -3], [-2, 1.5, -2.5]], [[2, -2, -1], [3.5, -2, -2], [3, 2, -2]]]
     grey = np.full(3, 1.0)
-    shiny = Material("shiny", np.array([0.6, 0.3, 0.2]), True, 0.4 * grey, 40.0, 0.3 * grey, 1)
+    shiny = Material("shiny", np.array([0.6, 0.3, 0.2]), True, 0.4 * grey, 40.0, 0.3 * grey, TextureSlot(1))
     silver = Material("silver", 0.2 * grey, mirror=0.7 * grey)
     matt = Material("matt", np.array([0.2, 0.7, 0.3]), specular=0.2 * grey, exponent=10.0)
     one_sided = Material("one-sided", np.array([0.6, 0.6, 0.2]), two_sided=False)

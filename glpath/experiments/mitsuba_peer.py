@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError
 from glpath.scene.geometry import Mesh
-from glpath.scene.model import Float64, Scene, Shape, Shapes
+from glpath.scene.model import Float64, Material, Scene, Shape, Shapes
 from glpath.scene.triangulate import path_traceable
 
 Sampler = Literal["independent", "multijitter"]
@@ -42,6 +42,8 @@ LIBRARY_FOLDERS = (
 
 # The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from
 # either side meets the side that faces it first.
+# GGX's alpha below which glass is smooth, as in shaders/bsdf.glsl.
+_SMOOTH = 1e-3
 SIDE_OFFSET = 1e-5
 
 
@@ -166,14 +168,15 @@ def to_mitsuba(
     for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         corners = scene.triangles[part]
         material = scene.materials[shape.material]
-        diffuse = _diffuse(material.reflectance)
+        diffuse = _bsdf(scene, material)
         if shape.emits and shape.emission_two_sided:
             n = scene.normals[part, None, :]
             back = diffuse if material.two_sided else _diffuse(np.zeros(3))
             described[f"shape{i}_front"] = _mesh(mi, shape, corners + offset * n, diffuse)
             described[f"shape{i}_back"] = _mesh(mi, shape, (corners - offset * n)[:, ::-1], back)
         else:
-            bsdf = {"type": "twosided", "bsdf": diffuse} if material.two_sided else diffuse
+            both = material.two_sided and material.transmission == 0
+            bsdf = {"type": "twosided", "bsdf": diffuse} if both else diffuse
             described[f"shape{i}"] = _mesh(mi, shape, corners, bsdf)
     return mi.load_dict(described)
 
@@ -302,7 +305,47 @@ def _integrator(max_depth: int) -> dict[str, Any]:
 
 
 def _diffuse(reflectance: Float64) -> dict[str, Any]:
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [float(v) for v in reflectance]}}
+    return {"type": "diffuse", "reflectance": _rgb(reflectance)}
+
+
+def _bsdf(scene: Scene, material: Material) -> dict[str, Any]:
+    """The material, where Mitsuba has one that means the same; raises SceneError for the others.
+
+    Those are: diffuse and mirrors; metal, by its `principled` with Schlick's Fresnel and independent masking, as
+    here; solid glass. A dielectric over a diffuse base is another thing in every program.
+    """
+    rgb = _rgb(material.reflectance)
+    if material.roughness is None:
+        diffuse = _diffuse(material.reflectance)
+        if not np.any(material.mirror > 0):
+            return diffuse
+        share = float(material.mirror.max() / (material.mirror.max() + material.reflectance.max()))
+        mirror = {"type": "conductor", "material": "none", "specular_reflectance": _rgb(material.mirror / share)}
+        if share == 1:
+            return mirror
+        return {
+            "type": "blendbsdf",
+            "weight": share,
+            "a": _diffuse(material.reflectance / (1 - share)),
+            "b": mirror,
+        }
+    plain = material.clearcoat == 0 and material.anisotropy == 0 and not material.slots
+    if plain and material.metallic == 1:
+        metal = {"type": "principled", "base_color": rgb, "metallic": 1.0}
+        return metal | {"roughness": material.roughness, "specular": 0.5}
+    if plain and material.transmission == 1 and material.metallic == 0 and not material.thin:
+        glass = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": rgb}
+        if material.roughness**2 < _SMOOTH:
+            return {"type": "dielectric", **glass}
+        return {"type": "roughdielectric", "distribution": "ggx", "alpha": material.roughness**2, **glass}
+    raise SceneError(
+        f'{scene.source or scene.name}: the material "{material.name}" has no counterpart in Mitsuba.',
+        "Metal (metallic 1), solid glass (transmission 1, not thin), diffuse surfaces and mirrors have.",
+    )
+
+
+def _rgb(values: Float64) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(v) for v in values]}
 
 
 def _sensor(mi: Any, scene: Scene, sampler: Sampler, spp: int) -> dict[str, Any]:

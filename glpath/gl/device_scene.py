@@ -57,6 +57,11 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
         "SPECULAR": "Phong's coefficient; Phong's exponent",
         "MIRROR": "share of the mirrored light",
+        "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the brush, radians",
+        "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
+        "COAT": "share under varnish; its roughness",
+        "GLASS": "share of the base that is glass; index of refraction; 1 for a solid",
+        "INSIDE": "attenuation of a solid of glass, per scene unit",
     },
     "repeats": {"UV": "of a texture: repeats per unit of u and of v"},
     "light": {
@@ -192,6 +197,10 @@ class DeviceScene:
             self.defines["HAS_HIGHLIGHTS"] = 1
         if any(np.any(material.mirror > 0) for material in scene.materials):
             self.defines["HAS_MIRRORS"] = 1
+        if any(material.roughness is not None for material in scene.materials):
+            self.defines["HAS_MICROFACETS"] = 1
+        if any(material.roughness is not None and material.transmission > 0 for material in scene.materials):
+            self.defines["HAS_GLASS"] = 1
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
@@ -412,8 +421,20 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def _materials(scene: Scene) -> Float64:
-    rows = [[[*m.reflectance, m.two_sided], [*m.specular, m.exponent], [*m.mirror, 0]] for m in scene.materials]
-    return np.array(rows, np.float64).reshape(-1, 3, 4)
+    rows = [
+        [
+            [*m.reflectance, m.two_sided],
+            [*m.specular, m.exponent],
+            [*m.mirror, 0],
+            [-1 if m.roughness is None else m.roughness, m.metallic, m.anisotropy, np.radians(m.anisotropy_angle)],
+            [*m.dielectric[0], m.dielectric[1]],
+            [m.clearcoat, m.clearcoat_roughness, 0, 0],
+            [m.transmission, m.ior, not m.thin, 0],
+            [*m.attenuation, 0],
+        ]
+        for m in scene.materials
+    ]
+    return np.array(rows, np.float64).reshape(-1, len(FLOAT_LAYOUT["material"]), 4)
 
 
 def _lights(lights: tuple[Light, ...]) -> Float64:

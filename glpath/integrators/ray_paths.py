@@ -52,6 +52,8 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
+# A gather's paths that mirrors and glass send on end by chance from here on.
+_MIRRORED = 6
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -259,7 +261,11 @@ class RayPathEngine(PathSetEngine):
             ],
             np.uint32,
         )
-        roulette = settings.roulette if isinstance(settings, PathTraceSettings) else None
+        # A gather's paths are short, but for those through glass and between mirrors.
+        mirrored = any(material.has_lobes for material in self.scene.scene.materials)
+        roulette = _MIRRORED if mirrored else None
+        if isinstance(settings, PathTraceSettings):
+            roulette = settings.roulette
         uniforms: Uniforms = {
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),

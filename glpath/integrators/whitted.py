@@ -220,7 +220,7 @@ class WhittedTracer:
             defines["SHADOW_BUFFERS"] = 1
         self._areas = draw_areas(self._size, self._rays_loop_over())
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
-        if settings.max_depth > 1 and any(np.any(material.mirror > 0) for material in objects.scene.materials):
+        if settings.max_depth > 1 and any(material.has_lobes for material in objects.scene.materials):
             defines["REFLECTIONS"] = 1
         if self.count_tests:
             defines["COUNT_TESTS"] = 1

@@ -137,7 +137,7 @@ def _about_materials(scene: Scene) -> list[str]:
     found = []
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        if material.texture is None and np.all(material.reflectance >= 1):
+        if material.texture is None and not material.has_lobes and np.all(material.reflectance >= 1):
             found.append(
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."

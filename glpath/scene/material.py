@@ -13,6 +13,7 @@ from glpath.image import decode_srgb
 from glpath.scene.geometry import Float64
 
 Wrap = Literal["repeat", "clamp", "mirror"]
+_MOST_REFLECTED = 0.97
 #: The fields of a `Material` that are texture slots.
 SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
 
@@ -131,6 +132,38 @@ class Material:
     normal_scale: float = 1.0
     emission_texture: TextureSlot | None = None
     transmission_texture: TextureSlot | None = None
+
+    @property
+    def has_lobes(self) -> bool:
+        """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
+        return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def dielectric(self) -> tuple[Float64, float]:
+        """What its dielectric reflects at normal incidence, (3,) float64, and at grazing incidence.
+
+        Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
+        """
+        normal = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
+        return np.minimum(normal * self.specular_colour, 1.0) * self.specular_weight, self.specular_weight
+
+    def hemispherical_reflectance(self, base: Float64) -> Float64:
+        """(3,) float64: the share of light from everywhere that is sent back, or through; for `reflectance` base.
+
+        By Schlick's formula, whose mean over the cosine is a 21st of the way from normal to grazing incidence. For
+        solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
+        """
+        if not self.has_lobes:
+            return base
+        if self.roughness is None:
+            return np.asarray(np.minimum(base + self.mirror, _MOST_REFLECTED))
+        f0, f90 = self.dielectric
+        layer = f0 + (f90 - f0) / 21.0
+        under = layer + (1.0 - layer.max()) * base
+        metal = base + (1.0 - base) / 21.0
+        coat = self.clearcoat * (0.04 + 0.96 / 21.0)
+        all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)
+        return np.asarray(np.minimum(all_, _MOST_REFLECTED))
 
     @property
     def slots(self) -> dict[str, TextureSlot]:

@@ -173,10 +173,14 @@ class Scene:
         return self.shapes.bounds
 
     def mean_reflectance(self, material: Material) -> Float64:
-        """(3,) float64 reflectance of one of the scene's materials, the mean over its texture where it has one."""
-        if material.texture is None:
-            return material.reflectance
-        return np.asarray(material.reflectance * self.textures[material.texture.texture].mean)
+        """(3,) float64: what one of the scene's materials reflects of light from everywhere, mirrors and glass too.
+
+        Of a texture the mean.
+        """
+        base = material.reflectance
+        if material.texture is not None:
+            base = base * self.textures[material.texture.texture].mean
+        return material.hemispherical_reflectance(base)
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.

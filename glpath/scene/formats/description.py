@@ -119,7 +119,7 @@ class Diffuse(Surface, tag="diffuse", kw_only=True):
 
 
 class Phong(Surface, tag="phong", kw_only=True):
-    """Lambertian reflection, Phong's highlight and a mirror: for the integrators classic and t-buffer."""
+    """Lambertian reflection, Phong's highlight and a mirror, as of 1975."""
 
     specular: Annotated[
         float | Vector,
@@ -134,7 +134,67 @@ class Phong(Surface, tag="phong", kw_only=True):
     ] = 0.0
 
 
-AnyMaterial = Diffuse | Phong
+_Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class Principled(Surface, tag="principled", kw_only=True):
+    """Metal, plastic, varnish and glass: the metallic-roughness surface of glTF 2.0."""
+
+    roughness: Annotated[
+        _Share, Meta(description="0 is a mirror, 1 all dull: the alpha of GGX's microfacets is its square.")
+    ] = 0.5
+    metallic: Annotated[
+        _Share, Meta(description="Share of metal, which has its reflectance for a colour and no diffuse base.")
+    ] = 0.0
+    anisotropy: Annotated[_Share, Meta(description="How much rougher it is along the brush than across.")] = 0.0
+    anisotropy_angle: Annotated[
+        float, Meta(description="Angle of the brush in degrees, from where u grows towards where v grows.")
+    ] = 0.0
+    ior: Annotated[
+        float, Meta(ge=1, le=10, description="Index of refraction: 1.33 water, 1.5 glass and plastic, 2.4 diamond.")
+    ] = 1.5
+    specular: Annotated[
+        _Share, Meta(description="Strength of what is not metal's reflection, 1 as its ior says.")
+    ] = 1.0
+    specular_color: Annotated[
+        float | Vector,
+        Meta(description="Its colour at normal incidence, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    ] = 1.0
+    transmission: Annotated[
+        _Share, Meta(description="Share that is glass instead of a diffuse base: 1 is clear glass.")
+    ] = 0.0
+    thin: Annotated[
+        bool,
+        Meta(
+            description="true: glass is a pane, which does not refract. false: the surface of a solid that does, "
+            "which should be closed, with its fronts outward."
+        ),
+    ] = False
+    attenuation: Annotated[
+        float | Vector,
+        Meta(
+            description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
+        ),
+    ] = 0.0
+    clearcoat: Annotated[_Share, Meta(description="Share that is under a varnish.")] = 0.0
+    clearcoat_roughness: Annotated[_Share, Meta(description="The varnish's own roughness.")] = 0.0
+    surface_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: roughness is multiplied by its green, metallic by its "
+                "blue."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    transmission_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: transmission is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+
+
+AnyMaterial = Diffuse | Phong | Principled
 
 Repeats = Annotated[
     float | tuple[float, float],
@@ -435,6 +495,9 @@ def scene_schema() -> dict[str, Any]:
         ("Phong", "reflectance", share),
         ("Phong", "specular", positive),
         ("Phong", "mirror", share),
+        ("Principled", "reflectance", share),
+        ("Principled", "specular_color", positive),
+        ("Principled", "attenuation", positive),
         ("Emission", "radiance", positive),
         ("PointLight", "intensity", positive),
         ("SpotLight", "intensity", positive),

@@ -17,9 +17,16 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.image import picture_size, read_image
 from glpath.scene.formats import description
-from glpath.scene.formats.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE, AnyMaterial, AnyTexture, Phong
+from glpath.scene.formats.description import (
+    MAX_TEXTURE_PIXELS,
+    MAX_TEXTURE_SIDE,
+    AnyMaterial,
+    AnyTexture,
+    Phong,
+    Principled,
+)
 from glpath.scene.formats.values import nearby_files, rgb, share, unknown
-from glpath.scene.model import Material, Texture, TextureSlot
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.place import Place
 
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
@@ -33,12 +40,7 @@ def materials(
 
 
 def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
-    texture = None
-    if not isinstance(given.texture, UnsetType):
-        if given.texture not in texture_number:
-            where = place.field("texture")
-            raise unknown("texture", given.texture, list(texture_number), where, 'type = "checker" or "image"')
-        texture = TextureSlot(texture_number[given.texture])
+    texture = _slot(given.texture, texture_number, place.field("texture"))
     reflectance = given.reflectance
     if isinstance(reflectance, UnsetType):
         reflectance = 0.5 if texture is None else 1.0
@@ -47,6 +49,8 @@ def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], 
         place.field("reflectance"),
         "A surface reflects at most what it receives; 0.8 is a white wall. Light is an emission.",
     )
+    if isinstance(given, Principled):
+        return _principled(name, given, diffuse, texture, texture_number, place)
     if not isinstance(given, Phong):
         return Material(name, diffuse, given.two_sided, texture=texture)
     specular = rgb(given.specular)
@@ -54,6 +58,48 @@ def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], 
         raise place.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
     mirror = share(given.mirror, place.field("mirror"), "1 is a perfect mirror, 0 none.")
     return Material(name, diffuse, given.two_sided, specular, given.exponent, mirror, texture)
+
+
+def _principled(
+    name: str,
+    given: Principled,
+    base: Float64,
+    texture: TextureSlot | None,
+    texture_number: Mapping[str, int],
+    place: Place,
+) -> Material:
+    colour, attenuation = rgb(given.specular_color), rgb(given.attenuation)
+    for field, value in (("specular_color", colour), ("attenuation", attenuation)):
+        if np.any(value < 0):
+            raise place.field(field).wrong(getattr(given, field), "0 or more")
+    return Material(
+        name,
+        base,
+        given.two_sided,
+        texture=texture,
+        specular_weight=given.specular,
+        specular_colour=colour,
+        attenuation=attenuation,
+        clearcoat_roughness=given.clearcoat_roughness,
+        roughness=given.roughness,
+        metallic=given.metallic,
+        anisotropy=given.anisotropy,
+        anisotropy_angle=given.anisotropy_angle,
+        ior=given.ior,
+        transmission=given.transmission,
+        thin=given.thin,
+        clearcoat=given.clearcoat,
+        surface_texture=_slot(given.surface_texture, texture_number, place.field("surface_texture")),
+        transmission_texture=_slot(given.transmission_texture, texture_number, place.field("transmission_texture")),
+    )
+
+
+def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Place) -> TextureSlot | None:
+    if isinstance(given, UnsetType):
+        return None
+    if given not in texture_number:
+        raise unknown("texture", given, list(texture_number), place, 'type = "checker" or "image"')
+    return TextureSlot(texture_number[given])
 
 
 def textures(given: Mapping[str, AnyTexture], place: Place, folder: Path) -> tuple[Texture, ...]:
