@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.scene import Scene, load_scene
+    from glpath.scene.export import export
 
     __version__: str
 
@@ -51,6 +52,7 @@ _HOME = {
     "ShaderError": "errors",
     "UsageError": "errors",
     "element_error": "rendering",
+    "export": "scene.export",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -77,6 +79,7 @@ __all__ = [
     "UsageError",
     "__version__",
     "element_error",
+    "export",
     "load_scene",
     "read_image",
     "relative_mse",
