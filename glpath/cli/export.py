@@ -10,7 +10,7 @@ import typer
 from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
 from glpath.cli.values import resolution as read_resolution
 from glpath.files import check_writable
-from glpath.scene.export import MAX_DEPTH, SPP, check_export, exported
+from glpath.scene.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
 from glpath.terminal import say
 
 _FOR_MITSUBA = "With -o FILE.xml"
@@ -57,13 +57,19 @@ def export(
 
     Warnings say what the format does not know, and what stands for it.
     """
+    # Said once, for those of the outputs that have a place for it.
+    for_mitsuba = {path: is_for_mitsuba(path) for path in out}
+    settings = {
+        path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)
+        for path, known in for_mitsuba.items()
+    }
     for path in out:
-        check_export(path, max_depth, spp)
+        check_export(path, *settings[path])
     size = None if resolution is None else read_resolution(resolution)
     loaded = seen(read_scene(scene, parameters), size, {})
     for path in out:
         check_writable(path)
     for path in out:
-        exported(loaded, path, max_depth, spp)
+        exported(loaded, path, *settings[path])
         if not quiet:
             say(f"wrote {path}", err=True)

@@ -35,10 +35,11 @@ def export(
     does not know is approximated or left out, and a SceneWarning says so.
 
     scene      : as `glpath.load_scene` takes it
-    path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR); camera,
-                 box filter, resolution and depth are set so that `mitsuba NAME.xml` makes the picture that
-                 glpath does. .glb for any program that reads glTF 2.0: materials of metal and roughness with the Khronos
-                 extensions that they need, lights, the camera; the axis nearest to the camera's up is turned to y
+    path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR);
+                 camera, box filter, resolution and depth are set so that `mitsuba NAME.xml` makes the picture that
+                 glpath does. .glb for any program that reads glTF 2.0: materials of metal and roughness with the
+                 Khronos extensions that they need, lights, the camera; the axis nearest to the camera's up is
+                 turned to y
     parameters : of a generated scene
     max_depth  : of .xml: vertices of a path as in `glpath.render`, 1 is direct light only; 5 by default
     spp        : of .xml: samples per pixel; 64 by default
@@ -56,7 +57,7 @@ def export(
 def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | None) -> None:
     """`export` of what has been checked."""
     path = Path(path)
-    if path.suffix.lower() == _MITSUBA:
+    if is_for_mitsuba(path):
         translated = described(scene, max_depth or MAX_DEPTH, spp=spp or SPP)
         write_xml(translated, path)
         differences = translated.differences
@@ -64,6 +65,11 @@ def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | N
         differences = write_gltf(scene, path)
     for text in differences:
         warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=3)
+
+
+def is_for_mitsuba(path: str | Path) -> bool:
+    """By its suffix."""
+    return Path(path).suffix.lower() == _MITSUBA
 
 
 def check_export(path: str | Path, max_depth: int | None, spp: int | None) -> None:

@@ -11,7 +11,8 @@ Depth:    Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1
           Mitsuba's default vertex, as its users have it; at depth 3 there is none.
 Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis "y".
 Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided". Its area
-          lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal apart.
+          lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal
+          apart.
 Poor at:  what has no counterpart, which `MitsubaScene.differences` lists. Smooth normals are handed on, but the
           light that they lose is not divided out, as it is here.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
@@ -186,7 +187,12 @@ class _Surface:
         material = self.material
         if material.unlit:
             return _diffuse(rgb(np.zeros(3)))
-        made = self._without_microfacets() if material.roughness is None else self._microfacets(material.roughness)
+        if material.roughness is None:
+            made = self._without_microfacets()
+        elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:
+            made = _diffuse(self._colour())  # nothing reflects over the base
+        else:
+            made = self._microfacets(material.roughness)
         slot = material.normal_texture
         if slot is None:
             return made
