@@ -1,6 +1,6 @@
 """Accessors: typed arrays in buffers, decoded with numpy.
 
-Source: glTF 2.0, 3.6.2 (strides, matrices' padding, sparse values) and 3.11 (how normalised integers become numbers).
+Source: glTF 2.0, 3.6.2 (strides, padding of matrices, sparse values) and 3.11 (normalised integers as numbers).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.place import Place
 
-_COMPONENTS = {
+_COMPONENTS: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"), 5123: np.dtype("<u2"),
     5125: np.dtype("<u4"), 5126: np.dtype("<f4"),
 }  # fmt: skip
@@ -36,9 +36,6 @@ class Accessors:
     document: Document
     _stored: dict[int, NDArray[Any]] = field(default_factory=dict)
     _floats: dict[int, Float64] = field(default_factory=dict)
-
-    def count(self, index: int) -> int:
-        return self.document.all("accessors")[index].required("count", 1)
 
     def floats(self, index: int, widths: tuple[int, ...], place: Place) -> Float64:
         """(N, k) float64, all finite, normalised integers in [-1, 1] or [0, 1]; not to be written to.
@@ -96,12 +93,8 @@ class Accessors:
         return self._stored[index]
 
     def _read(self, table: Table) -> NDArray[Any]:
-        kind = table.choice("componentType", _COMPONENTS, None)
-        if kind is None:
-            raise table.place.error(f"has no `componentType`, one of {', '.join(map(str, _COMPONENTS))}.")
-        rows, columns = table.choice("type", _TYPES, (0, 0))
-        if not rows:
-            raise table.place.error(f"has no `type`, one of {', '.join(_TYPES)}.")
+        kind: np.dtype[Any] = table.required_choice("componentType", _COMPONENTS)
+        rows, columns = table.required_choice("type", _TYPES)
         count = table.required("count", 1)
         views = self.document.all("bufferViews")
         view = table.index("bufferView", views, "buffer views")
@@ -147,7 +140,7 @@ class Accessors:
         count = sparse.required("count", 1, len(values))
         views = self.document.all("bufferViews")
         of_indices, of_values = sparse.table("indices"), sparse.table("values")
-        kind = of_indices.choice("componentType", _INDICES, np.dtype("<u4"))
+        kind = of_indices.required_choice("componentType", _INDICES)
         where, what = (
             self._elements(each, Table({}, each.place), each.required_index("bufferView", views, "buffer views"),
                            count, dtype, high, wide)

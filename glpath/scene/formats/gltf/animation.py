@@ -28,7 +28,7 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
     if time is None:
         if len(animations):
             document.notes.add(
-                f"Animations ({len(animations)}): the model is shown at rest; a time in seconds shows a moment of them."
+                f"Animations ({len(animations)}): the model is shown at rest, or at a time in seconds."
             )
         return poses
     if not np.isfinite(time):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.npz import check_unfolded
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.place import Place
 
@@ -25,15 +26,16 @@ BASISU = "KHR_texture_basisu"
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     """The bytes of a buffer view that is compressed as `table` says."""
     decoder = _library("meshopt", extension, table.place)
-    mode = table.choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")}, "")
+    mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
     filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
     chosen = table.choice("filter", filters, "NONE")
     count, stride = table.required("count", 1), table.required("byteStride", 1, 256)
     try:
+        check_unfolded(count * stride, len(data))
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
     except Exception as error:  # whatever the library finds wrong
         raise _broken(table.place, error) from error
-    return memoryview(np.ascontiguousarray(rows).view(np.uint8).reshape(-1))
+    return memoryview(np.ascontiguousarray(rows).tobytes())
 
 
 def draco(data: memoryview, place: Place) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:

@@ -1,8 +1,8 @@
 """The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
 
-The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that an
-error names its place. pygltflib would make dataclasses of it, but takes values of any type for them, drops what it
-does not know, and opens whatever a URI names; it stays with what is written.
+The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
+an error names its place. pygltflib would make dataclasses of it, but takes values of any type for them, drops what
+it does not know, and opens whatever a URI names; it stays with what is written.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """
@@ -28,13 +28,26 @@ from glpath.scene.place import Place
 
 SUFFIXES = (".gltf", ".glb")
 #: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
-KNOWN_EXTENSIONS = frozenset(
-    """
-    EXT_mesh_gpu_instancing EXT_meshopt_compression EXT_texture_webp KHR_draco_mesh_compression KHR_lights_punctual
-    KHR_materials_anisotropy KHR_materials_clearcoat KHR_materials_emissive_strength KHR_materials_ior
-    KHR_materials_specular KHR_materials_transmission KHR_materials_unlit KHR_materials_volume KHR_mesh_quantization
-    KHR_meshopt_compression KHR_node_visibility KHR_texture_basisu KHR_texture_transform
-    """.split()
+KNOWN_EXTENSIONS = (
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_node_visibility",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
 )
 #: Those of which a part of the look is lost, with what that is. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
@@ -89,8 +102,8 @@ class Document:
         self._decoded += size
         if self._decoded > limits.MAX_DECODED_BYTES:
             raise place.error(
-                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but a file may unfold to "
-                f"{limits.MAX_DECODED_BYTES:,}.",
+                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but a file may unfold "
+                f"to {limits.MAX_DECODED_BYTES:,}.",
                 "Simplify the model, or split it into several files.",
             )
 
@@ -141,11 +154,9 @@ class Document:
         buffers = self.all("buffers")
         index = table.required_index("buffer", buffers, "buffers")
         buffer = buffers[index]
-        if "uri" not in buffer and not (index == 0 and self.binary is not None):
+        fallback = any(buffer.extension(name) is not None for name in compression.MESHOPT)
+        if "uri" not in buffer and (fallback or index > 0 or self.binary is None):
             return None
-        if any((buffer.extension(name) or table).values.get("fallback") is True for name in compression.MESHOPT):
-            if "uri" not in buffer:
-                return None
         return self._slice(table)
 
     def _slice(self, table: Table) -> memoryview:
@@ -154,7 +165,7 @@ class Document:
         offset, length = table.integer("byteOffset", 0), table.required("byteLength", 1)
         if offset + length > len(data):
             raise table.place.error(
-                f"reaches from byte {offset:,} to {offset + length:,}, but buffers[{index}] has {len(data):,} bytes.",
+                f"reaches from byte {offset:,} to {offset + length:,}, but buffers[{index}] has {len(data):,}.",
                 "The file is cut off, or was written wrongly.",
             )
         return memoryview(data)[offset : offset + length]
@@ -269,7 +280,7 @@ def _decoded(text: bytes, place: Place) -> dict[str, Any]:
         text = text[3:]
     deep = f"holds JSON nested more than {limits.MAX_JSON_DEPTH} deep."
     try:
-        root = decode_json(text, dict[str, Any])
+        root: dict[str, Any] = decode_json(text.rstrip(b"\0"), dict[str, Any])
     except RecursionError:
         raise place.error(deep) from None
     except (msgspec.DecodeError, UnicodeError) as error:
@@ -301,7 +312,7 @@ def _check_extensions(document: Document) -> None:
     unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
     if unknown:
         raise root.place.field("extensionsRequired").error(
-            f"names {', '.join(name[:80] for name in unknown[:20])}, which {'is' if len(unknown) == 1 else 'are'} not known here.",
+            f"names {', '.join(name[:80] for name in unknown[:20])}, not known here.",
             "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
         )
     names = dict.fromkeys([*used, *required])

@@ -14,9 +14,10 @@ import numpy as np
 from glpath.scene.formats.gltf.document import Document
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.formats.values import LARGEST
-from glpath.scene.model import Float64, Light
+from glpath.scene.model import Float64, Light, LightKind
 
-_KINDS = {name: name for name in ("point", "spot", "directional")}
+_KINDS: dict[str, LightKind] = {"point": "point", "spot": "spot", "directional": "directional"}
+_PROJECTIONS = {"perspective": True, "orthographic": False}
 
 
 @dataclass(frozen=True)
@@ -43,31 +44,29 @@ def light_of(document: Document, node: Table, world: Float64, factor: float) -> 
         return None
     every = (document.root.extension("KHR_lights_punctual") or Table({}, document.place)).tables("lights")
     table = every[extension.required_index("light", every, "lights")]
-    kind = table.choice("type", _KINDS, "")
+    kind = table.required_choice("type", _KINDS)
     name = node.name(table.name(f"light-{node.place.path.rpartition('[')[2].rstrip(']')}"))
     colour = table.numbers("color", (1, 1, 1), 0.0)
     intensity = factor * table.number("intensity", 1.0, 0.0) * colour
     position, direction = world[:3, 3], _along(node, world, 2)
     if "range" in table:
         document.notes.add("The range of lights: light falls off with the square of the distance, without end.")
-    match kind:
-        case "point":
-            return Light(name, "point", intensity, position)
-        case "spot":
-            cone = table.table("spot")
-            inner = cone.number("innerConeAngle", 0.0, 0.0, np.pi)
-            outer = cone.number("outerConeAngle", np.pi / 4, 0.0, np.pi)
-            if not (inner <= outer and outer > 0):
-                raise cone.place.error(
-                    f"has an innerConeAngle of {inner:g} and an outerConeAngle of {outer:g}, but the inner is at most "
-                    "the outer, which is above 0.",
-                    "Angles are in radians, from the axis.",
-                )
-            degrees = float(np.degrees(inner)), float(np.degrees(outer))
-            return Light(name, "spot", intensity, position, direction, degrees)
-        case "directional":
-            return Light(name, "directional", intensity, direction=direction)
-    raise table.place.error(f"has no `type`, one of {', '.join(_KINDS)}.", "Export the file anew.")
+    if kind == "point":
+        return Light(name, kind, intensity, position)
+    if kind == "directional":
+        return Light(name, kind, intensity, direction=direction)
+    cone = table.table("spot")
+    inner, outer = (
+        cone.number("innerConeAngle", 0.0, 0.0, np.pi),
+        cone.number("outerConeAngle", np.pi / 4, 0.0, np.pi),
+    )
+    if not (inner <= outer and outer > 0):
+        raise cone.place.error(
+            f"has an innerConeAngle of {inner:g} and an outerConeAngle of {outer:g}, but the inner is at most the "
+            "outer, which is above 0.",
+            "Angles are in radians, from the axis.",
+        )
+    return Light(name, kind, intensity, position, direction, (float(np.degrees(inner)), float(np.degrees(outer))))
 
 
 def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
@@ -77,12 +76,9 @@ def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | 
     if index is None:
         return None
     table = cameras[index]
-    kind = table.choice("type", {name: name for name in ("perspective", "orthographic")}, "")
-    if kind == "orthographic":
+    if not table.required_choice("type", _PROJECTIONS):
         document.notes.add("Orthographic cameras.")
         return None
-    if not kind:
-        raise table.place.error("has no `type`, perspective or orthographic.", "Export the file anew.")
     view = table.table("perspective")
     fov = float(np.degrees(view.number("yfov", 0.0)))
     if not 0 < fov < 180:

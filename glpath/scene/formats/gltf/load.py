@@ -22,9 +22,8 @@ from glpath.scene.formats.gltf.nodes import Nodes, Pose, instances
 from glpath.scene.formats.gltf.primitives import Primitives, Skin, is_open, skin_of
 from glpath.scene.formats.gltf.surfaces import Surfaces
 from glpath.scene.formats.gltf.table import Table
-from glpath.scene.formats.transform import mirrors
 from glpath.scene.formats.values import LARGEST
-from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, placed
+from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.place import shown
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
@@ -169,6 +168,8 @@ class _Shapes:
         skin = self._skin(node)
         primitives = mesh.tables("primitives")
         name = mesh.name(node.name(f"mesh-{number}"))
+        # A skin's joints stand in the world, and where its node does is of no meaning.
+        maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
             part = name if len(primitives) == 1 else f"{name}-{i}"
             material = primitive.index("material", self.document.all("materials"), "materials")
@@ -177,12 +178,10 @@ class _Shapes:
             uv_sets = frozenset(slot.uv_set for slot in slots)
             if skin is None:
                 made = self.primitives.mesh(primitive, weights, uv_sets)
-                if made is not None:
-                    self._place(part, made, surface, instances(node, world, self.accessors), primitive)
             else:
                 made = self.primitives.skinned(primitive, weights, uv_sets, skin)
-                if made is not None:
-                    self._place(part, made, surface, np.eye(3, 4)[None], primitive)
+            if made is not None:
+                self._place(part, made, surface, maps, primitive)
 
     def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
         """(M,) of the morph targets: animated, the node's, or the mesh's."""
@@ -200,12 +199,12 @@ class _Shapes:
         return self.skins[index]
 
     def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table) -> None:
-        """Instances (N, 3, 4) of a mesh. Mirrored ones are of a mesh that is turned, so that fronts stay outside."""
-        stretch = np.linalg.svd(maps[:, :, :3], compute_uv=False)
-        flat = ~(stretch[:, 2] > _FLAT * stretch[:, 0])
+        """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
+        determinant, size = _stretch(maps[:, :, :3])
+        flat = ~(np.abs(determinant) > _FLAT * size)
         if flat.any():
             self.document.notes.add("Meshes that are scaled to nothing.")
-        mirrored = np.array([mirrors(each) for each in maps], np.bool_)
+        mirrored = determinant < 0
         self.triangles += len(mesh.faces) * int(np.count_nonzero(~flat))
         if self.triangles > limits.MAX_TRIANGLES:
             raise primitive.place.error(
@@ -229,13 +228,13 @@ class _Shapes:
 
     def _check_extent(self, mesh: Mesh, maps: Float64, primitive: Table) -> None:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        corners = np.array([[(low, high)[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
-        for each in maps:
-            if not np.all(np.abs(placed(corners, each)) <= LARGEST):
-                raise primitive.place.error(
-                    f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
-                    "Check the transforms of its nodes.",
-                )
+        centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+        extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
+        if not np.all(np.abs(centre) + extent <= LARGEST):
+            raise primitive.place.error(
+                f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                "Check the transforms of its nodes.",
+            )
 
     def _note_single_sided(self) -> None:
         seen = (
@@ -248,3 +247,12 @@ class _Shapes:
                 "Culling of backs: materials that are not doubleSided are black from behind and block light, where "
                 "viewers do not draw them."
             )
+
+
+def _stretch(linear: Float64) -> tuple[Float64, Float64]:
+    """(N,) determinants of maps (N, 3, 3), and their like for maps that are as thick as they are long."""
+    x, y, z = (linear[:, row] for row in range(3))
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    determinant = np.sum(x * cofactors[:, 0], axis=1)
+    norms = [np.linalg.norm(each.reshape(-1, 9), axis=1) for each in (cofactors, linear)]
+    return np.asarray(determinant), np.asarray(norms[0] * norms[1])

@@ -141,11 +141,11 @@ def _local(table: Table, pose: Pose) -> Float64:
     translation = pose.get("translation", table.numbers("translation", [0, 0, 0]))
     rotation = pose.get("rotation", table.numbers("rotation", [0, 0, 0, 1]))
     scale = pose.get("scale", table.numbers("scale", [1, 1, 1]))
-    return trs(translation[None], rotation[None], scale[None], table.place)[0]
+    return np.asarray(trs(translation[None], rotation[None], scale[None], table.place)[0])
 
 
 def trs(translation: Float64, rotation: Float64, scale: Float64, place: Place) -> Float64:
-    """(N, 4, 4) of translations (N, 3), unit quaternions x y z w (N, 4) and scales (N, 3): scale, rotate, translate."""
+    """(N, 4, 4) that scale (N, 3), then rotate by quaternions x y z w (N, 4), then translate (N, 3)."""
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     if not np.all(length > 0):
         raise place.field("rotation").wrong(rotation[int(np.argmin(length))], "a unit quaternion [x, y, z, w]")
@@ -174,6 +174,7 @@ def instances(table: Table, world: Float64, accessors: Accessors) -> Float64:
     if not given:
         raise attributes.place.error("has none of TRANSLATION, ROTATION and SCALE.", "Export the file anew.")
     count = len(next(iter(given.values())))
+    accessors.document.take(4 * 128 * count, attributes.place)
     for name, values in given.items():
         if len(values) != count:
             raise attributes.place.field(name).error(

@@ -49,7 +49,9 @@ class Primitives:
         morph   : (M,) weights of its morph targets
         uv_sets : those that its material asks for; zeros where it has none
         """
-        key = (primitive.place.path, morph.tobytes(), uv_sets)
+        # By what it says, not by its place: meshes of several materials often share their arrays.
+        says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
+        key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
             attributes = self._attributes(primitive, morph)
             self._made[key] = None if attributes is None else self._mesh(primitive, attributes, uv_sets)
@@ -199,7 +201,7 @@ class Primitives:
             uv.append(None if given is None else np.stack([given[:, 0], 1.0 - given[:, 1]], axis=1))
         colours = found.get("COLOR_0")
         if colours is not None:
-            colours = np.clip(colours, 0.0, None)
+            colours = np.clip(colours, 0.0, 1.0)
             if colours.shape[1] == 3:
                 colours = np.concatenate([colours, np.ones((len(colours), 1))], axis=1)
         mesh = Mesh(
@@ -281,7 +283,7 @@ def skin_of(table: Table, nodes_world: list[Float64], accessors: Accessors) -> S
 
 
 def is_open(mesh: Mesh) -> bool:
-    """Whether some edge has a triangle on one side alone, so that backs can be seen; vertices at one point are one."""
+    """Whether some edge has a triangle on one side alone, so that backs can be seen; by positions."""
     points = np.ascontiguousarray(mesh.vertices + 0.0)  # no -0
     _, number = np.unique(points.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     a = number[mesh.faces].astype(np.int64)

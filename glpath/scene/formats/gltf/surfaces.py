@@ -26,8 +26,9 @@ from glpath.scene.model import Float64, Material, Texture, TextureSlot
 _WRAPS: dict[Any, Literal["repeat", "clamp", "mirror"]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
-#: KHR_materials_ior writes 0 for infinitely dense.
-_DENSEST = 1e4
+_STRENGTH = "KHR_materials_emissive_strength"
+#: Reflection of glass of index 1.5 at normal incidence, which `specular_colour` multiplies.
+_F0 = 0.04
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,9 @@ class Surfaces:
         if "occlusionTexture" in table:
             self.document.notes.add("Occlusion textures: what they stand for is computed.")
         common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
+        glossy = table.extension("KHR_materials_pbrSpecularGlossiness")
+        if glossy is not None:
+            return self._specular_glossiness(table, glossy, common)
         normal = table.table("normalTexture")
         material = Material(
             reflectance=base[:3],
@@ -108,10 +112,29 @@ class Surfaces:
             **self._layers(table),
             **common,
         )
-        strength = (table.extension("KHR_materials_emissive_strength") or Table({}, table.place)).number(
-            "emissiveStrength", 1.0, 0.0
+        return Surface(material, self._emission(table))
+
+    def _specular_glossiness(self, table: Table, glossy: Table, common: dict[str, Any]) -> Surface:
+        """The older model, of a diffuse colour and one of the reflection at normal incidence."""
+        diffuse = self._shares(glossy, "diffuseFactor", (1, 1, 1, 1))
+        self._unused(glossy, "specularGlossinessTexture")
+        common["roughness"] = 1.0 - self._share(glossy, "glossinessFactor", 1.0)
+        common["opacity"] = 1.0 if common["alpha"] == "opaque" else float(diffuse[3])
+        material = Material(
+            reflectance=diffuse[:3],
+            texture=self._slot(glossy, "diffuseTexture", srgb=True),
+            specular_colour=self._shares(glossy, "specularFactor", (1, 1, 1)) / _F0,
+            normal_texture=self._slot(table, "normalTexture", srgb=False),
+            normal_scale=table.table("normalTexture").number("scale", 1.0),
+            **self._emission_texture(table),
+            **common,
         )
-        return Surface(material, strength * table.numbers("emissiveFactor", (0, 0, 0), 0.0))
+        return Surface(material, self._emission(table))
+
+    def _emission(self, table: Table) -> Float64:
+        """(3,) radiance of a lit material."""
+        factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
+        return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
         """Of surfaces that send light: the factor is 0 by default, and then so is the product."""
@@ -127,12 +150,15 @@ class Surfaces:
             index = ior.number("ior", 1.5, 0.0)
             if 0 < index < 1:
                 raise ior.place.field("ior").wrong(index, "0 or at least 1", "Water has 1.33, window glass 1.5.")
-            fields["ior"] = index or _DENSEST
+            fields["ior"] = index or 1.5
         specular = table.extension("KHR_materials_specular")
         if specular is not None:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
             self._unused(specular, "specularTexture", "specularColorTexture")
+        if ior is not None and ior.number("ior", 1.5) == 0:
+            # 0 stands for a reflection that the colour alone decides.
+            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / _F0
         coat = table.extension("KHR_materials_clearcoat")
         if coat is not None:
             fields["clearcoat"] = self._share(coat, "clearcoatFactor", 0.0)
@@ -216,7 +242,7 @@ class Surfaces:
         return self._texture_numbers[key]
 
     def _source(self, table: Table) -> int:
-        """The number of the image: of a compressed format where there is one that can be read, else the plain one."""
+        """The number of the image: a compressed one where it can be read, else the plain one."""
         images = self.document.all("images")
         plain = table.index("source", images, "images")
         webp = table.extension("EXT_texture_webp")

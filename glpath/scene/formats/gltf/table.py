@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, overload
 
@@ -83,11 +83,13 @@ class Table:
         """A whole number that has to be there."""
         return _integer(self._present(name), self.place.field(name), low, high)
 
-    def choice(self, name: str, allowed: dict[Any, Choice], default: Choice) -> Choice:
+    def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
         """What the value stands for."""
-        if name not in self.values:
-            return default
-        value = self.values[name]
+        return self.required_choice(name, allowed) if name in self.values else default
+
+    def required_choice(self, name: str, allowed: Mapping[Any, Choice]) -> Choice:
+        """What the value stands for, which has to be there."""
+        value = self._present(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in allowed:
             raise self.place.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
         return allowed[value]
