@@ -58,6 +58,7 @@ class _Writer:
         self._turned: dict[Mesh, Mesh] = {}
         self._meshes: dict[tuple[Mesh, int], int] = {}
         self._materials: dict[tuple[object, ...], int] = {}
+        self._names: set[str] = set()
         self._textures: dict[tuple[int, bool, bool], int] = {}
 
     def write(self, path: Path) -> tuple[str, ...]:
@@ -153,7 +154,8 @@ class _Writer:
     def _material(self, shape: Shape) -> int:
         """The number of a shape's material, which has its light."""
         material = self.scene.materials[shape.material]
-        two_sided = material.two_sided
+        # The back of a solid's surface is its inside, whatever the material says.
+        two_sided = material.two_sided and (material.thin or material.transmission == 0)
         if shape.emits and shape.emission_two_sided != two_sided:
             two_sided = shape.emission_two_sided
             text = (
@@ -166,6 +168,9 @@ class _Writer:
         if key not in self._materials:
             self._materials[key] = len(self.file.materials)
             self.file.materials.append(self._made(material, shape.emission, two_sided))
+            if material.name in self._names:
+                self.file.materials[-1].name += f" ({shape.name})"
+            self._names.add(material.name)
         return self._materials[key]
 
     def _made(self, material: Material, emission: Float64, two_sided: bool) -> Any:
