@@ -497,7 +497,9 @@ def test_the_validator_finds_nothing_in_a_shipped_scene(name: str, tmp_path: Pat
 @pytest.mark.evidence
 def test_the_validator_finds_nothing_in_all_that_there_is(tmp_path: Path) -> None:
     quietly(everything(), tmp_path / "a.glb")
-    assert judged(tmp_path / "a.glb") == []
+    # Tangents of bump maps and brushes are those that every reader makes by the same rule (MikkTSpace).
+    codes = {each["code"] for each in judged(tmp_path / "a.glb")}
+    assert codes == {"MESH_PRIMITIVE_GENERATED_TANGENT_SPACE"}
 
 
 @pytest.mark.evidence

@@ -162,7 +162,13 @@ class _Surfaces:
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None
         self.integrator = "volpath"
-        return {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(material.attenuation)}
+        densest = float(material.attenuation.max())  # as a colour is at most one
+        return {
+            "type": "homogeneous",
+            "albedo": 0.0,
+            "sigma_t": rgb(material.attenuation / densest),
+            "scale": densest,
+        }
 
 
 @dataclass
