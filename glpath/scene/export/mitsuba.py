@@ -162,13 +162,10 @@ class _Surfaces:
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None
         self.integrator = "volpath"
-        densest = float(material.attenuation.max())  # as a colour is at most one
-        return {
-            "type": "homogeneous",
-            "albedo": 0.0,
-            "sigma_t": rgb(material.attenuation / densest),
-            "scale": densest,
-        }
+        # As a colour it is at most one; and of what is quite clear in one channel volpath makes NaN.
+        densest = float(material.attenuation.max())
+        sigma_t = rgb(np.maximum(material.attenuation / densest, 1e-6))
+        return {"type": "homogeneous", "albedo": 0.0, "sigma_t": sigma_t, "scale": densest}
 
 
 @dataclass
@@ -181,15 +178,19 @@ class _Surface:
 
     def plugin(self, two_sided: bool) -> Plugin:
         material = self.material
-        opaque = _Sided(self._opaque(), two_sided or (material.two_sided and material.transmission > 0))
-        made = opaque.plugin if material.transmission == 0 else self._with_glass(opaque.plugin)
+        made = self._opaque(two_sided) if material.transmission == 0 else self._with_glass()
         opacity = self._opacity()
         return made if opacity is None else {"type": "mask", "opacity": opacity, "bsdf": made}
 
     def _note(self, text: str) -> None:
         self.owner.notes.add(text, "material", self.material.name)
 
-    def _opaque(self) -> Plugin:
+    def _opaque(self, two_sided: bool) -> Plugin:
+        """All but glass."""
+        front = self._front()
+        return {"type": "twosided", "bsdf": front} if two_sided else front
+
+    def _front(self) -> Plugin:
         material = self.material
         if material.unlit:
             return _diffuse(rgb(np.zeros(3)))
@@ -261,7 +262,7 @@ class _Surface:
             made["clearcoat_gloss"] = float(np.clip((0.1 - material.clearcoat_roughness**2) / 0.099, 0.0, 1.0))
         return made
 
-    def _with_glass(self, opaque: Plugin) -> Plugin:
+    def _with_glass(self) -> Plugin:
         material = self.material
         glass = self._glass()
         share = (1.0 - material.metallic) * material.transmission
@@ -272,7 +273,7 @@ class _Surface:
         if slot is not None:
             weight = self._bitmap(slot, share * self._texture(slot).linear()[..., :1], raw=True)
         self._note("glass and the rest of the surface are blended, reflections included")
-        return {"type": "blendbsdf", "weight": weight, "a": opaque, "b": glass}
+        return {"type": "blendbsdf", "weight": weight, "a": self._opaque(material.two_sided), "b": glass}
 
     def _glass(self) -> Plugin:
         material = self.material
@@ -323,18 +324,6 @@ class _Surface:
 
     def _bitmap(self, slot: TextureSlot, image: Any, *, raw: bool) -> Plugin:
         return bitmap(self._texture(slot), slot, image, raw=raw, note=self._note)
-
-
-@dataclass(frozen=True)
-class _Sided:
-    """A surface that is black from behind, or not."""
-
-    one: Plugin
-    both: bool
-
-    @property
-    def plugin(self) -> Plugin:
-        return {"type": "twosided", "bsdf": self.one} if self.both else self.one
 
 
 def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: Callable[[str], None]) -> Plugin:
