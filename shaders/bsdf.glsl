@@ -164,6 +164,29 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
 
+#ifdef HAS_GLASS
+bool lets_through(Bsdf b)
+{
+    return max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+}
+
+// The same of light from the other side, wi.z < 0. Through a pane as it would be reflected; into a solid by Walter et al.,
+// eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
+Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
+{
+    if (!lets_through(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    bool pane = b.eta <= 0.0;
+    vec3 m = normalize(pane ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
+    if (m.z < 0.0) m = -m;
+    float o = dot(wo, m), i = pane ? o : -dot(wi, m);
+    if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
+    float spread = pane ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
+    float density = visible_normal_density(wo, m, b.alpha) * spread;
+    vec3 T = b.clear * (let_under(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
+}
+#endif
+
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (b.coat <= 0.0 || b.coat_alpha < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);

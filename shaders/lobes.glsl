@@ -57,6 +57,19 @@ void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec
 #endif
 }
 
+#ifdef HAS_GLASS
+// Of a light sample on the other side.
+vec3 lit_through(PathVertex v, Lobes q, DirectLight direct)
+{
+    mat3 axes = surface_axes(v.n);
+    vec3 wi = direct.wi * axes;
+    Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
+    float cosine = -dot(v.normal, direct.wi);
+    return lobe.f * direct.light
+         * (share_beside(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+}
+#endif
+
 struct Departure
 {
     vec3 direction;
@@ -85,6 +98,7 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers, float othe
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
             d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
             wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;

@@ -234,6 +234,19 @@ vec4 trace_path(ivec2 pixel)
             lit_lobes(v, lobes, direct, dull, others);
             vec3 lit = reflected * dull + beta * others;
             bool ends = !goes_on && !beyond;
+#ifdef HAS_GLASS
+            if (lets_through(v.bsdf) && !beyond) {
+                LightSample other;
+                DirectLight behind = direct_light(at, position, -v.normal, 0, other);
+                vec3 through = beta * lit_through(v, lobes, behind);
+                if (max(through.r, max(through.g, through.b)) > 0.0) {
+                    vec3 from_behind = position - rounding * v.normal;
+                    vec3 to_light = behind.distant ? behind.wi : other.position - from_behind;
+                    float tmax = behind.distant ? NO_HIT : 1.0 - ROUNDING - rounding / behind.distance;
+                    if (!is_blocked(from_behind, to_light, tmax, triangle)) L += through;
+                }
+            }
+#endif
             goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
 #else
             DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);

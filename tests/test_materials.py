@@ -214,3 +214,30 @@ def test_a_scene_file_has_it_all() -> None:
     f0, f90 = car.dielectric
     assert f0 == pytest.approx([0.02, 0.01, 0.01])
     assert f90 == 0.5
+
+
+@pytest.mark.parametrize("thin", [True, False])
+def test_frosted_glass_is_lit_from_behind_by_a_light_that_no_direction_finds(thin: bool) -> None:
+    """A point light beside a small lamp of the same intensity: of the first, light samples alone know."""
+    sheet = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    lamp = [[0.1, 0.1, -4], [0.1, -0.1, -4], [-0.1, -0.1, -4], [-0.1, 0.1, -4]]
+    side = {
+        "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 20},
+        "film": {"resolution": [16, 16]},
+        "materials": {
+            "frosted": {"type": "principled", "transmission": 1, "reflectance": 0.9, "roughness": 0.6, "thin": thin}
+        },
+    }
+    glass = {"type": "quad", "corners": sheet, "material": "frosted"}
+    intensity = 100.0
+    point = scene_from_dict(
+        side | {"shapes": [glass], "lights": [{"type": "point", "position": [0, 0, -4], "intensity": intensity}]}
+    )
+    area = scene_from_dict(
+        side
+        | {"shapes": [glass, {"type": "quad", "corners": lamp[::-1], "emission": {"radiance": intensity / 0.04}}]}
+    )
+    by_samples = glpath.render(point, spp=64, max_depth=2).mean
+    by_both = glpath.render(area, spp=512, max_depth=2).mean
+    assert by_samples.mean() > 0.05
+    assert by_both.mean() == pytest.approx(by_samples.mean(), rel=0.02)

@@ -29,6 +29,16 @@ from glpath.scene import (
 from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
+_OF_MICROFACETS = (
+    "roughness",
+    "metallic",
+    "ior",
+    "transmission",
+    "thin",
+    "clearcoat",
+    "clearcoat_roughness",
+    "anisotropy",
+)
 _SHOWN = 40
 
 
@@ -220,6 +230,8 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
         "exponent": material.exponent,
         "mirror": material.mirror.tolist(),
         "two_sided": material.two_sided,
+        "described": material.described(),
+        **{name: getattr(material, name) for name in _OF_MICROFACETS if material.roughness is not None},
     }
 
 
@@ -274,7 +286,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     if len(summary["shapes"]) > _SHOWN:
         shapes.add_row(f"... {len(summary['shapes']) - _SHOWN:,} more (--json lists all)")
 
-    materials = _table("Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "sides")
+    materials = _table(
+        "Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "what it is"
+    )
     for material in summary["materials"]:
         row = (
             material["name"],
@@ -283,7 +297,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             _colour(material["specular"]),
             f"{material['exponent']:g}" if any(material["specular"]) else "-",
             _colour(material["mirror"]),
-            "both" if material["two_sided"] else "front",
+            material["described"] or "diffuse",
         )
         materials.add_row(*map(escape, row))
 

@@ -165,6 +165,19 @@ class Material:
         all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)
         return np.asarray(np.minimum(all_, _MOST_REFLECTED))
 
+    def described(self) -> str:
+        """What it is beside diffuse, in a few words; "" where it is nothing else."""
+        words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
+        words += ["mirror"] * bool(np.any(self.mirror > 0))
+        if self.roughness is not None:
+            words.append(f"roughness {self.roughness:g}")
+            words += [f"metal {self.metallic:g}"] * (self.metallic > 0)
+            words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
+            words += ["pane"] * (self.transmission > 0 and self.thin)
+            words += [f"varnish {self.clearcoat:g}"] * (self.clearcoat > 0)
+        words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
+        return ", ".join(words + ["one-sided"] * (not self.two_sided))
+
     @property
     def slots(self) -> dict[str, TextureSlot]:
         """The textures that it uses, by the names of the fields."""

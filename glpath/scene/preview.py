@@ -280,16 +280,7 @@ def _html(scene: Scene, png: bytes) -> str:
                 _Swatch(m.reflectance),
                 m.name,
                 _numbers(m.reflectance),
-                ", ".join(
-                    word
-                    for word, holds in (
-                        ("texture", m.texture is not None),
-                        ("highlight", np.any(m.specular > 0)),
-                        ("mirror", np.any(m.mirror > 0)),
-                        ("one-sided", not m.two_sided),
-                    )
-                    if holds
-                ),
+                m.described(),
             )
             for m in scene.materials[:ROWS]
         ],
