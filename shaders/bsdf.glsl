@@ -165,7 +165,7 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 
 #ifdef HAS_GLASS
-bool lets_through(Bsdf b)
+bool is_frosted(Bsdf b)
 {
     return max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
@@ -174,7 +174,7 @@ bool lets_through(Bsdf b)
 // eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
-    if (!lets_through(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     bool pane = b.eta <= 0.0;
     vec3 m = normalize(pane ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
     if (m.z < 0.0) m = -m;

@@ -235,7 +235,7 @@ vec4 trace_path(ivec2 pixel)
             vec3 lit = reflected * dull + beta * others;
             bool ends = !goes_on && !beyond;
 #ifdef HAS_GLASS
-            if (lets_through(v.bsdf) && !beyond) {
+            if (is_frosted(v.bsdf) && !beyond) {
                 LightSample other;
                 DirectLight behind = direct_light(at, position, -v.normal, 0, other);
                 vec3 through = beta * lit_through(v, lobes, behind);
