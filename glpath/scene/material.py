@@ -55,6 +55,12 @@ class Texture:
         return np.average(colours, axis=0, weights=None if weight is None else weight.ravel())
 
 
+    @cached_property
+    def max(self) -> Float64:
+        """(3,) float64, linear Rec. 709: the largest of each channel."""
+        return self.linear()[..., :3].max(axis=(0, 1)).astype(np.float64)
+
+
 @dataclass(frozen=True)
 class TextureSlot:
     """A texture where a material uses it.
