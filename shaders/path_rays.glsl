@@ -59,6 +59,13 @@ float random_at(Course at, uint use)
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
+#ifdef HAS_ALPHA
+void opacity_key_at(Course at, uint use)
+{
+    opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
+}
+#endif
+
 // Which part of the lights a vertex takes.
 float choice_number(Course at)
 {
@@ -199,6 +206,9 @@ vec4 trace_path(ivec2 pixel)
                 // To just before the light, whose own triangle does not stand in its way.
                 vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
                 float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+#ifdef HAS_ALPHA
+                opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
                 if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
             }
             if (!goes_on) L += beta * v.bsdf.diffuse * ambient;
@@ -245,6 +255,9 @@ vec4 trace_path(ivec2 pixel)
             density = cosine / PI;
             origin = from.start;
             rays += 1.0;
+#ifdef HAS_ALPHA
+            opacity_key_at(at, USE_OPACITY);
+#endif
             triangle = nearest_triangle(from.start, direction, v.triangle);
         }
 #if BRANCHES == 1

@@ -29,6 +29,7 @@ from glpath.gl.texel_store import FLOATS, UINTS, make_store, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.scene.appearance import has_colours
+from glpath.scene.digest import digest_of
 from glpath.scene.model import Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.
@@ -294,6 +295,7 @@ class DeviceScene:
             "first_plane": numbers.first_plane,
             "primitive_count": numbers.count,
             "light_count": len(lights),
+            "opacity_seed": 0,  # unless a path set has its own
             **bases,
             **uint_bases,
         }
@@ -327,6 +329,8 @@ class DeviceScene:
             h.update(np.ascontiguousarray(array, "<f8").tobytes())
             h.update(str(array.shape).encode())
         h.update(self.numbering.shape.astype("<i4").tobytes())
+        if "HAS_ALPHA" in self.defines:  # textures throw shadows
+            h.update(digest_of(scene.shapes, scene.materials, scene.textures).encode())
         return h.hexdigest()
 
     @property
