@@ -165,7 +165,7 @@ class PathBuffer:
                 vertex=vertex,
                 fragment=fragment,
                 generated=scene.generated,
-                defines=self.defines | defines,
+                defines=scene.defines | self.defines | defines,
             )
 
         def target(*attachments: moderngl.Texture) -> moderngl.Framebuffer:
