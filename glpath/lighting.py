@@ -20,11 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.sampling import uniform_sphere
-from glpath.scene.model import Float64, Light, Scene, Sky
+from glpath.scene.appearance import Appearance
+from glpath.scene.model import Float64, Light, Scene, Shape, Sky
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
 #: Their numbers in GLSL are their places here.
 LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
+
+# Share of the choice among a shape's triangles, where a texture colours its light, that is by area alone.
+_UNSEEN = 0.2
 
 
 @dataclass(frozen=True)
@@ -146,9 +150,11 @@ class _Side:
     """An emitting side of a shape.
 
     first     : number of the shape's first triangle, or sphere
-    cdf       : (n + 1,) cumulated share of area of its primitives
+    cdf       : (n + 1,) cumulated chance of its primitives: by area, where a texture colours the light by what each
+                sends
     area      : of all of them, scene units squared
     sign      : +1 front, -1 back
+    radiance  : (3,) the mean over it
     """
 
     shape: int
@@ -205,9 +211,15 @@ class Lighting:
         # as if all were alike, nor than by its power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
+        appearance = Appearance(scene)
+        areas = scene.areas if appearance.varies("emission").any() else None
         for side, chance in zip(sides, share, strict=False):
             if not side.spheres:
-                density[side.first : side.first + len(side.cdf) - 1] = chance / side.area
+                part = slice(side.first, side.first + len(side.cdf) - 1)
+                if areas is None or not appearance.varies("emission")[side.shape]:
+                    density[part] = chance / side.area
+                else:
+                    density[part] = chance * np.diff(side.cdf) / areas[part]
         return cls(
             scene=scene,
             sides=sides,
@@ -295,6 +307,15 @@ class Lighting:
     def _normals(self) -> Float64:
         return self.scene.normals
 
+    @cached_property
+    def _appearance(self) -> Appearance:
+        return Appearance(self.scene)
+
+    @cached_property
+    def _varies(self) -> NDArray[np.bool_]:
+        """(shapes,) whose emission is not the same all over them."""
+        return self._appearance.varies("emission")
+
     def _probability(self, number: int) -> float:
         return float(self.cdf[number + 1] - self.cdf[number])
 
@@ -304,11 +325,14 @@ class Lighting:
         k = np.minimum(np.searchsorted(side.cdf, u[:, 0], side="right") - 1, len(side.cdf) - 2)
         share = side.cdf[k + 1] - side.cdf[k]
         s = (u[:, 0] - side.cdf[k]) / share
+        radiance: Float64 = side.radiance
         if side.spheres:
-            position, normal, density = _on_spheres(
+            position, normal, density, unit = _on_spheres(
                 self.scene.spheres[side.first + k], np.stack([s, u[:, 1]], axis=1)
             )
             density *= chance * share
+            if self._varies[side.shape]:
+                radiance = self._appearance.sphere_emission(side.shape, unit)
         else:
             # Area-preserving: parallel lines to the edge opposite corner 0.
             root, v = np.sqrt(s)[:, None], u[:, 1:]
@@ -316,10 +340,13 @@ class Lighting:
             position = (1 - root) * a + root * ((1 - v) * b + v * c)
             normal = self._normals[side.first + k]
             density = self.triangle_density[side.first + k]
+            if self._varies[side.shape]:
+                b = np.concatenate([root * (1 - v), root * v], axis=1)
+                radiance = self._appearance.emission(side.first + k, b)
         samples.kind[which] = LIGHT_KINDS.index("area")
         samples.position[which] = position
         samples.direction[which] = normal * side.sign
-        samples.radiance[which] = side.radiance
+        samples.radiance[which] = radiance
         samples.density[which] = density
 
 
@@ -360,7 +387,7 @@ def max_radiance(scene: Scene) -> float:
 
     For the quantum of sums, which have room above it.
     """
-    values = [0.0, *scene.ambient, *(shape.emission.max() for shape in scene.shapes)]
+    values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
         values += [*scene.sky.zenith, *scene.sky.horizon]
     for light in scene.lights:
@@ -369,6 +396,13 @@ def max_radiance(scene: Scene) -> float:
             square = _typical_distance(scene, light.position) ** 2
         values.append(float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
+
+
+def _max_emission(scene: Scene, shape: Shape) -> float:
+    slot = scene.materials[shape.material].emission_texture
+    if slot is None:
+        return float(shape.emission.max())
+    return float((shape.emission * scene.textures[slot.texture].max).max())
 
 
 def _typical_distance(scene: Scene, position: Float64) -> float:
@@ -409,16 +443,30 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
 
 
 def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
-    areas = scene.areas
+    areas, appearance = scene.areas, Appearance(scene)
+    varies = appearance.varies("emission")
     sides = []
     for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         if not shape.emits or shape.primitive == "plane":
             continue
         spheres = shape.primitive == "sphere"
         own = _sphere_areas(scene.spheres[part]) if spheres else areas[part]
-        cdf = np.concatenate([[0.0], np.cumsum(own) / own.sum()])
+        area, weights, radiance = float(own.sum()), own, shape.emission
+        if varies[number]:
+            each = (
+                np.broadcast_to(appearance.mean_sphere_emission(number), (len(own), 3))
+                if spheres
+                else appearance.mean_emission(np.arange(part.start, part.stop))
+            )
+            radiance = np.asarray(own @ each / area)
+            if not np.any(radiance > 0):
+                continue
+            # What the points of the means have missed is not as dark as it seems.
+            power = own * each.mean(axis=1)
+            weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
+        cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
         for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
-            sides.append(_Side(number, spheres, part.start, cdf, float(own.sum()), sign, shape.emission))
+            sides.append(_Side(number, spheres, part.start, cdf, area, sign, radiance))
     return tuple(sides)
 
 
@@ -429,8 +477,11 @@ def _sphere_areas(spheres: Float64) -> Float64:
     return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
 
 
-def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64]:
-    """A point of each sphere (N, 3, 4) from u (N, 2): positions, unit normals of the front, densities per area."""
+def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
+    """A point of each sphere (N, 3, 4) from u (N, 2).
+
+    Returns positions, unit normals of the front, densities per area, and the points of the unit sphere (N, 3).
+    """
     linear = spheres[:, :, :3]
     unit = uniform_sphere(u)
     normal = np.einsum("nji,nj->ni", np.linalg.inv(linear), unit)
@@ -438,7 +489,7 @@ def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64
     volume = np.linalg.det(linear)
     position = np.einsum("nij,nj->ni", linear, unit) + spheres[:, :, 3]
     front = normal / length[:, None] * np.sign(volume)[:, None]
-    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length)
+    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length), unit
 
 
 def _sky_mean_integral(sky: Sky) -> float:

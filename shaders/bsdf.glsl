@@ -23,6 +23,9 @@ struct Bsdf
     float grazing;    // and at grazing incidence
     float layered;    // share of the surface that is one
     vec2 alpha;       // GGX's, along the brush and across
+#ifdef HAS_BRUSHES
+    vec3 brush;       // along the surface; 0 for none
+#endif
     float coat;       // share under varnish
     float coat_alpha;
     vec3 clear;       // share that is let through
@@ -40,6 +43,9 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.clear = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
+#ifdef HAS_BRUSHES
+    b.brush = vec3(0.0);
+#endif
 #endif
     return b;
 }
@@ -139,10 +145,17 @@ struct Lobe
 };
 
 // Columns: along the brush, across it, and the normal to shade with.
-mat3 surface_axes(vec3 n)
+mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
     axes_across(n, x, y);
+#ifdef HAS_BRUSHES
+    vec3 along = b.brush - dot(b.brush, n) * n;
+    if (dot(along, along) > 1e-8) {
+        x = normalize(along);
+        y = cross(n, x);
+    }
+#endif
     return mat3(x, y, n);
 }
 
@@ -203,7 +216,7 @@ vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = dull_eval(b, n, wo, wi);
 #ifdef HAS_MICROFACETS
-    mat3 axes = surface_axes(n);
+    mat3 axes = surface_axes(b, n);
     vec3 o = wo * axes, i = wi * axes;
     f += microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f;
 #endif

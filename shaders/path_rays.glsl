@@ -66,6 +66,13 @@ float random_at(Course at, uint use)
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
+#ifdef HAS_ALPHA
+void opacity_key_at(Course at, uint use)
+{
+    opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
+}
+#endif
+
 // Which part of the lights a vertex takes.
 float choice_number(Course at)
 {
@@ -243,6 +250,9 @@ vec4 trace_path(ivec2 pixel)
                     vec3 from_behind = position - rounding * v.normal;
                     vec3 to_light = behind.distant ? behind.wi : other.position - from_behind;
                     float tmax = behind.distant ? NO_HIT : 1.0 - ROUNDING - rounding / behind.distance;
+#ifdef HAS_ALPHA
+                    opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
                     if (!is_blocked(from_behind, to_light, tmax, triangle)) L += through;
                 }
             }
@@ -259,6 +269,9 @@ vec4 trace_path(ivec2 pixel)
                 // To just before the light, whose own triangle does not stand in its way.
                 vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
                 float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+#ifdef HAS_ALPHA
+                opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
                 if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
             }
             if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
@@ -300,7 +313,7 @@ vec4 trace_path(ivec2 pixel)
         was_dull = chosen < 0.0;
         if (!was_dull) {
             bool stays = chosen < from.lobes.microfacets + from.lobes.coat + from.lobes.mirror;
-            Departure leaving = leave_by(v, from.lobes, chosen, numbers, random_at(at, USE_FRESNEL));
+            Departure leaving = leave_by(v, from.lobes, chosen, numbers);
             direction = leaving.direction;
             beta *= stays ? leaving.weight : vec3(0.0);
             density = leaving.density;
@@ -347,6 +360,9 @@ vec4 trace_path(ivec2 pixel)
         at.depth += 1;
         if (goes_on) {
             rays += 1.0;
+#ifdef HAS_ALPHA
+            opacity_key_at(at, USE_OPACITY);
+#endif
             triangle = nearest_triangle(origin, direction, v.triangle);
         }
 #if BRANCHES == 1

@@ -7,6 +7,7 @@ uniform bool ray_octants;    // there are eight
 uniform vec3 ray_lower;      // of the scene's box in steps: where it begins, and a step
 uniform vec3 ray_step;
 #include "directions.glsl"
+#include "opacity.glsl"
 
 const float NO_HIT = 1e30;
 // A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
@@ -64,7 +65,14 @@ float meet_item(Ray ray, int item, int exclude, out int triangle)
     return met ? uvt.z : NO_HIT;
 }
 
-// exclude: the triangle that the ray starts on, -1 for none.
+#ifdef HAS_ALPHA
+bool item_lets_through(int item, int triangle, vec3 position)
+{
+    return ray_item_texel(item, RAY_ITEM_AC).w != 0u && lets_through(triangle, position);
+}
+#endif
+
+// exclude: the triangle that the ray starts on, -1 for none. Where there is HAS_ALPHA, opacity_key is set before.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
@@ -74,6 +82,9 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
     {
         int triangle;
         float at = meet_item(ray, item, exclude, triangle);
+#ifdef HAS_ALPHA
+        if (at < t && item_lets_through(item, triangle, origin + at * direction)) at = NO_HIT;
+#endif
         if (at < t) {
             t = at;
             nearest = triangle;
@@ -91,7 +102,11 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
     while (item >= 0)
     {
         int triangle;
-        blocked = meet_item(ray, item, exclude, triangle) < tmax;
+        float at = meet_item(ray, item, exclude, triangle);
+        blocked = at < tmax;
+#ifdef HAS_ALPHA
+        blocked = blocked && !item_lets_through(item, triangle, origin + at * direction);
+#endif
         item = blocked ? -1 : next_item(node, ray, tmax);
     }
     return blocked;

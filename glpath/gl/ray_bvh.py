@@ -20,6 +20,7 @@ from glpath.bvh_nodes import Bvh
 from glpath.bvh_sweep import SWEPT, sweep_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import UINTS, make_store, store_glsl
+from glpath.scene.model import Scene
 
 #: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -30,7 +31,7 @@ LAYOUT: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
         "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third",
+        "AC": "to the third; w: 1 where light may pass through either triangle",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)
@@ -61,7 +62,10 @@ class RayBvh:
         tree = _tree(triangles, items)
         octants = 1 if len(triangles) > _MANY else 8
         lower, step, boxes = _in_steps(tree)
-        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": _item_table(triangles, items)}
+        item_table = _item_table(triangles, items)
+        see_through = np.append(_see_through(scene.scene), False)
+        item_table[:, 2, 3] = see_through[items[:, 0]] | see_through[items[:, 1]]
+        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": item_table}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
@@ -101,6 +105,12 @@ def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[n
         table[place, 0, 3] = place + size
         table[place[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
     return table
+
+
+def _see_through(scene: Scene) -> NDArray[np.bool_]:
+    """(T,) bool: triangles whose material has an opacity."""
+    of_shape = np.array([scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes], np.bool_)
+    return of_shape[scene.triangle_shape]
 
 
 def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.uint32]:

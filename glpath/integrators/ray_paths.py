@@ -190,7 +190,7 @@ class RayPathEngine(PathSetEngine):
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
         sample = self._sampler[index]
-        eye = self._eye_uniforms(sample.pixel)
+        eye = self._eye_uniforms(sample.pixel, index)
         self._see_lamp_edges(index, sample.pixel, eye)
         self._see(eye)
         uniforms = self._constant | eye | self._of_set(index, sample)

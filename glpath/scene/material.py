@@ -55,6 +55,11 @@ class Texture:
         colours = image[..., :3].reshape(-1, 3).astype(np.float64)
         return np.average(colours, axis=0, weights=None if weight is None else weight.ravel())
 
+    @cached_property
+    def max(self) -> Float64:
+        """(3,) float64, linear Rec. 709: the largest of each channel."""
+        return self.linear()[..., :3].max(axis=(0, 1)).astype(np.float64)
+
 
 @dataclass(frozen=True)
 class TextureSlot:
@@ -137,6 +142,11 @@ class Material:
     def has_lobes(self) -> bool:
         """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def needs_uv(self) -> bool:
+        """Where it is has to have texture coordinates: for its textures, or for the way of its brush."""
+        return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
