@@ -180,9 +180,92 @@ def test_a_gather_has_the_light_that_path_tracing_has(name: str, off: float) -> 
     assert np.minimum(gather, 2).mean() == pytest.approx(np.minimum(path, 2).mean(), rel=off)
 
 
-def test_shared_directions_refuse_what_mirrors() -> None:
-    with pytest.raises(GlpathError, match=r"(?s)ball.*share their directions.*--directions"):
-        glpath.render(with_balls(**BALLS["metal-0.3"]), spp=1, directions="pair")
+def test_shared_directions_refuse_what_mirrors_sharply() -> None:
+    refused = {"mirror": "a mirror", "metal-0.05": "a roughness below 0.2", "glass": "glass"}
+    for name, kind in refused.items():
+        with pytest.raises(GlpathError, match=rf"(?s){kind} \(ball\).*share their directions.*--directions"):
+            glpath.render(with_balls(**BALLS[name]), spp=1, directions="pair")
+
+
+def test_rough_metal_is_the_same_with_shared_directions() -> None:
+    scene = with_balls(**BALLS["metal-0.6"])
+    own, shared = (glpath.render(scene, spp=256, max_depth=3, directions=d).mean for d in ("own", "pair"))  # type: ignore[arg-type]
+    assert np.minimum(shared, 2).mean() == pytest.approx(np.minimum(own, 2).mean(), rel=0.02)
+
+
+def test_brushed_metal_shines_across_its_brush() -> None:
+    """A highlight is spread along the direction in which the metal is rougher; turned by the angle."""
+    lamp = {"type": "sphere", "center": [0, 3, 3], "radius": 0.3, "subdivisions": 2, "emission": {"radiance": 10}}
+    spreads = []
+    for angle in (0.0, 90.0):
+        scene = scene_from_dict(
+            {
+                "camera": {"position": [0, -3, 3], "target": [0, 0, 0], "fov": 40, "up": [0, 0, 1]},
+                "film": {"resolution": [48, 48]},
+                "materials": {
+                    "m": {
+                        "type": "principled",
+                        "reflectance": 0.9,
+                        "metallic": 1,
+                        "roughness": 0.15,
+                        "anisotropy": 0.4,
+                        "anisotropy_angle": angle,
+                    }
+                },
+                "shapes": [
+                    {
+                        "type": "mesh",
+                        "material": "m",
+                        "vertices": [[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]],
+                        "faces": [[0, 1, 2, 3]],
+                        "uv": [[0, 0], [1, 0], [1, 1], [0, 1]],
+                    },
+                    lamp,
+                ],
+            }
+        )
+        seen = glpath.render(scene, spp=128, max_depth=1).mean.mean(axis=2)
+        seen[:6] = 0.0  # the lamp itself, should it be seen
+        rows, columns = np.indices(seen.shape)
+        weight = seen / seen.sum()
+        spread = [np.sqrt((weight * (x - (weight * x).sum()) ** 2).sum()) for x in (columns, rows)]
+        spreads.append(spread[0] / spread[1])
+    assert spreads[0] > 2.0 * spreads[1]
+
+
+def test_a_brush_agrees_with_a_quadrature() -> None:
+    """Of light from everywhere; along the brush and across, which differ."""
+    material = Material("m", np.ones(3), roughness=0.4, metallic=1.0, anisotropy=0.6)
+    found = []
+    for turn in (0.0, 90.0):
+        scene = plane_under_the_sky(replace(material, anisotropy_angle=turn), 0.3)
+        mesh = scene.shapes[0].geometry
+        assert not isinstance(mesh, str)
+        uv = mesh.vertices[:, :2].copy()
+        scene = replace(scene, shapes=[replace(scene.shapes[0], geometry=replace(mesh, uv=uv))])
+        found.append(glpath.render(scene, spp=256, max_depth=2).mean.mean())
+    along, across = 0.16 + 0.84 * 0.36, 0.16
+    expected = [brushed_albedo(0.3, *alphas) for alphas in ((along, across), (across, along))]
+    assert abs(expected[0] - expected[1]) > 0.02
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+def brushed_albedo(cosine: float, alpha_x: float, alpha_y: float) -> float:
+    """What white metal sends back of light from everywhere, seen in the plane of x."""
+    n = 1200
+    z, phi = np.meshgrid((np.arange(n) + 0.5) / n, 2 * np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
+    r = np.sqrt(1 - z**2)
+    wi = np.stack([r * np.cos(phi), r * np.sin(phi), z])
+    wo = np.array([np.sqrt(1 - cosine**2), 0, cosine])
+    h = wi + wo[:, None, None]
+    h /= np.linalg.norm(h, axis=0)
+    D = 1 / (np.pi * alpha_x * alpha_y * ((h[0] / alpha_x) ** 2 + (h[1] / alpha_y) ** 2 + h[2] ** 2) ** 2)
+
+    def masked(w: Float64) -> Float64:
+        return np.asarray(2 / (1 + np.sqrt(1 + ((alpha_x * w[0]) ** 2 + (alpha_y * w[1]) ** 2) / w[2] ** 2)))
+
+    f = D * masked(wi) * masked(wo) / (4 * z * cosine)
+    return float((f * z).mean() * 2 * np.pi)
 
 
 def test_the_ray_tracer_mirrors_metal_and_refuses_glass() -> None:
