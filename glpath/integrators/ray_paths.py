@@ -12,8 +12,8 @@ A set is one draw: its fragment shader follows a path from the eye to its end (`
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
-          geometry that does not fit into memory.
+Poor at:  caustics, which directions find by chance; scenes lit through small openings; geometry that does not
+          fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
 """
