@@ -143,6 +143,9 @@ vec4 trace_path(ivec2 pixel)
     float rays = 0.0;
     int vertices = max_depth;
     bool goes_on = true;
+#ifdef GUIDED
+    float dearer = 1.0;  // what the path weighs more for where guides sent it
+#endif
     Leaving from;
 #if BRANCHES > 1
     Leaving first;
@@ -217,6 +220,9 @@ vec4 trace_path(ivec2 pixel)
             at = Course(at.path, 0, at.branch + 1);
             vertices = max_depth;
             goes_on = true;
+#ifdef GUIDED
+            dearer = 1.0;
+#endif
         }
 #endif
         if (!goes_on) break;
@@ -227,6 +233,7 @@ vec4 trace_path(ivec2 pixel)
             float chosen;
             numbers = guided(from.guide, numbers, chosen);
             beta /= chosen;
+            dearer /= chosen;
         }
 #endif
         PathVertex v = from.v;
@@ -235,7 +242,12 @@ vec4 trace_path(ivec2 pixel)
         beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
         float most = max(beta.r, max(beta.g, beta.b));
         if (at.depth + 1 >= roulette_depth) {
+#ifdef GUIDED
+            // Not by what guides did: a path on its way to the light has a small weight for that reason alone.
+            float stay = min(1.0, most / dearer);
+#else
             float stay = min(1.0, most);
+#endif
             goes_on = random_at(at, USE_ROULETTE) < stay;
             beta /= stay;
         }
