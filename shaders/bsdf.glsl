@@ -29,7 +29,7 @@ struct Bsdf
     float coat;       // share under varnish
     float coat_alpha;
     vec3 clear;       // share that is let through
-    float eta;        // index of the far side over that of the near one; 0: a pane, which does not refract
+    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or PANE
 #endif
 };
 
@@ -56,7 +56,7 @@ float mean(vec3 v)
 }
 
 #ifdef HAS_MICROFACETS
-const float SMOOTH = 1e-3;  // microfacets of a smaller alpha are a mirror
+const float PANE = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.

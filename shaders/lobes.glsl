@@ -76,13 +76,14 @@ struct Departure
     vec3 weight;    // that of the lobe's choice included
     float density;  // per solid angle
     bool through;   // to the other side
+    bool straight;  // by a pane, which light samples see through
 };
 
 // By microfacets, varnish or a mirror. chosen: beyond the dull lobe's chance.
 Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
-    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false);
+    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
 #ifdef HAS_MICROFACETS
     if (chosen >= q.mirror) {
         bool coat = chosen < q.mirror + q.coat;
@@ -99,6 +100,7 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
             d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
             wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            d.straight = b.eta == PANE;
             if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
@@ -119,3 +121,15 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
     }
     return d;
 }
+
+#ifdef HAS_PANES
+vec3 pane_lets_through(int triangle, vec3 position, vec3 direction)
+{
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    Surface s = surface_of_triangle(triangle, position, plane);
+    bool front = front_hit(plane.xyz, direction);
+    Bsdf b = bsdf_at(s, front);
+    float cosine = dot(shading_normal(s, front, -direction), -direction);
+    return b.eta == PANE ? b.clear * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine))) : vec3(0.0);
+}
+#endif

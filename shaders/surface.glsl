@@ -231,7 +231,7 @@ Bsdf bsdf_at(Surface s, bool front)
         // The back of glass is its inside.
         if (clear > 0.0) reflects = 1.0;
         b.clear = base * clear;
-        b.eta = glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+        b.eta = glass.w != 0.0 ? PANE : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
 #endif
         b.diffuse = base * ((1.0 - metal - clear) * reflects);
         b.metal = base * metal * reflects;

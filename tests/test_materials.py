@@ -324,3 +324,67 @@ def test_frosted_glass_is_lit_from_behind_by_a_light_that_no_direction_finds(thi
     by_both = glpath.render(area, spp=512, max_depth=2).mean
     assert by_samples.mean() > 0.05
     assert by_both.mean() == pytest.approx(by_samples.mean(), rel=0.02)
+
+
+def behind_panes(panes: int, light: dict[str, Any]) -> Scene:
+    """A floor that is lit through tinted panes by a light above them."""
+    level = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]
+    shapes: list[dict[str, Any]] = [{"type": "quad", "corners": level, "material": "floor"}]
+    for i in range(panes):
+        corners = [[x, 1.0 + 0.1 * i, z] for x, _, z in level]
+        shapes.append({"type": "quad", "corners": corners, "material": "pane"})
+    tables: dict[str, Any] = {}
+    if "radiance" in light:
+        lamp = [[-0.2, 3, -0.2], [0.2, 3, -0.2], [0.2, 3, 0.2], [-0.2, 3, 0.2]]
+        shapes.append({"type": "quad", "corners": lamp, "emission": {"radiance": light["radiance"]}})
+    else:
+        tables["lights"] = [light]
+    return scene_from_dict(
+        {
+            "camera": {"position": [0, 0.8, 3], "target": [0, 0, 0], "fov": 20},
+            "film": {"resolution": [24, 24]},
+            "materials": {
+                "floor": {"reflectance": 0.5},
+                "pane": {
+                    "type": "principled",
+                    "transmission": 1,
+                    "roughness": 0,
+                    "thin": True,
+                    "specular": 0.0,
+                    "reflectance": [0.9, 0.6, 0.3],
+                },
+            },
+            "shapes": shapes,
+            **tables,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"type": "directional", "direction": [0, -1, 0], "irradiance": 1.0},
+        {"type": "point", "position": [0, 3, 0], "intensity": 9.0},
+        {"radiance": 60.0},
+    ],
+    ids=["sun", "point", "lamp"],
+)
+@pytest.mark.parametrize("integrator", ["path", "gather"])
+def test_light_goes_straight_through_panes(light: dict[str, Any], integrator: str) -> None:
+    """By light samples and by directions, together once: each pane takes its tint, with nothing reflected by it."""
+    depth = {"max_depth": 1} if integrator == "path" else {}
+    plain, one, two = (
+        glpath.render(behind_panes(n, light), spp=256, integrator=integrator, **depth).mean.mean(axis=(0, 1))  # type: ignore[arg-type]
+        for n in (0, 1, 2)
+    )
+    tint = np.array([0.9, 0.6, 0.3])
+    assert one == pytest.approx(plain * tint, rel=0.02)
+    assert two == pytest.approx(plain * tint**2, rel=0.02)
+
+
+def test_a_lamp_is_seen_through_a_pane() -> None:
+    scene = behind_panes(1, {"radiance": 1.0}).with_camera(
+        position=np.array([0.0, 0.5, 0.0]), target=np.array([0.0, 3.0, 0.0]), up=np.array([0.0, 0.0, 1.0]), fov=1.0
+    )
+    seen = glpath.render(scene, spp=16, max_depth=2).mean
+    assert seen.mean(axis=(0, 1)) == pytest.approx([0.9, 0.6, 0.3], rel=0.02)

@@ -31,11 +31,12 @@ LAYOUT: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
         "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third; w: 1 where light may pass through either triangle",
+        "AC": "to the third; w: ITEM_ALPHA where either triangle has an opacity, ITEM_PANE where it is a pane of glass",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
+_ALPHA, _PANE = 1, 2
 _STEPS = 65535
 # More in all the eight orders would be 64 MiB of nodes.
 _MANY = 250_000
@@ -45,6 +46,7 @@ def ray_bvh_glsl() -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`."""
     return (
         f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
+        + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_PANE = {_PANE}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
     )
 
@@ -63,8 +65,8 @@ class RayBvh:
         octants = 1 if len(triangles) > _MANY else 8
         lower, step, boxes = _in_steps(tree)
         item_table = _item_table(triangles, items)
-        see_through = np.append(_see_through(scene.scene), False)
-        item_table[:, 2, 3] = see_through[items[:, 0]] | see_through[items[:, 1]]
+        flags = np.append(_flags(scene.scene), np.uint32(0))
+        item_table[:, 2, 3] = flags[items[:, 0]] | flags[items[:, 1]]
         tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": item_table}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
@@ -107,10 +109,11 @@ def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[n
     return table
 
 
-def _see_through(scene: Scene) -> NDArray[np.bool_]:
-    """(T,) bool: triangles whose material has an opacity."""
-    of_shape = np.array([scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes], np.bool_)
-    return of_shape[scene.triangle_shape]
+def _flags(scene: Scene) -> NDArray[np.uint32]:
+    """(T,) uint32: of what lets light through."""
+    materials = [scene.materials[shape.material] for shape in scene.shapes]
+    of_shape = [_ALPHA * (m.alpha != "opaque") + _PANE * m.is_pane for m in materials]
+    return np.array(of_shape, np.uint32)[scene.triangle_shape]
 
 
 def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.uint32]:

@@ -13,6 +13,8 @@ from glpath.image import decode_srgb
 from glpath.scene.geometry import Float64
 
 Wrap = Literal["repeat", "clamp", "mirror"]
+#: GGX's alpha below which microfacets are a mirror.
+SMOOTH = 1e-3
 _MOST_REFLECTED = 0.97
 #: The fields of a `Material` that are texture slots.
 SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
@@ -147,6 +149,12 @@ class Material:
     def needs_uv(self) -> bool:
         """Where it is has to have texture coordinates: for its textures, or for the way of its brush."""
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
+
+    @property
+    def is_pane(self) -> bool:
+        """Glass that light goes straight through."""
+        smooth = self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
+        return smooth and self.transmission > 0 and self.thin
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
