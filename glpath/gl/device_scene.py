@@ -10,7 +10,7 @@ on which `shaders/surface.glsl` and its neighbours build.
 
 Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
           are any; for the path-buffer's engines 12 a triangle more, as an index buffer. 64 to 112 bytes
-          a sphere. Textures have 16 bytes a texel, in rows of 4096 of their own.
+          a sphere; 16 a texel of an environment map. Textures have 16 bytes a texel, in rows of 4096 of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from glpath.errors import SceneError
 from glpath.gl.passes import TriangleIndices
 from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, row_texture, store_glsl
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
-from glpath.scene.model import Float64, Int32, Light, Scene
+from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
@@ -65,6 +65,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "DIRECTION": "unit, in which the light goes",
         "CONE": "of a spot: cosines of the angles of full light and of its end",
     },
+    "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
@@ -192,6 +193,8 @@ class DeviceScene:
             self.defines["HAS_HIGHLIGHTS"] = 1
         if any(np.any(material.mirror > 0) for material in scene.materials):
             self.defines["HAS_MIRRORS"] = 1
+        if isinstance(scene.sky, Environment):
+            self.defines["HAS_ENVIRONMENT"] = 1
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
@@ -221,6 +224,7 @@ class DeviceScene:
                 "material": _materials(scene),
                 "repeats": _texel(np.array([t.scale for t in scene.textures]).reshape(-1, 2)),
                 "light": _lights(lights),
+                "environment": _environment(scene),
             },
             source,
         )
@@ -414,6 +418,15 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
 def _materials(scene: Scene) -> Float64:
     rows = [[[*m.reflectance, m.two_sided], [*m.specular, m.exponent], [*m.mirror, 0]] for m in scene.materials]
     return np.array(rows, np.float64).reshape(-1, 3, 4)
+
+
+def _environment(scene: Scene) -> NDArray[np.float32]:
+    sky = scene.sky
+    if not isinstance(sky, Environment):
+        return np.zeros((0, 1, 4), np.float32)
+    table = np.zeros((sky.image.shape[0] * sky.image.shape[1], 1, 4), np.float32)
+    np.multiply(sky.image.reshape(-1, 3), sky.scale, out=table[:, 0, :3], casting="same_kind")
+    return table
 
 
 def _lights(lights: tuple[Light, ...]) -> Float64:
