@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.sampling import uniform_sphere
 from glpath.scene.appearance import Appearance
-from glpath.scene.model import Float64, Light, Scene, Shape, Sky
+from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
 #: Their numbers in GLSL are their places here.
@@ -179,7 +179,7 @@ class Lighting:
     scene: Scene
     sides: tuple[_Side, ...]
     punctual: tuple[Light, ...]
-    sky: Sky | None
+    sky: Sky | Environment | None
     cdf: Float64
     triangle_density: Float64
     centre: Float64
@@ -199,11 +199,11 @@ class Lighting:
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if np.any(x.intensity > 0)) if punctual else ()
-        shown = scene.sky if sky and scene.sky is not None and _sky_mean_integral(scene.sky) > 0 else None
+        shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
         # Power over pi; the mean of the channels, so that no coloured light is starved.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
-        power += [] if shown is None else [_sky_mean_integral(shown) * radius**2]
+        power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
         # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
@@ -256,7 +256,7 @@ class Lighting:
         """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
         if self.sky is None:
             return 0.0
-        return self._probability(len(self.cdf) - 2) / (3 * _sky_mean_integral(self.sky))
+        return self._probability(len(self.cdf) - 2) / (3 * self.sky.mean_integral)
 
     def sample(self, u: ArrayLike) -> LightSample:
         """The light sample of u (3,), see `samples`."""
@@ -281,7 +281,7 @@ class Lighting:
                 samples.put_punctual(which, self.punctual[punctual], chance)
             else:
                 assert self.sky is not None, "the last light"
-                wi = _sky_directions(self.sky, u[which, 1:])
+                wi = self.sky.directions(u[which, 1:])
                 samples.kind[which] = LIGHT_KINDS.index("sky")
                 samples.direction[which] = -wi
                 samples.radiance[which] = sky_radiance(self.sky, wi)
@@ -373,13 +373,9 @@ def incident(light: Light, positions: Float64) -> Incident:
     return Incident(wi, distance, strength[:, None] * light.intensity)
 
 
-def sky_radiance(sky: Sky | None, directions: ArrayLike) -> Float64:
+def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float64:
     """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3); black without a sky."""
-    wi = np.asarray(directions, np.float64)
-    if sky is None:
-        return np.zeros(wi.shape)
-    height = np.clip(wi @ sky.up, 0.0, 1.0)[..., None]
-    return np.asarray(sky.horizon + (sky.zenith - sky.horizon) * height)
+    return np.zeros(np.shape(directions)) if sky is None else sky.radiance(directions)
 
 
 def max_radiance(scene: Scene) -> float:
@@ -389,7 +385,7 @@ def max_radiance(scene: Scene) -> float:
     """
     values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
-        values += [*scene.sky.zenith, *scene.sky.horizon]
+        values.append(scene.sky.typical_radiance)
     for light in scene.lights:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":
@@ -490,25 +486,3 @@ def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64
     position = np.einsum("nij,nj->ni", linear, unit) + spheres[:, :, 3]
     front = normal / length[:, None] * np.sign(volume)[:, None]
     return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length), unit
-
-
-def _sky_mean_integral(sky: Sky) -> float:
-    """The sky's radiance, mean of the channels, over all directions: W m^-2."""
-    return float(2 * np.pi * (sky.horizon.mean() + 0.5 * (sky.horizon + sky.zenith).mean()))
-
-
-def _sky_directions(sky: Sky, u: Float64) -> Float64:
-    """(N, 3) unit, as dense as the radiance, from u (N, 2): by the inverse of what lies below an elevation."""
-    horizon, zenith = float(sky.horizon.mean()), float(sky.zenith.mean())
-    below, above = horizon, 0.5 * (horizon + zenith)
-    part = u[:, 0] * (below + above)
-    # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
-    rest = np.maximum(part - below, 0.0)
-    root = horizon + np.sqrt(np.maximum(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
-    z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
-    z = np.clip(z, -1.0, 1.0)[:, None]
-    r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 1:]
-    x = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
-    x /= np.linalg.norm(x)
-    y = np.cross(sky.up, x)
-    return np.asarray(r * np.cos(phi) * x + r * np.sin(phi) * y + z * sky.up)

@@ -18,9 +18,11 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import (
+    Environment,
     Light,
     Material,
     Scene,
+    Sky,
     check_scene,
     scene_parameters,
     scene_schema,
@@ -200,9 +202,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         ],
         "lights": lights + [_about_light(light) for light in scene.lights],
         "ambient": scene.ambient.tolist(),
-        "sky": None
-        if scene.sky is None
-        else {name: getattr(scene.sky, name).tolist() for name in ("zenith", "horizon", "up")},
+        "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
 
@@ -235,6 +235,13 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
     }
 
 
+def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
+    if isinstance(sky, Environment):
+        size, up, integral = list(sky.image.shape[1::-1]), sky.up.tolist(), sky.integral.tolist()
+        return {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
+    return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
+
+
 def _about_light(light: Light) -> dict[str, Any]:
     told: dict[str, Any] = {"name": light.name, "kind": light.kind, "intensity": light.intensity.tolist()}
     bound = light.kind != "directional" and light.falloff == "quadratic"
@@ -247,6 +254,13 @@ def _about_light(light: Light) -> dict[str, Any]:
     if light.kind == "spot":
         told["cone"] = list(light.cone)
     return told
+
+
+def _told_of_sky(sky: dict[str, Any]) -> str:
+    if "size" in sky:
+        width, height = sky["size"]
+        return f"map of {width} x {height}, {_numbers(sky['integral'])} W m^-2 from all directions"
+    return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
 def _tables(summary: dict[str, Any]) -> list[Table]:
@@ -266,7 +280,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         "field of view": f"{camera['fov']:g} degrees, vertical",
         "resolution": "{} x {}".format(*camera["resolution"]),
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
-        "sky": f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}" if sky else "",
+        "sky": _told_of_sky(sky) if sky else "",
     }.items():
         if value:
             overview.add_row(label, escape(value))

@@ -10,7 +10,8 @@ on which `shaders/surface.glsl` and its neighbours build.
 
 Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
           are any; for the path-buffer's engines 12 a triangle more, as an index buffer. 64 to 112 bytes
-          a sphere. Textures have 4 bytes a texel, those of floats 16; colours of vertices 16 a vertex.
+          a sphere; 16 a texel of an environment map. Textures have 4 bytes a texel, those of floats 16; colours of
+          vertices 16 a vertex.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
-from glpath.scene.model import Float64, Int32, Light, Scene
+from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
@@ -80,6 +81,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "DIRECTION": "unit, in which the light goes",
         "CONE": "of a spot: cosines of the angles of full light and of its end",
     },
+    "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
@@ -217,6 +219,8 @@ class DeviceScene:
             self.defines["HAS_BRUSHES"] = 1
         if any(material.roughness is not None and material.transmission > 0 for material in scene.materials):
             self.defines["HAS_GLASS"] = 1
+        if isinstance(scene.sky, Environment):
+            self.defines["HAS_ENVIRONMENT"] = 1
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
@@ -266,6 +270,7 @@ class DeviceScene:
                 "slot_map": images.maps,
                 "image": images.floats,
                 "light": _lights(lights),
+                "environment": _environment(scene),
             },
             source,
         )
@@ -475,6 +480,15 @@ def _materials(scene: Scene) -> Float64:
 
 def _both_uv(scene: Scene) -> Float64:
     return np.concatenate([scene.shapes.vertex_uv, scene.shapes.vertex_uv1], axis=1)
+
+
+def _environment(scene: Scene) -> NDArray[np.float32]:
+    sky = scene.sky
+    if not isinstance(sky, Environment):
+        return np.zeros((0, 1, 4), np.float32)
+    table = np.zeros((sky.image.shape[0] * sky.image.shape[1], 1, 4), np.float32)
+    np.multiply(sky.image.reshape(-1, 3), sky.scale, out=table[:, 0, :3], casting="same_kind")
+    return table
 
 
 def _lights(lights: tuple[Light, ...]) -> Float64:

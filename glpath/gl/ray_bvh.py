@@ -31,7 +31,7 @@ LAYOUT: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
         "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third; w: ITEM_ALPHA where either triangle has an opacity, ITEM_PANE where it is a pane of glass",
+        "AC": "to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_PANE where it is a pane",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)

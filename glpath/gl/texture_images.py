@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.gl.texel_store import WIDTH
 from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
-from glpath.scene.model import Float64, Scene
+from glpath.scene.model import Scene
 
 #: What `slot_texel(n, SLOT_IMAGE).w` tells: bits, and where two bits of a wrap mode begin.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}

@@ -84,7 +84,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         textures=textures,
         lights=lights.lights(file.lights, place.field("lights")),
         ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky")),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
     )
 
