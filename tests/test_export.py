@@ -26,7 +26,19 @@ from glpath.scene.export.geometry import Notes, in_triangles
 from glpath.scene.export.mitsuba import described
 from glpath.scene.formats.gltf.load import Model, read_gltf
 from glpath.scene.material import SLOTS
-from glpath.scene.model import Camera, Light, Material, Mesh, Scene, Shape, Shapes, Sky, Texture, TextureSlot
+from glpath.scene.model import (
+    Camera,
+    Environment,
+    Light,
+    Material,
+    Mesh,
+    Scene,
+    Shape,
+    Shapes,
+    Sky,
+    Texture,
+    TextureSlot,
+)
 from glpath.scene.shipped.library import shipped_scenes
 from glpath.scene.tessellate import box_mesh, unit_sphere
 
@@ -230,7 +242,7 @@ def test_mitsuba_makes_of_the_files_what_it_makes_of_the_scene(name: str, tmp_pa
     by_file, by_memory = pictures(scene, tmp_path / "a.xml")
     # Several lights are in another order, so that the noise is another.
     lamps = len(scene.lights) + sum(shape.emits for shape in scene.shapes) + (scene.sky is not None)
-    assert by_file.mean() == pytest.approx(by_memory.mean(), rel=1e-5 if lamps == 1 else 5e-3)
+    assert by_file.mean() == pytest.approx(by_memory.mean(), rel=1e-5 if lamps == 1 else 2e-2)
     if lamps == 1:
         assert np.median(np.abs(by_file - by_memory)) < 1e-6
 
@@ -257,7 +269,9 @@ def test_instances_in_mitsuba_are_the_triangles_that_they_make(tmp_path: Path) -
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("kind", ["point", "spot", "directional", "sky", "plain sky", "smooth", "textured"])
+@pytest.mark.parametrize(
+    "kind", ["point", "spot", "directional", "sky", "environment", "plain sky", "smooth", "textured"]
+)
 def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
     """The mean of the picture within 1 %, and half of its squares of 8 x 8 pixels within 1 %."""
     peer = mitsuba()
@@ -290,6 +304,9 @@ def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
         scene = replace(scene, sky=None, lights=(light,))
     elif kind == "sky":
         scene = replace(scene, sky=Sky(np.array([0.2, 0.5, 2.0]), np.array([1.0, 0.5, 0.1])))
+    elif kind == "environment":
+        image = np.random.default_rng(0).uniform(0, 2, (4, 8, 3)).astype(np.float32)
+        scene = replace(scene, sky=Environment(image, np.array([0.2, 1.0, 0.1]), 30.0))
     elif kind == "textured":
         image = np.random.default_rng(0).uniform(0, 1, (3, 4, 3)).astype(np.float32)
         texture = Texture("checks", image, (2.0, 3.0), "nearest")

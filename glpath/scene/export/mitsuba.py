@@ -38,8 +38,8 @@ from glpath.scene.export.geometry import (
     with_all_normals,
 )
 from glpath.scene.geometry import Float64, Mesh, Shape
-from glpath.scene.material import Material, Texture, TextureSlot
-from glpath.scene.model import Light, Scene, Sky
+from glpath.scene.material import SMOOTH, Material, Texture, TextureSlot
+from glpath.scene.model import Environment, Light, Scene, Sky
 
 Sampler = Literal["independent", "multijitter"]
 Plugin = dict[str, Any]
@@ -47,10 +47,8 @@ Plugin = dict[str, Any]
 #: The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from either
 #: side meets the side that faces it first.
 SIDE_OFFSET = 1e-5
-# GGX's alpha below which a surface is smooth, as in shaders/bsdf.glsl.
-_SMOOTH = 1e-3
 # Rows of the environment map that a sky with a gradient becomes.
-_SKY_ROWS = 1024
+_SKY_ROWS = 1025
 # Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
 _SPECULAR = 0.5
 
@@ -248,7 +246,7 @@ class _Surface:
             made["specular"] = float(np.clip(reflected.mean() / 0.08, 0.0, 1.0))
         if material.anisotropy > 0:
             self._note("brushed metal is about as rough along the brush and across, at most ten to one")
-            across = max(roughness**2, _SMOOTH)
+            across = max(roughness**2, SMOOTH)
             along = across + (1.0 - across) * material.anisotropy**2
             made["anisotropic"] = float(min((1.0 - across / along) / 0.9, 1.0))
             made["roughness"] = float((along * across) ** 0.25)
@@ -285,7 +283,7 @@ class _Surface:
             made["int_ior"] = float((1.0 + root) / (1.0 - root))
             self._note("its pane reflects as ours at normal incidence, with an index for that, and not as rough")
             return {"type": "thindielectric", **made}
-        if alpha < _SMOOTH:
+        if alpha < SMOOTH:
             return {"type": "dielectric", **made}
         return {"type": "roughdielectric", "distribution": "ggx", "alpha": alpha, **made}
 
@@ -411,7 +409,7 @@ def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: _Surfaces, bsdf: Plu
     elif 1 in second:
         surfaces.notes.add("all its textures have the first texture coordinates", "material", material.name)
     if mesh.uv is not None:
-        mesh = replace(mesh, uv=v_downwards(mesh.uv) if slots or material.anisotropy > 0 else None)
+        mesh = replace(mesh, uv=v_downwards(mesh.uv) if material.needs_uv else None)
     if mesh.colours is not None:
         mesh = replace(mesh, colours=mesh.colours * [*material.reflectance, 1.0])
     made: Plugin = {"type": "mesh", "name": shape.name, "mesh": mesh, "bsdf": bsdf}
@@ -460,17 +458,30 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
     return made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
 
 
-def _sky(sky: Sky) -> Plugin:
+def _sky(sky: Sky | Environment) -> Plugin:
+    if isinstance(sky, Environment):
+        middle, left, up = sky.frame
+        height, width = sky.image.shape[:2]
+        return _envmap(sky, (left, up, middle), (2 * height + 1, width))
     if np.array_equal(sky.zenith, sky.horizon):
         return {"type": "constant", "radiance": rgb(sky.zenith)}
-    # Of an envmap the first row is exactly above, the last exactly below, and y is up.
-    sine = np.cos(np.linspace(0.0, np.pi, _SKY_ROWS)).clip(0.0)[:, None]
-    column = sky.horizon + sine * (sky.zenith - sky.horizon)
     across = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
     across = across / np.linalg.norm(across)
-    image = np.repeat(column[:, None].astype(np.float32), 4, axis=1)
-    to_world = _frame(across, sky.up, np.cross(across, sky.up), np.zeros(3))
-    return {"type": "envmap", "image": image, "name": "sky", "to_world": to_world}
+    return _envmap(sky, (across, sky.up, np.cross(across, sky.up)), (_SKY_ROWS, 4))
+
+
+def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
+    """The radiance in Mitsuba's directions: x, y up and z of `axes`.
+
+    Its first row is exactly above and its last exactly below, while columns have their middles in directions: of a
+    map of h rows, 2 h + 1 interpolate as its own do.
+    """
+    theta = np.linspace(0.0, np.pi, size[0])[:, None, None]
+    phi = 2.0 * np.pi * (np.arange(size[1]) + 0.5)[:, None] / size[1]
+    x, y, z = axes
+    directions = np.sin(theta) * (np.sin(phi) * x - np.cos(phi) * z) + np.cos(theta) * y
+    image = sky.radiance(directions).astype(np.float32)
+    return {"type": "envmap", "image": image, "name": "sky", "to_world": _frame(x, y, z, np.zeros(3))}
 
 
 def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
