@@ -17,9 +17,10 @@ import numpy as np
 
 from glpath.errors import SceneWarning, UsageError
 from glpath.image import decode_srgb
+from glpath.scene.formats.completed import completed
 from glpath.scene.formats.load import scene_of
 from glpath.scene.formats.meshes import read_mesh
-from glpath.scene.model import Camera, Float64, Mesh, Scene, Shapes, Sky
+from glpath.scene.model import Float64, Mesh, Scene, Shapes
 from glpath.scene.place import Place, PythonPlace, shown
 
 if TYPE_CHECKING:
@@ -29,12 +30,6 @@ if TYPE_CHECKING:
 else:
     AnyScene = Any
 
-#: Seen from the front, somewhat from above and from the right.
-_VIEW = np.array([0.5, 0.4, 1.0])
-_FOV = 40.0
-_RESOLUTION = (512, 512)
-# How much farther off the eye is than it must be.
-_MARGIN = 1.1
 _NO_CAMERA = {"position": [0.0, 0.0, 1.0], "target": [0.0, 0.0, 0.0]}
 
 
@@ -90,44 +85,7 @@ def _complete(data: Mapping[str, Any], place: Place, folder: Path) -> Scene:
     """The scene with a camera and a light, with a warning of what had to be added."""
     given = _with_colours(data)
     scene = scene_of({"camera": _NO_CAMERA, **given}, place, folder, str(given.get("name", place.source)))
-    notes = []
-    if "camera" not in given:
-        scene = replace(
-            scene,
-            camera=framing(
-                scene, scene.camera.resolution if "resolution" in given.get("film", {}) else _RESOLUTION
-            ),
-        )
-        c = scene.camera
-        notes.append(
-            f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
-            f"{shown(c.target.round(3))}, fov {c.fov:g}"
-        )
-    if not (scene.lights or scene.sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes)):
-        scene = _lit_from_all_around(scene)
-        notes.append("no light, so a white sky shines from all around")
-    if notes:
-        warnings.warn(SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=4)
-    return scene
-
-
-def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:
-    """A camera that sees all triangles and spheres, from somewhat above, y up."""
-    lower, upper = scene.bounds
-    centre = 0.5 * (lower + upper)
-    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
-    # How far the eye must be for each corner of the box around everything to be within the picture.
-    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
-    right, up, forward = camera.frame()
-    wide, high = camera.extent
-    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
-    distance = _MARGIN * float(needed.max()) or 1.0
-    return replace(camera, position=centre - distance * forward)
-
-
-def _lit_from_all_around(scene: Scene) -> Scene:
-    """The one place that says what light a scene gets that has none."""
-    return replace(scene, sky=Sky(np.ones(3), np.ones(3)))
+    return completed(scene, has_camera="camera" in given, stacklevel=4)
 
 
 # --- trimesh ---

@@ -22,7 +22,10 @@ from glpath.scene import tessellate
 from glpath.scene.formats.convert import convert
 from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
 from glpath.scene.formats.load import read_scene_file, scene_from_dict
+from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
+from glpath.scene.formats.models import gltf_scene
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
@@ -30,7 +33,7 @@ from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
 
 #: Of the files that are scenes.
-SCENE_SUFFIXES = (".toml", *MESH_FORMATS)
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -62,12 +65,14 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         return _without_parameters(made, made.name, parameters)
     text = os.fspath(scene)  # type: ignore[arg-type]
     if isinstance(scene, str) and text in GENERATED:
-        return _generate(text, parameters or {})
+        return _made(GENERATED[text], Place(text), parameters or {})
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
+    if path.suffix.lower() in GLTF_FORMATS:
+        return _made(gltf_scene, Place(text), parameters or {}, path)
     read = scene_from_mesh_file if path.suffix.lower() in MESH_FORMATS else read_scene_file
     return _without_parameters(read(path), text, parameters)
 
@@ -82,13 +87,19 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene; empty for a scene file."""
-    if name not in GENERATED:
-        return {}
-    make = GENERATED[name]
+    """Default and description of each parameter of a generated scene or a glTF file; empty for other files."""
+    if name in GENERATED:
+        return _parameters_of(GENERATED[name])
+    return _parameters_of(gltf_scene) if name.lower().endswith(GLTF_FORMATS) else {}
+
+
+def _parameters_of(make: Callable[..., Scene]) -> dict[str, tuple[object, str]]:
     hints = get_type_hints(make, include_extras=True)
-    signature = inspect.signature(make)
-    return {key: (p.default, hints[key].__metadata__[0].description) for key, p in signature.parameters.items()}
+    return {
+        key: (p.default, hints[key].__metadata__[0].description)
+        for key, p in inspect.signature(make).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
 
 
 def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
@@ -153,11 +164,10 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 }
 
 
-def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
-    make = GENERATED[name]
-    known = scene_parameters(name)
+def _made(make: Callable[..., Scene], place: Place, parameters: Mapping[str, object], *given: Path) -> Scene:
+    """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
+    known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
-    place = Place(name)
     values = {}
     for key, value in parameters.items():
         if key not in known:
@@ -170,7 +180,7 @@ def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
             values[key] = convert(value, hints[key], strict=False)
         except msgspec.ValidationError as error:
             raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
-    return make(**values)
+    return make(*given, **values)
 
 
 def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object] | None) -> Scene:
