@@ -1,7 +1,6 @@
 """Model files: shapes with materials and textures of their own, and lights and cameras where the format has them.
 
-glTF 2.0 (.gltf, .glb) is read here in the house; OBJ with its MTL, PLY and STL by trimesh. A model becomes a scene of its own
-(`scene_from_model`) or a part of one (`glpath.scene.formats.assets`).
+A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`).
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from glpath.scene.check import check_camera
 from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
 from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.scene.formats.mesh_models import read_mesh_model
 from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.place import Place
@@ -40,7 +40,7 @@ def gltf_scene(
         float,
         Meta(
             ge=0,
-            description="a number from 0, what punctual lights are multiplied by; 0.00146 (1/683) for Blender's files",
+            description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
         ),
     ] = 1.0,
 ) -> Scene:
@@ -50,6 +50,16 @@ def gltf_scene(
         wanted = int(wanted)
     model = read_gltf(path, time=None if time == "rest" else time, camera=wanted, light_factor=light_factor)
     return scene_of_model(model)
+
+
+def read_model(path: Path, place: Place, time: float | None = None) -> Model:
+    """The model of a file of one of `FORMATS`; `place` is where it is named. Raises SceneError.
+
+    time : as of `read_gltf`
+    """
+    if path.suffix.lower() in GLTF_FORMATS:
+        return read_gltf(path, time=time)
+    return read_mesh_model(path, place)
 
 
 def scene_of_model(model: Model) -> Scene:

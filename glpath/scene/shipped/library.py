@@ -20,12 +20,11 @@ from glpath.errors import SceneError, UsageError
 from glpath.files import shipped_folder
 from glpath.scene import tessellate
 from glpath.scene.formats.convert import convert
-from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
-from glpath.scene.formats.load import read_scene_file, scene_from_dict
+from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_python
 from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
-from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.formats.load import read_scene_file, scene_from_dict
 from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
-from glpath.scene.formats.models import gltf_scene
+from glpath.scene.formats.models import gltf_scene, read_model, scene_of_model
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
@@ -73,8 +72,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         raise _no_such_scene(text)
     if path.suffix.lower() in GLTF_FORMATS:
         return _made(gltf_scene, Place(text), parameters or {}, path)
-    read = scene_from_mesh_file if path.suffix.lower() in MESH_FORMATS else read_scene_file
-    return _without_parameters(read(path), text, parameters)
+    if path.suffix.lower() in MODEL_FORMATS:
+        return _without_parameters(scene_of_model(read_model(path, Place(str(path)))), text, parameters)
+    return _without_parameters(read_scene_file(path), text, parameters)
 
 
 def shipped_scenes() -> dict[str, str]:
