@@ -22,7 +22,7 @@ from glpath.scene.formats.from_trimesh import Surfaces, lights
 from glpath.scene.formats.gltf.surfaces import Surface
 from glpath.scene.formats.load import scene_of
 from glpath.scene.formats.meshes import mesh_of_trimesh
-from glpath.scene.model import Light, Material, Mesh, Scene, Shapes, Texture
+from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures
 from glpath.scene.place import Place, PythonPlace, shown
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
         number, materials = names.index(material), scene.materials
     else:
         number = len(scene.materials)
-        moved = _moved_textures(part.materials[new.material], len(scene.textures))
+        moved = moved_textures(part.materials[new.material], len(scene.textures))
         materials = (*scene.materials, replace(moved, name=f"{name}"))
     return replace(
         scene,
@@ -85,12 +85,6 @@ def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Seque
     scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
     scene = replace(scene, lights=(*scene.lights, *lights))
     return completed(scene, has_camera="camera" in data, stacklevel=4)
-
-
-def _moved_textures(material: Material, first: int) -> Material:
-    """The material where its textures stand after `first` others."""
-    moved = {name: replace(slot, texture=slot.texture + first) for name, slot in material.slots.items()}
-    return replace(material, **moved)  # type: ignore[arg-type]
 
 
 # --- trimesh ---
@@ -159,7 +153,7 @@ def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[T
         return scene
     given = list(dict.fromkeys(map(id, looks.values())))
     by_id = {id(surface): surface for surface in looks.values()}
-    materials = [_moved_textures(by_id[each].material, len(scene.textures)) for each in given]
+    materials = [moved_textures(by_id[each].material, len(scene.textures)) for each in given]
     used = [shape.material for index, shape in enumerate(scene.shapes) if index not in looks]
     kept = [index for index, m in enumerate(scene.materials) if m.name != "default" or index in used]
     number = {old: new for new, old in enumerate(kept)}

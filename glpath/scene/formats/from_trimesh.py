@@ -72,7 +72,7 @@ class Surfaces:
     _alive: list[Any] = field(default_factory=list)  # so that no two have one id
 
     def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
-        """`mesh`, which was made of `given` of trimesh, with its colours, and its surface; None where it has none."""
+        """`mesh`, made of `given` of trimesh, with the colours of that, and its surface; None where it has none."""
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:

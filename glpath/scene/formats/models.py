@@ -26,7 +26,7 @@ from glpath.scene.place import Place
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
 
 
-def gltf_scene(
+def read_gltf_as_asked(
     path: Path,
     *,
     camera: Annotated[
@@ -43,13 +43,12 @@ def gltf_scene(
             description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
         ),
     ] = 1.0,
-) -> Scene:
-    """The scene of a .gltf or .glb; see `load_scene`."""
+) -> Model:
+    """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera == "first" else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
-    model = read_gltf(path, time=None if time == "rest" else time, camera=wanted, light_factor=light_factor)
-    return scene_of_model(model)
+    return read_gltf(path, time=None if time == "rest" else time, camera=wanted, light_factor=light_factor)
 
 
 def read_model(path: Path, place: Place, time: float | None = None) -> Model:
@@ -68,7 +67,7 @@ def scene_of_model(model: Model) -> Scene:
     if not model.shapes:
         raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
     for note in model.notes:
-        warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=4)
+        warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=3)
     scene = Scene(
         name=model.name,
         camera=NO_CAMERA if model.camera is None else _camera(model.camera),
@@ -80,7 +79,7 @@ def scene_of_model(model: Model) -> Scene:
     )
     if model.camera is not None:
         check_camera(scene.camera, place)
-    return completed(scene, has_camera=model.camera is not None, stacklevel=4)
+    return completed(scene, has_camera=model.camera is not None, stacklevel=3)
 
 
 def _camera(given: ModelCamera) -> Camera:
