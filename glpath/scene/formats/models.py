@@ -17,6 +17,9 @@ from glpath.scene.check import check_camera
 from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
 from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.scene.formats.gltf.document import read_document
+from glpath.scene.formats.gltf.lights import camera_of
+from glpath.scene.formats.gltf.nodes import Nodes
 from glpath.scene.formats.mesh_models import read_mesh_model
 from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Camera, Scene, Shapes
@@ -59,6 +62,14 @@ def read_model(path: Path, place: Place, time: float | None = None) -> Model:
     if path.suffix.lower() in GLTF_FORMATS:
         return read_gltf(path, time=time)
     return read_mesh_model(path, place)
+
+
+def gltf_cameras(path: Path) -> tuple[str, ...]:
+    """The names of the cameras that the parameter `camera` chooses from, in order. Raises SceneError."""
+    document = read_document(path)
+    nodes = Nodes.of(document, {})
+    found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)
+    return tuple(camera.name for camera in found if camera is not None)
 
 
 def scene_of_model(model: Model) -> Scene:

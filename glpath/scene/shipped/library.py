@@ -24,7 +24,7 @@ from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_
 from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.load import read_scene_file, scene_from_dict
 from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
-from glpath.scene.formats.models import read_gltf_as_asked, read_model, scene_of_model
+from glpath.scene.formats.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
@@ -94,6 +94,11 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
     return _parameters_of(read_gltf_as_asked) if name.lower().endswith(GLTF_FORMATS) else {}
+
+
+def scene_cameras(name: str) -> tuple[str, ...]:
+    """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
+    return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
 def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]:
