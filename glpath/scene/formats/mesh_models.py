@@ -28,7 +28,7 @@ def read_mesh_model(path: Path, place: Place) -> Model:
 
     Warns of triangles without area.
     """
-    file = read_mesh_file(path, place)
+    file = read_mesh_file(path, place, colours=True)
     return _Reader(path, place, file).model()
 
 
@@ -47,6 +47,7 @@ class _Reader:
         for name in plain.libraries if plain is not None else ():
             library.add(name)
         shapes: list[Shape] = []
+        uses_colours = False
         for loaded in sorted(
             self.file.meshes, key=self._number
         ):  # which trimesh hands out from the last to the first
@@ -62,14 +63,15 @@ class _Reader:
             else:
                 name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
                 mesh, surface = self._plain(mesh, loaded)
+                uses_colours |= surface.material.name in ("colours", "colour")
             mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
                 self.notes[f'"{name}", which has no area.'] = None
                 continue
             mesh = with_area(mesh, IDENTITY, name, self.place)
-            if plain is not None and plain.coloured and mesh.colours is None:
-                self.notes["Colours of some vertices only, or beside materials or texture coordinates."] = None
             shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
+        if self.file.coloured and not uses_colours:
+            self.notes["Colours, of some vertices only or beside materials, textures or their coordinates."] = None
         return Model(
             source=str(self.path),
             name=self.path.stem,
@@ -105,6 +107,7 @@ class _Reader:
     def _plain(self, mesh: Mesh, loaded: Any) -> tuple[Mesh, Surface]:
         """What has no material is grey, or of its colours, or of the texture of a PLY."""
         mesh = coloured(mesh, loaded)
+        # Colours beside a texture are the same again, as scanners' programs write them.
         if self.file.texture is not None:
             return mesh, self._with_coordinates(self._textured(self.file.texture), mesh)
         if mesh.colours is None:

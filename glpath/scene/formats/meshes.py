@@ -30,6 +30,9 @@ from glpath.scene.place import Place
 from glpath.scene.tessellate import split_faces
 
 FORMATS = (".obj", ".ply", ".stl")
+# In the header of a PLY.
+_RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
+_COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
 #: What describes the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -139,7 +142,7 @@ def read_mesh(path: Path, place: Place) -> Mesh:
     `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
     broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
     """
-    file = read_mesh_file(path, place)
+    file = read_mesh_file(path, place, colours=False)
     _warn_of_what_is_dropped(path, file)
     meshes = [mesh_of_loaded(mesh, path) for mesh in file.meshes]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -162,18 +165,23 @@ def _joined(parts: list[Float64 | None]) -> Float64 | None:
 class MeshFile:
     """What trimesh makes of a file.
 
-    meshes  : objects of trimesh, each with faces
-    obj     : the file in plain form, where it is an OBJ
-    texture : the name of the picture that a PLY has
+    meshes   : objects of trimesh, each with faces
+    obj      : the file in plain form, where it is an OBJ
+    texture  : the name of the picture that a PLY has
+    coloured : vertices or faces have colours, in the file
     """
 
     meshes: list[Any]
     obj: obj.Plain | None = None
     texture: str | None = None
+    coloured: bool = False
 
 
-def read_mesh_file(path: Path, place: Place) -> MeshFile:
-    """What a file holds. `place` and errors as of `read_mesh`."""
+def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
+    """What a file holds. `place` and errors as of `read_mesh`.
+
+    colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
+    """
     if path.suffix.lower() not in FORMATS:
         raise place.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
@@ -184,7 +192,7 @@ def read_mesh_file(path: Path, place: Place) -> MeshFile:
             nearby_files("Mesh files", path, FORMATS),
         )
     try:
-        file = _parse(path)
+        file = _parse(path, colours)
     except SceneError:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
@@ -240,7 +248,7 @@ def _unit(normals: Float64) -> Float64:
     return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
-def _parse(path: Path) -> MeshFile:
+def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
     suffix, content = path.suffix.lower(), path.read_bytes()
@@ -251,7 +259,7 @@ def _parse(path: Path) -> MeshFile:
         content = plain.text
         options = {"resolver": obj.NamesOnly(len(plain.materials))}
     elif suffix == ".ply":
-        content, texture = _plain_ply(content)
+        content, texture = _plain_ply(content, colours)
         options = {"skip_materials": True}
     loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
     # One by one, as `load_mesh` joins them and forgets the normals.
@@ -261,14 +269,21 @@ def _parse(path: Path) -> MeshFile:
         for array in (mesh.vertices, mesh.faces):
             if np.ndim(array) != 2 or np.shape(array)[1] != 3:
                 raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
-    return MeshFile(meshes, plain, texture)
+    coloured = (
+        plain.coloured
+        if plain is not None
+        else suffix == ".ply" and _RED.search(content.partition(b"end_header")[0]) is not None
+    )
+    return MeshFile(meshes, plain, texture, coloured)
 
 
-def _plain_ply(content: bytes) -> tuple[bytes, str | None]:
+def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
     """The file with an ASCII header (comments may hold names that are not), and the name of its texture."""
     header, end, rest = content.partition(b"end_header")
     named = re.search(rb"^comment TextureFile\s+(.*?)\s*$", header, re.MULTILINE)
     texture = decoded(named[1]) if named else None
+    if colours and texture is None and _RED.search(header):
+        header = _COORDINATES.sub(rb"\1unused_\2", header)
     return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, texture
 
 
