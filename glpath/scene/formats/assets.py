@@ -47,6 +47,7 @@ class Assets:
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
+    _said: set[str] = field(default_factory=set)
     _turned: dict[Mesh, Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], place: Place) -> None:
@@ -86,7 +87,10 @@ class Assets:
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             for note in model.notes:
-                warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=2)
+                text = f"{model.source}: not used: {note}"
+                if text not in self._said:
+                    self._said.add(text)
+                    warnings.warn(SceneWarning(text), stacklevel=2)
             self._read[path, time] = _Read(model, len(self.materials))
             first = len(self.textures)
             for material in model.materials:

@@ -16,7 +16,6 @@ from glpath.errors import GlpathError
 from glpath.files import reason_of
 from glpath.image import picture_size
 from glpath.image import read_image as read_float_image
-from glpath.npz import check_unfolded
 from glpath.scene.formats.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
@@ -82,7 +81,6 @@ class Pictures:
                 warnings.simplefilter("ignore")  # of many pixels, which are counted here, and of odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
                     self._check(*opened.size, 1)
-                    check_unfolded(4 * opened.size[0] * opened.size[1], path.stat().st_size)
                     return pixels_of(opened)
         except UnusableError:
             raise
