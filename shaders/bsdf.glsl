@@ -23,10 +23,13 @@ struct Bsdf
     float grazing;    // and at grazing incidence
     float layered;    // share of the surface that is one
     vec2 alpha;       // GGX's, along the brush and across
+#ifdef HAS_BRUSHES
+    vec3 brush;       // along the surface; 0 for none
+#endif
     float coat;       // share under varnish
     float coat_alpha;
     vec3 clear;       // share that is let through
-    float eta;        // index of the far side over that of the near one; 0: a pane, which does not refract
+    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or PANE
 #endif
 };
 
@@ -40,6 +43,9 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.clear = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
+#ifdef HAS_BRUSHES
+    b.brush = vec3(0.0);
+#endif
 #endif
     return b;
 }
@@ -50,7 +56,7 @@ float mean(vec3 v)
 }
 
 #ifdef HAS_MICROFACETS
-const float SMOOTH = 1e-3;  // microfacets of a smaller alpha are a mirror
+const float PANE = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.
@@ -139,10 +145,17 @@ struct Lobe
 };
 
 // Columns: along the brush, across it, and the normal to shade with.
-mat3 surface_axes(vec3 n)
+mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
     axes_across(n, x, y);
+#ifdef HAS_BRUSHES
+    vec3 along = b.brush - dot(b.brush, n) * n;
+    if (dot(along, along) > 1e-8) {
+        x = normalize(along);
+        y = cross(n, x);
+    }
+#endif
     return mat3(x, y, n);
 }
 
@@ -164,6 +177,29 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
 
+#ifdef HAS_GLASS
+bool is_frosted(Bsdf b)
+{
+    return max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+}
+
+// The same of light from the other side, wi.z < 0. Through a pane as it would be reflected; into a solid by Walter et al.,
+// eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
+Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
+{
+    if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    bool pane = b.eta <= 0.0;
+    vec3 m = normalize(pane ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
+    if (m.z < 0.0) m = -m;
+    float o = dot(wo, m), i = pane ? o : -dot(wi, m);
+    if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
+    float spread = pane ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
+    float density = visible_normal_density(wo, m, b.alpha) * spread;
+    vec3 T = b.clear * (let_under(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
+}
+#endif
+
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (b.coat <= 0.0 || b.coat_alpha < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
@@ -180,7 +216,7 @@ vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = dull_eval(b, n, wo, wi);
 #ifdef HAS_MICROFACETS
-    mat3 axes = surface_axes(n);
+    mat3 axes = surface_axes(b, n);
     vec3 o = wo * axes, i = wi * axes;
     f += microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f;
 #endif

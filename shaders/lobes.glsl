@@ -48,7 +48,7 @@ void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec
          * share_beside(direct.density, q.dull * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
-    mat3 axes = surface_axes(v.n);
+    mat3 axes = surface_axes(v.bsdf, v.n);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
     vec3 f = base.f * share_beside(direct.density, q.microfacets * base.density)
@@ -57,34 +57,51 @@ void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec
 #endif
 }
 
+#ifdef HAS_GLASS
+// Of a light sample on the other side.
+vec3 lit_through(PathVertex v, Lobes q, DirectLight direct)
+{
+    mat3 axes = surface_axes(v.bsdf, v.n);
+    vec3 wi = direct.wi * axes;
+    Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
+    float cosine = -dot(v.normal, direct.wi);
+    return lobe.f * direct.light
+         * (share_beside(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+}
+#endif
+
 struct Departure
 {
     vec3 direction;
     vec3 weight;    // that of the lobe's choice included
     float density;  // per solid angle
     bool through;   // to the other side
+    bool straight;  // by a pane, which light samples see through
 };
 
-// By microfacets, varnish or a mirror. chosen: beyond the dull lobe's chance; other: for what else is to be chosen.
-Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers, float other)
+// By microfacets, varnish or a mirror. chosen: beyond the dull lobe's chance.
+Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
-    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false);
+    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
 #ifdef HAS_MICROFACETS
     if (chosen >= q.mirror) {
         bool coat = chosen < q.mirror + q.coat;
         vec2 alpha = coat ? vec2(b.coat_alpha) : b.alpha;
         bool smooth_one = max(alpha.x, alpha.y) < SMOOTH;
-        mat3 axes = surface_axes(v.n);
+        mat3 axes = surface_axes(v.bsdf, v.n);
         vec3 wo = v.wo * axes, m = smooth_one ? vec3(0.0, 0.0, 1.0) : visible_normal(wo, alpha, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
-        d.through = other >= part;
+        // What the choice of the lobe leaves of its number.
+        d.through = chosen - q.mirror - q.coat >= part * q.microfacets && !coat;
         if (d.through) {
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
             d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
             wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            d.straight = b.eta == PANE;
+            if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
@@ -104,3 +121,15 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers, float othe
     }
     return d;
 }
+
+#ifdef HAS_PANES
+vec3 pane_lets_through(int triangle, vec3 position, vec3 direction)
+{
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    Surface s = surface_of_triangle(triangle, position, plane);
+    bool front = front_hit(plane.xyz, direction);
+    Bsdf b = bsdf_at(s, front);
+    float cosine = dot(shading_normal(s, front, -direction), -direction);
+    return b.eta == PANE ? b.clear * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine))) : vec3(0.0);
+}
+#endif

@@ -66,6 +66,13 @@ float random_at(Course at, uint use)
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
+#ifdef HAS_ALPHA
+void opacity_key_at(Course at, uint use)
+{
+    opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
+}
+#endif
+
 // Which part of the lights a vertex takes.
 float choice_number(Course at)
 {
@@ -154,6 +161,7 @@ vec4 trace_path(ivec2 pixel)
     bool was_dull = false;    // the last one
     vec3 inside = vec3(0.0);  // attenuation of what the path goes through
 #endif
+    float way = 0.0, reached = 0.0;  // of the ray: up to the last pane that it went through, and in all
     float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
@@ -182,12 +190,13 @@ vec4 trace_path(ivec2 pixel)
             PathVertex v = vertex_on(triangle, origin, direction, t);
             vec3 position = v.surface.position;
             bool front = v.front;
+            reached = way + t;
 #ifdef HAS_GLASS
             beta *= exp(-inside * t);
 #endif
 
             vec3 Le = emitted(v.surface, front, light_point);
-            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, t, dot(v.plane.xyz, direction)));
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
 
             vec3 reflected = beta;  // of direct light
             goes_on = at.depth < vertices - 1;
@@ -234,6 +243,27 @@ vec4 trace_path(ivec2 pixel)
             lit_lobes(v, lobes, direct, dull, others);
             vec3 lit = reflected * dull + beta * others;
             bool ends = !goes_on && !beyond;
+#ifdef HAS_GLASS
+            if (is_frosted(v.bsdf) && !beyond) {
+                LightSample other;
+                DirectLight behind = direct_light(at, position, -v.normal, 0, other);
+                vec3 through = beta * lit_through(v, lobes, behind);
+                if (max(through.r, max(through.g, through.b)) > 0.0) {
+                    vec3 from_behind = position - rounding * v.normal;
+                    vec3 to_light = behind.distant ? behind.wi : other.position - from_behind;
+                    float tmax = behind.distant ? NO_HIT : 1.0 - ROUNDING - rounding / behind.distance;
+#ifdef HAS_ALPHA
+                    opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+                    if (!is_blocked(from_behind, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+                        through *= through_panes;
+#endif
+                        L += through;
+                    }
+                }
+            }
+#endif
             goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
 #else
             DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
@@ -246,7 +276,15 @@ vec4 trace_path(ivec2 pixel)
                 // To just before the light, whose own triangle does not stand in its way.
                 vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
                 float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
-                if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
+#ifdef HAS_ALPHA
+                opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+                if (!is_blocked(start, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+                    lit *= through_panes;
+#endif
+                    L += lit;
+                }
             }
             if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
             from.v = v;
@@ -273,6 +311,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
 #ifdef HAS_LOBES
             bounces = 0;
+            way = 0.0;
             inside = vec3(0.0);
 #endif
         }
@@ -284,13 +323,26 @@ vec4 trace_path(ivec2 pixel)
         float chance = 1.0, cosine;
 #ifdef HAS_LOBES
         float chosen = random_at(at, USE_LOBE) - from.lobes.dull;
-        was_dull = chosen < 0.0;
-        if (!was_dull) {
+        bool by_dull = chosen < 0.0;
+        if (!by_dull) {
             bool stays = chosen < from.lobes.microfacets + from.lobes.coat + from.lobes.mirror;
-            Departure leaving = leave_by(v, from.lobes, chosen, numbers, random_at(at, USE_FRESNEL));
+            Departure leaving = leave_by(v, from.lobes, chosen, numbers);
             direction = leaving.direction;
             beta *= stays ? leaving.weight : vec3(0.0);
-            density = leaving.density;
+#ifdef HAS_PANES
+            // To its light samples a vertex sees through panes: what it finds behind them is shared with these, and the
+            // pane is no vertex of the path.
+            if (leaving.straight) {
+                way = reached;
+                vertices += 1;
+                if (at.depth == 0) density = MIRRORED;
+            } else
+#endif
+            {
+                density = leaving.density;
+                was_dull = false;
+                way = 0.0;
+            }
             cosine = 1.0;
 #ifdef HAS_GLASS
             if (leaving.through) {
@@ -304,6 +356,8 @@ vec4 trace_path(ivec2 pixel)
 #ifdef HAS_LOBES
             chance = from.lobes.dull;
             bounces += 1;
+            was_dull = true;
+            way = 0.0;
 #endif
 #ifdef GUIDED
             // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
@@ -334,6 +388,9 @@ vec4 trace_path(ivec2 pixel)
         at.depth += 1;
         if (goes_on) {
             rays += 1.0;
+#ifdef HAS_ALPHA
+            opacity_key_at(at, USE_OPACITY);
+#endif
             triangle = nearest_triangle(origin, direction, v.triangle);
         }
 #if BRANCHES == 1

@@ -180,9 +180,92 @@ def test_a_gather_has_the_light_that_path_tracing_has(name: str, off: float) -> 
     assert np.minimum(gather, 2).mean() == pytest.approx(np.minimum(path, 2).mean(), rel=off)
 
 
-def test_shared_directions_refuse_what_mirrors() -> None:
-    with pytest.raises(GlpathError, match=r"(?s)ball.*share their directions.*--directions"):
-        glpath.render(with_balls(**BALLS["metal-0.3"]), spp=1, directions="pair")
+def test_shared_directions_refuse_what_mirrors_sharply() -> None:
+    refused = {"mirror": "a mirror", "metal-0.05": "a roughness below 0.2", "glass": "glass"}
+    for name, kind in refused.items():
+        with pytest.raises(GlpathError, match=rf"(?s){kind} \(ball\).*share their directions.*--directions"):
+            glpath.render(with_balls(**BALLS[name]), spp=1, directions="pair")
+
+
+def test_rough_metal_is_the_same_with_shared_directions() -> None:
+    scene = with_balls(**BALLS["metal-0.6"])
+    own, shared = (glpath.render(scene, spp=256, max_depth=3, directions=d).mean for d in ("own", "pair"))  # type: ignore[arg-type]
+    assert np.minimum(shared, 2).mean() == pytest.approx(np.minimum(own, 2).mean(), rel=0.02)
+
+
+def test_brushed_metal_shines_across_its_brush() -> None:
+    """A highlight is spread along the direction in which the metal is rougher; turned by the angle."""
+    lamp = {"type": "sphere", "center": [0, 3, 3], "radius": 0.3, "subdivisions": 2, "emission": {"radiance": 10}}
+    spreads = []
+    for angle in (0.0, 90.0):
+        scene = scene_from_dict(
+            {
+                "camera": {"position": [0, -3, 3], "target": [0, 0, 0], "fov": 40, "up": [0, 0, 1]},
+                "film": {"resolution": [48, 48]},
+                "materials": {
+                    "m": {
+                        "type": "principled",
+                        "reflectance": 0.9,
+                        "metallic": 1,
+                        "roughness": 0.15,
+                        "anisotropy": 0.4,
+                        "anisotropy_angle": angle,
+                    }
+                },
+                "shapes": [
+                    {
+                        "type": "mesh",
+                        "material": "m",
+                        "vertices": [[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]],
+                        "faces": [[0, 1, 2, 3]],
+                        "uv": [[0, 0], [1, 0], [1, 1], [0, 1]],
+                    },
+                    lamp,
+                ],
+            }
+        )
+        seen = glpath.render(scene, spp=128, max_depth=1).mean.mean(axis=2)
+        seen[:6] = 0.0  # the lamp itself, should it be seen
+        rows, columns = np.indices(seen.shape)
+        weight = seen / seen.sum()
+        spread = [np.sqrt((weight * (x - (weight * x).sum()) ** 2).sum()) for x in (columns, rows)]
+        spreads.append(spread[0] / spread[1])
+    assert spreads[0] > 2.0 * spreads[1]
+
+
+def test_a_brush_agrees_with_a_quadrature() -> None:
+    """Of light from everywhere; along the brush and across, which differ."""
+    material = Material("m", np.ones(3), roughness=0.4, metallic=1.0, anisotropy=0.6)
+    found = []
+    for turn in (0.0, 90.0):
+        scene = plane_under_the_sky(replace(material, anisotropy_angle=turn), 0.3)
+        mesh = scene.shapes[0].geometry
+        assert not isinstance(mesh, str)
+        uv = mesh.vertices[:, :2].copy()
+        scene = replace(scene, shapes=[replace(scene.shapes[0], geometry=replace(mesh, uv=uv))])
+        found.append(glpath.render(scene, spp=256, max_depth=2).mean.mean())
+    along, across = 0.16 + 0.84 * 0.36, 0.16
+    expected = [brushed_albedo(0.3, *alphas) for alphas in ((along, across), (across, along))]
+    assert abs(expected[0] - expected[1]) > 0.02
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+def brushed_albedo(cosine: float, alpha_x: float, alpha_y: float) -> float:
+    """What white metal sends back of light from everywhere, seen in the plane of x."""
+    n = 1200
+    z, phi = np.meshgrid((np.arange(n) + 0.5) / n, 2 * np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
+    r = np.sqrt(1 - z**2)
+    wi = np.stack([r * np.cos(phi), r * np.sin(phi), z])
+    wo = np.array([np.sqrt(1 - cosine**2), 0, cosine])
+    h = wi + wo[:, None, None]
+    h /= np.linalg.norm(h, axis=0)
+    D = 1 / (np.pi * alpha_x * alpha_y * ((h[0] / alpha_x) ** 2 + (h[1] / alpha_y) ** 2 + h[2] ** 2) ** 2)
+
+    def masked(w: Float64) -> Float64:
+        return np.asarray(2 / (1 + np.sqrt(1 + ((alpha_x * w[0]) ** 2 + (alpha_y * w[1]) ** 2) / w[2] ** 2)))
+
+    f = D * masked(wi) * masked(wo) / (4 * z * cosine)
+    return float((f * z).mean() * 2 * np.pi)
 
 
 def test_the_ray_tracer_mirrors_metal_and_refuses_glass() -> None:
@@ -214,3 +297,94 @@ def test_a_scene_file_has_it_all() -> None:
     f0, f90 = car.dielectric
     assert f0 == pytest.approx([0.02, 0.01, 0.01])
     assert f90 == 0.5
+
+
+@pytest.mark.parametrize("thin", [True, False])
+def test_frosted_glass_is_lit_from_behind_by_a_light_that_no_direction_finds(thin: bool) -> None:
+    """A point light beside a small lamp of the same intensity: of the first, light samples alone know."""
+    sheet = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    lamp = [[0.1, 0.1, -4], [0.1, -0.1, -4], [-0.1, -0.1, -4], [-0.1, 0.1, -4]]
+    side = {
+        "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 20},
+        "film": {"resolution": [16, 16]},
+        "materials": {
+            "frosted": {"type": "principled", "transmission": 1, "reflectance": 0.9, "roughness": 0.6, "thin": thin}
+        },
+    }
+    glass = {"type": "quad", "corners": sheet, "material": "frosted"}
+    intensity = 100.0
+    point = scene_from_dict(
+        side | {"shapes": [glass], "lights": [{"type": "point", "position": [0, 0, -4], "intensity": intensity}]}
+    )
+    area = scene_from_dict(
+        side
+        | {"shapes": [glass, {"type": "quad", "corners": lamp[::-1], "emission": {"radiance": intensity / 0.04}}]}
+    )
+    by_samples = glpath.render(point, spp=64, max_depth=2).mean
+    by_both = glpath.render(area, spp=512, max_depth=2).mean
+    assert by_samples.mean() > 0.05
+    assert by_both.mean() == pytest.approx(by_samples.mean(), rel=0.02)
+
+
+def behind_panes(panes: int, light: dict[str, Any]) -> Scene:
+    """A floor that is lit through tinted panes by a light above them."""
+    level = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]
+    shapes: list[dict[str, Any]] = [{"type": "quad", "corners": level, "material": "floor"}]
+    for i in range(panes):
+        corners = [[x, 1.0 + 0.1 * i, z] for x, _, z in level]
+        shapes.append({"type": "quad", "corners": corners, "material": "pane"})
+    tables: dict[str, Any] = {}
+    if "radiance" in light:
+        lamp = [[-0.2, 3, -0.2], [0.2, 3, -0.2], [0.2, 3, 0.2], [-0.2, 3, 0.2]]
+        shapes.append({"type": "quad", "corners": lamp, "emission": {"radiance": light["radiance"]}})
+    else:
+        tables["lights"] = [light]
+    return scene_from_dict(
+        {
+            "camera": {"position": [0, 0.8, 3], "target": [0, 0, 0], "fov": 20},
+            "film": {"resolution": [24, 24]},
+            "materials": {
+                "floor": {"reflectance": 0.5},
+                "pane": {
+                    "type": "principled",
+                    "transmission": 1,
+                    "roughness": 0,
+                    "thin": True,
+                    "specular": 0.0,
+                    "reflectance": [0.9, 0.6, 0.3],
+                },
+            },
+            "shapes": shapes,
+            **tables,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"type": "directional", "direction": [0, -1, 0], "irradiance": 1.0},
+        {"type": "point", "position": [0, 3, 0], "intensity": 9.0},
+        {"radiance": 60.0},
+    ],
+    ids=["sun", "point", "lamp"],
+)
+@pytest.mark.parametrize("integrator", ["path", "gather"])
+def test_light_goes_straight_through_panes(light: dict[str, Any], integrator: str) -> None:
+    """By light samples and by directions, together once: each pane takes its tint, with nothing reflected by it."""
+    depth = {"max_depth": 1} if integrator == "path" else {}
+    plain, one, two = (
+        glpath.render(behind_panes(n, light), spp=256, integrator=integrator, **depth).mean.mean(axis=(0, 1))  # type: ignore[arg-type]
+        for n in (0, 1, 2)
+    )
+    tint = np.array([0.9, 0.6, 0.3])
+    assert one == pytest.approx(plain * tint, rel=0.02)
+    assert two == pytest.approx(plain * tint**2, rel=0.02)
+
+
+def test_a_lamp_is_seen_through_a_pane() -> None:
+    scene = behind_panes(1, {"radiance": 1.0}).with_camera(
+        position=np.array([0.0, 0.5, 0.0]), target=np.array([0.0, 3.0, 0.0]), up=np.array([0.0, 0.0, 1.0]), fov=1.0
+    )
+    seen = glpath.render(scene, spp=16, max_depth=2).mean
+    assert seen.mean(axis=(0, 1)) == pytest.approx([0.9, 0.6, 0.3], rel=0.02)

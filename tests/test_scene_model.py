@@ -16,7 +16,19 @@ from glpath.errors import SceneError
 from glpath.scene import load_scene, scene_from_dict
 from glpath.scene.digest import UNSEEN
 from glpath.scene.material import SLOTS
-from glpath.scene.model import Camera, Light, Material, Mesh, Scene, Shape, Shapes, Sky, Texture, TextureSlot
+from glpath.scene.model import (
+    Camera,
+    Environment,
+    Light,
+    Material,
+    Mesh,
+    Scene,
+    Shape,
+    Shapes,
+    Sky,
+    Texture,
+    TextureSlot,
+)
 from glpath.scene.tessellate import unit_sphere
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
@@ -98,7 +110,9 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
     whole = everything()
     seen = {whole.digest(): "the scene itself"}
     reached = set()
-    for path, changed in mutations(whole):
+    mapped = replace(whole, sky=Environment(np.ones((1, 2, 3), np.float32)))
+    of_map = ((f".Scene.sky{path}", replace(whole, sky=sky)) for path, sky in mutations(mapped.sky))
+    for path, changed in (*mutations(whole), ("the map.Scene.sky", mapped), *of_map):
         names = re.findall(r"\.([A-Z]\w*)\.(\w+)", path)
         reached.update(names)
         digest = changed.digest()
@@ -107,7 +121,7 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
         else:
             assert digest not in seen, f"{path} has the digest of {seen[digest]}"
             seen[digest] = path
-    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, Sky)
+    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, Sky, Environment)
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
 

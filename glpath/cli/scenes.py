@@ -18,9 +18,11 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import (
+    Environment,
     Light,
     Material,
     Scene,
+    Sky,
     check_scene,
     scene_cameras,
     scene_parameters,
@@ -30,6 +32,16 @@ from glpath.scene import (
 from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
+_OF_MICROFACETS = (
+    "roughness",
+    "metallic",
+    "ior",
+    "transmission",
+    "thin",
+    "clearcoat",
+    "clearcoat_roughness",
+    "anisotropy",
+)
 _SHOWN = 40
 
 
@@ -195,9 +207,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         ],
         "lights": lights + [_about_light(light) for light in scene.lights],
         "ambient": scene.ambient.tolist(),
-        "sky": None
-        if scene.sky is None
-        else {name: getattr(scene.sky, name).tolist() for name in ("zenith", "horizon", "up")},
+        "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
 
@@ -225,7 +235,16 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
         "exponent": material.exponent,
         "mirror": material.mirror.tolist(),
         "two_sided": material.two_sided,
+        "described": material.described(),
+        **{name: getattr(material, name) for name in _OF_MICROFACETS if material.roughness is not None},
     }
+
+
+def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
+    if isinstance(sky, Environment):
+        size, up, integral = list(sky.image.shape[1::-1]), sky.up.tolist(), sky.integral.tolist()
+        return {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
+    return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
 
 
 def _about_light(light: Light) -> dict[str, Any]:
@@ -240,6 +259,13 @@ def _about_light(light: Light) -> dict[str, Any]:
     if light.kind == "spot":
         told["cone"] = list(light.cone)
     return told
+
+
+def _told_of_sky(sky: dict[str, Any]) -> str:
+    if "size" in sky:
+        width, height = sky["size"]
+        return f"map of {width} x {height}, {_numbers(sky['integral'])} W m^-2 from all directions"
+    return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
 def _tables(summary: dict[str, Any]) -> list[Table]:
@@ -259,7 +285,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         "field of view": f"{camera['fov']:g} degrees, vertical",
         "resolution": "{} x {}".format(*camera["resolution"]),
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
-        "sky": f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}" if sky else "",
+        "sky": _told_of_sky(sky) if sky else "",
     }.items():
         if value:
             overview.add_row(label, escape(value))
@@ -279,7 +305,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     if len(summary["shapes"]) > _SHOWN:
         shapes.add_row(f"... {len(summary['shapes']) - _SHOWN:,} more (--json lists all)")
 
-    materials = _table("Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "sides")
+    materials = _table(
+        "Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "what it is"
+    )
     for material in summary["materials"]:
         row = (
             material["name"],
@@ -288,7 +316,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             _colour(material["specular"]),
             f"{material['exponent']:g}" if any(material["specular"]) else "-",
             _colour(material["mirror"]),
-            "both" if material["two_sided"] else "front",
+            material["described"] or "diffuse",
         )
         materials.add_row(*map(escape, row))
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError
 from glpath.scene.geometry import Mesh
+from glpath.scene.material import SMOOTH
 from glpath.scene.model import Float64, Material, Scene, Shape, Shapes
 from glpath.scene.triangulate import path_traceable
 
@@ -42,8 +43,6 @@ LIBRARY_FOLDERS = (
 
 # The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from
 # either side meets the side that faces it first.
-# GGX's alpha below which glass is smooth, as in shaders/bsdf.glsl.
-_SMOOTH = 1e-3
 SIDE_OFFSET = 1e-5
 
 
@@ -335,7 +334,7 @@ def _bsdf(scene: Scene, material: Material) -> dict[str, Any]:
         return metal | {"roughness": material.roughness, "specular": 0.5}
     if plain and material.transmission == 1 and material.metallic == 0 and not material.thin:
         glass = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": rgb}
-        if material.roughness**2 < _SMOOTH:
+        if material.roughness**2 < SMOOTH:
             return {"type": "dielectric", **glass}
         return {"type": "roughdielectric", "distribution": "ggx", "alpha": material.roughness**2, **glass}
     raise SceneError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import moderngl
+import numpy as np
 
 from glpath.errors import SceneError
 from glpath.gl.device_radiosity import DeviceRadiosity
@@ -13,6 +14,9 @@ from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.scene.model import Scene
+
+# Highlights of a lower one are so small that few of the shared directions meet them.
+_SHARED_ROUGHNESS = 0.2
 
 
 def path_engine(
@@ -32,7 +36,7 @@ def path_engine(
     needed = isinstance(settings, GatherSettings) or settings.guided
     assert (radiosity is not None) == needed, "a gather and guided paths have a solution, and none else"
     if settings.directions != "own":
-        _check_dull(scene.scene)
+        _check_shared(scene.scene)
     common = {"hardware": hardware, "timings": timings}
     if settings.directions == "own":
         return RayPathEngine(gl, scene, settings, window, radiosity=radiosity, **common)
@@ -42,14 +46,25 @@ def path_engine(
     return PathTracer(gl, scene, settings, window, **common)
 
 
-def _check_dull(scene: Scene) -> None:
+def _check_shared(scene: Scene) -> None:
     """Raise SceneError for materials that shared directions miss nearly always."""
-    names = [
-        m.name for m in (scene.materials[i] for i in sorted({s.material for s in scene.shapes})) if m.has_lobes
-    ]
-    if names:
+    of_kinds: dict[str, list[str]] = {}
+    for material in (scene.materials[i] for i in sorted({shape.material for shape in scene.shapes})):
+        kinds = ["a mirror"] * bool(np.any(material.mirror > 0))
+        if material.roughness is not None:
+            kinds += ["glass"] * (material.transmission > 0)
+            coat = material.clearcoat_roughness if material.clearcoat > 0 else 1.0
+            kinds += [f"a roughness below {_SHARED_ROUGHNESS:g}"] * (
+                min(material.roughness, coat) < _SHARED_ROUGHNESS
+            )
+        for kind in kinds:
+            of_kinds.setdefault(kind, []).append(material.name)
+    if of_kinds:
+        found = " and ".join(
+            f"{kind} ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
+            for kind, names in of_kinds.items()
+        )
         raise SceneError(
-            f"{scene.source or scene.name}: has materials with a roughness or a mirror ({', '.join(names[:3])}"
-            f"{', ...' if len(names) > 3 else ''}), which paths that share their directions cannot follow.",
+            f"{scene.source or scene.name}: has {found}, which paths that share their directions cannot follow.",
             "Leave --directions away: paths with directions of their own can.",
         )

@@ -12,8 +12,8 @@ A set is one draw: its fragment shader follows a path from the eye to its end (`
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
-          geometry that does not fit into memory.
+Poor at:  caustics, which directions find by chance; scenes lit through small openings; geometry that does not
+          fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
 """
@@ -154,6 +154,8 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
+        if any(material.is_pane for material in scene.scene.materials):
+            defines["HAS_PANES"] = 1
         self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
@@ -190,7 +192,7 @@ class RayPathEngine(PathSetEngine):
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
         sample = self._sampler[index]
-        eye = self._eye_uniforms(sample.pixel)
+        eye = self._eye_uniforms(sample.pixel, index)
         self._see_lamp_edges(index, sample.pixel, eye)
         self._see(eye)
         uniforms = self._constant | eye | self._of_set(index, sample)

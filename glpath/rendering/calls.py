@@ -76,8 +76,7 @@ def render(
 
     Warns `SceneWarning` for a scene that can be rendered, but hardly as it is meant.
 
-    Poor at: mirrors and caustics by "path" and "gather" (all paths share their directions); indirect light by the
-    ray tracers.
+    Poor at: caustics by "path" and "gather", of mirrors and glass; indirect light by the ray tracers.
 
     Example
     -------

@@ -4,7 +4,7 @@ from glpath.scene.check import check_camera, check_scene
 from glpath.scene.formats.description import scene_schema
 from glpath.scene.formats.from_python import AnyScene
 from glpath.scene.formats.load import scene_from_dict
-from glpath.scene.model import Camera, Light, Material, Scene, Shape, Sky, Texture
+from glpath.scene.model import Camera, Environment, Light, Material, Scene, Shape, Sky, Texture
 from glpath.scene.shipped.library import (
     load_scene,
     parameters_from_options,
@@ -17,6 +17,7 @@ from glpath.scene.triangulate import path_traceable
 __all__ = [
     "AnyScene",
     "Camera",
+    "Environment",
     "Light",
     "Material",
     "Scene",

@@ -104,7 +104,7 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
 
 
 def _about_darkness(scene: Scene) -> list[str]:
-    sky = scene.sky is not None and np.any([scene.sky.zenith, scene.sky.horizon])
+    sky = scene.sky is not None and scene.sky.max_radiance > 0
     if sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes):
         return []
     return [

@@ -13,6 +13,8 @@ from glpath.image import decode_srgb
 from glpath.scene.geometry import Float64
 
 Wrap = Literal["repeat", "clamp", "mirror"]
+#: GGX's alpha below which microfacets are a mirror.
+SMOOTH = 1e-3
 _MOST_REFLECTED = 0.97
 #: The fields of a `Material` that are texture slots.
 SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
@@ -54,6 +56,11 @@ class Texture:
         weight = image[..., 3] if image.shape[2] == 4 and image[..., 3].any() else None
         colours = image[..., :3].reshape(-1, 3).astype(np.float64)
         return np.average(colours, axis=0, weights=None if weight is None else weight.ravel())
+
+    @cached_property
+    def max(self) -> Float64:
+        """(3,) float64, linear Rec. 709: the largest of each channel."""
+        return self.linear()[..., :3].max(axis=(0, 1)).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -139,6 +146,17 @@ class Material:
         return self.roughness is not None or bool(np.any(self.mirror > 0))
 
     @property
+    def needs_uv(self) -> bool:
+        """Where it is has to have texture coordinates: for its textures, or for the way of its brush."""
+        return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
+
+    @property
+    def is_pane(self) -> bool:
+        """Glass that light goes straight through."""
+        smooth = self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
+        return smooth and self.transmission > 0 and self.thin
+
+    @property
     def dielectric(self) -> tuple[Float64, float]:
         """What its dielectric reflects at normal incidence, (3,) float64, and at grazing incidence.
 
@@ -164,6 +182,19 @@ class Material:
         coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)
         return np.asarray(np.minimum(all_, _MOST_REFLECTED))
+
+    def described(self) -> str:
+        """What it is beside diffuse, in a few words; "" where it is nothing else."""
+        words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
+        words += ["mirror"] * bool(np.any(self.mirror > 0))
+        if self.roughness is not None:
+            words.append(f"roughness {self.roughness:g}")
+            words += [f"metal {self.metallic:g}"] * (self.metallic > 0)
+            words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
+            words += ["pane"] * (self.transmission > 0 and self.thin)
+            words += [f"varnish {self.clearcoat:g}"] * (self.clearcoat > 0)
+        words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
+        return ", ".join(words + ["one-sided"] * (not self.two_sided))
 
     @property
     def slots(self) -> dict[str, TextureSlot]:

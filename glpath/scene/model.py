@@ -18,9 +18,11 @@ from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
+from glpath.scene.sky import Environment, Sky
 
 __all__ = [
     "Camera",
+    "Environment",
     "Float64",
     "Int32",
     "Light",
@@ -64,19 +66,6 @@ class Light:
     falloff: Literal["quadratic", "none"] = "quadratic"
 
 
-@dataclass(frozen=True)
-class Sky:
-    """What rays see that hit nothing: a blend from horizon (and below) to zenith by the sine of the elevation.
-
-    zenith, horizon : (3,) float64 radiance, linear Rec. 709
-    up              : (3,) float64 unit
-    """
-
-    zenith: Float64
-    horizon: Float64
-    up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-
-
 @dataclass(frozen=True, repr=False)
 class Scene:
     """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
@@ -85,7 +74,7 @@ class Scene:
     lights       : punctual ones, without extent
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to the path tracer,
                    what lies beyond a path's last vertex
-    sky          : None: black
+    sky          : what rays see that hit nothing: a blend, an environment map, or None: black
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     """
 
@@ -97,7 +86,7 @@ class Scene:
     textures: tuple[Texture, ...] = ()
     lights: tuple[Light, ...] = ()
     ambient: Float64 = field(default_factory=lambda: np.zeros(3))
-    sky: Sky | None = None
+    sky: Sky | Environment | None = None
     exposure: float | None = None
 
     def __post_init__(self) -> None:

@@ -30,7 +30,7 @@ def path_traceable(scene: Scene) -> Scene:
     _check_number(scene)
     place = Place(scene.source or scene.name)
     shapes = [
-        _tessellated(shape, scene.materials[shape.material].texture is not None, place.field("shapes").item(index))
+        _tessellated(shape, scene.materials[shape.material].needs_uv, place.field("shapes").item(index))
         if shape.primitive == "sphere"
         else shape
         for index, shape in enumerate(scene.shapes)

@@ -70,7 +70,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
                 geometry, matrix = "plane", _plane(given, here)
             case _:
                 matrix = _world(given, here)[:3]
-                textured = surfaces[material].texture is not None
+                textured = surfaces[material].needs_uv
                 geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
@@ -87,7 +87,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         textures=tuple(assets.textures),
         lights=(*lights.lights(file.lights, place.field("lights")), *assets.lights),
         ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky")),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
     )
 

@@ -47,6 +47,7 @@ MAX_RESOLUTION = 32768
 MAX_SUBDIVISIONS = 8
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
+MAX_ENVIRONMENT_PIXELS = 2**25
 
 Reflectance = Annotated[
     float | Vector,
@@ -471,11 +472,15 @@ AnyLight = PointLight | SpotLight | DirectionalLight
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith."""
+    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith; or an environment map."""
 
-    zenith: Annotated[
-        float | Vector, Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b].")
-    ]
+    zenith: (
+        Annotated[
+            float | Vector,
+            Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b]."),
+        ]
+        | UnsetType
+    ) = UNSET
     horizon: (
         Annotated[
             float | Vector,
@@ -486,6 +491,30 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     up: (
         Annotated[
             Vector, Meta(description="Towards the zenith, of any length but zero; the camera's `up` without it.")
+        ]
+        | UnsetType
+    ) = UNSET
+    file: (
+        Annotated[
+            str,
+            Meta(
+                description="An environment map in place of zenith and horizon: an equirectangular picture, EXR, "
+                "HDR, PNG or JPEG, its first row up; a relative path starts at the folder of the scene file."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    scale: (
+        Annotated[float, Meta(ge=0, description="Of the map: what makes its values W sr^-1 m^-2; 1 without it.")]
+        | UnsetType
+    ) = UNSET
+    rotation: (
+        Annotated[
+            float,
+            Meta(
+                description="Of the map: degrees, counter-clockwise seen from above. At 0 its middle lies towards "
+                "+z where y is up, towards +x where z is."
+            ),
         ]
         | UnsetType
     ) = UNSET
