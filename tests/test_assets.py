@@ -101,6 +101,18 @@ def test_materials_of_the_scene_stand_in_for_the_model_s(tmp_path: Path) -> None
     assert [shape.emits for shape in scene.shapes] == [True, False, False, False]
 
 
+def test_a_texture_of_the_scene_s_lies_on_a_model_as_on_a_shape(tmp_path: Path) -> None:
+    obj(tmp_path / "box.obj")
+    asset = 'file = "box.obj"\nmaterials = { Paint = "squares", Gold = "squares" }'
+    scene = scene_with(tmp_path, asset, asset)
+    path = written(tmp_path)
+    path.write_text(HEAD + '[[shapes]]\ntype = "mesh"\nfile = "box.obj"\nmaterial = "squares"\n')
+    with pytest.warns(SceneWarning, match="materials in it are not used"):
+        shape = load_scene(path)
+    assert np.array_equal(np.sort(scene.triangle_uv[:12], axis=0), np.sort(shape.triangle_uv, axis=0))
+    assert len(scene.shapes.meshes) == 2
+
+
 def test_lights_come_along_and_are_placed(tmp_path: Path) -> None:
     gltf(tmp_path / "a.gltf", **CAMERA_AND_LIGHT)
     steps = "transform = [{ scale = 2 }, { translate = [1, 0, 0] }]"
@@ -153,10 +165,6 @@ WRONG = {
     "ours": (
         'file = "box.gltf"\nmaterials = { Paint = "blue" }',
         'assets[1].materials.Paint names the material "blue", but the file defines red, squares.',
-    ),
-    "texture": (
-        'file = "box.gltf"\nmaterials = { Paint = "squares" }',
-        'assets[1].materials.Paint names the material "squares" with a texture, but "Box-0" has no texture coord',
     ),
     "no name": (
         'file = "box.gltf"\nmaterials = { Paint = 3 }',

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import UnsetType
 
 from glpath.errors import SceneWarning
+from glpath.scene import tessellate
 from glpath.scene.formats import transform
 from glpath.scene.formats.description import Asset
 from glpath.scene.formats.gltf import Model
@@ -48,7 +49,7 @@ class Assets:
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
     _said: set[str] = field(default_factory=set)
-    _turned: dict[Mesh, Mesh] = field(default_factory=dict)
+    _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], place: Place) -> None:
         """Take them in; `place` is their list's. Raises SceneError; warns of what is not used of a file, once."""
@@ -62,13 +63,12 @@ class Assets:
         world = transform.world_from_shape(given.transform, place.field("transform"))
         replaced = self._replaced(given, read, place.field("materials"))
         for shape in model.shapes:
-            placed_shape = self._placed(shape, world, place)
             material, emission = read.first_material + shape.material, shape.emission
             if shape.material in replaced:
                 # Its light belongs to the material that it had.
                 material, emission = replaced[shape.material], np.zeros(3)
-            full = f"{name}/{shape.name}"
-            self.shapes.append(replace(placed_shape, name=full, material=material, emission=emission))
+            here = self._placed(shape, world, self.materials[material].needs_uv, place)
+            self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
         if given.lights:
             self.lights += [_placed_light(light, world, f"{name}/{light.name}") for light in model.lights]
 
@@ -102,7 +102,7 @@ class Assets:
     def _replaced(self, given: Asset, read: _Read, place: Place) -> dict[int, int]:
         """For numbers of the model's materials, those of the scene's that stand in for them."""
         names = [material.name for material in read.model.materials]
-        found = {}
+        found: dict[int, int] = {}
         for old, new in given.materials.items():
             here = place.field(old)
             if old not in names:
@@ -113,24 +113,11 @@ class Assets:
                 )
             if new not in self.number:
                 raise unknown("material", new, list(self.number), here, "reflectance = [r, g, b]")
-            wanted = self.materials[self.number[new]]
-            for number in (index for index, name in enumerate(names) if name == old):
-                self._check_coordinates(wanted, number, read.model, here)
-                found[number] = self.number[new]
+            found |= {index: self.number[new] for index, name in enumerate(names) if name == old}
         return found
 
-    def _check_coordinates(self, material: Material, number: int, model: Model, place: Place) -> None:
-        for shape in model.shapes:
-            if shape.material != number or not isinstance(shape.geometry, Mesh):
-                continue
-            if material.slots and shape.geometry.uv is None:
-                raise place.error(
-                    f'names the material {shown(material.name)} with a texture, but "{shape.name}" has no texture '
-                    "coordinates.",
-                    "Choose a material without a texture, or unwrap the model.",
-                )
-
-    def _placed(self, shape: Shape, world: Float64, place: Place) -> Shape:
+    def _placed(self, shape: Shape, world: Float64, textured: bool, place: Place) -> Shape:
+        """The shape in the world; where it is `textured` with coordinates, as a mesh of the scene's has them."""
         maps = shape.world_from_object
         whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)
         maps = np.asarray(world[:3] @ whole)
@@ -143,11 +130,11 @@ class Assets:
                 f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                 "Check its transform, or choose a larger unit of length.",
             )
-        if transform.mirrors(world):
-            if mesh not in self._turned:
-                self._turned[mesh] = mesh.turned()
-            mesh = self._turned[mesh]
-        return replace(shape, geometry=mesh, world_from_object=maps)
+        key = (mesh, textured and mesh.uv is None, transform.mirrors(world))
+        if key not in self._meshes:
+            made = tessellate.with_projected_uv(mesh) if key[1] else mesh
+            self._meshes[key] = made.turned() if key[2] else made
+        return replace(shape, geometry=self._meshes[key], world_from_object=maps)
 
 
 def _placed_light(light: Light, world: Float64, name: str) -> Light:
