@@ -24,6 +24,7 @@ from glpath.scene import (
     Scene,
     Sky,
     check_scene,
+    scene_cameras,
     scene_parameters,
     scene_schema,
     shipped_scenes,
@@ -61,11 +62,15 @@ def info(
         loaded = read_scene(scene, parameters)
     summary = summarize(loaded)
     summary["warnings"][:0] = _scene_warnings(caught)
+    summary["cameras"] = list(scene_cameras(scene))
+    summary["parameters"] = {
+        key: {"default": default, "description": text} for key, (default, text) in scene_parameters(scene).items()
+    }
     if as_json:
         say_json(summary, indent=2)
         return
     console = clean_console(soft_wrap=True)
-    for table in _tables(summary):
+    for table in [*_tables(summary), *_parameters(summary)]:
         console.print(table)
     console.print(f"Content, which jobs and radiosity solutions go by: sha256:{summary['content_sha256']}")
     for warning in summary["warnings"]:
@@ -327,6 +332,19 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         power = "-" if light["power"] is None else _numbers(light["power"])
         lights.add_row(*map(escape, (light["name"], light["kind"], power, _described(light))))
     return [*tables, lights]
+
+
+def _parameters(summary: dict[str, Any]) -> list[Table]:
+    """What -D chooses, where there is something to choose."""
+    if not summary["parameters"]:
+        return []
+    table = _table("Parameters (-D KEY=VALUE)", "key", "default", "what it is")
+    for key, parameter in summary["parameters"].items():
+        table.add_row(key, escape(str(parameter["default"])), escape(parameter["description"]))
+    if summary["cameras"]:
+        listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["cameras"]))
+        table.add_row("", "", escape(f"cameras: {listed}"))
+    return [table]
 
 
 def _described(light: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape, sphere_extent
+from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, sphere_extent
 from glpath.scene.place import Place
 
 MAX_PIXELS = 2**28
@@ -135,9 +135,13 @@ def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> l
 
 def _about_materials(scene: Scene) -> list[str]:
     found = []
+    with_colours = {
+        s.material for s in scene.shapes if isinstance(s.geometry, Mesh) and s.geometry.colours is not None
+    }
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        if material.texture is None and not material.has_lobes and np.all(material.reflectance >= 1):
+        plain = material.texture is None and index not in with_colours
+        if plain and not material.has_lobes and np.all(material.reflectance >= 1):
             found.append(
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."

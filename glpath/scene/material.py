@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -201,3 +201,9 @@ class Material:
         """The textures that it uses, by the names of the fields."""
         found = {name: getattr(self, name) for name in SLOTS}
         return {name: slot for name, slot in found.items() if slot is not None}
+
+
+def moved_textures(material: Material, first: int) -> Material:
+    """The material where its textures stand behind `first` others."""
+    moved = {name: replace(slot, texture=slot.texture + first) for name, slot in material.slots.items()}
+    return replace(material, **moved)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from glpath.errors import SceneError
 from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
-from glpath.scene.material import Material, Texture, TextureSlot
+from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
 from glpath.scene.sky import Environment, Sky
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "Sky",
     "Texture",
     "TextureSlot",
+    "moved_textures",
     "placed",
     "sphere_extent",
 ]

@@ -378,6 +378,39 @@ class Mesh(Shape, tag="mesh", kw_only=True):
     ) = UNSET
 
 
+class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
+    """A model file, placed in the scene with what it carries."""
+
+    file: Annotated[
+        str,
+        Meta(
+            description="glTF (.glb, .gltf), OBJ, PLY or STL file; a relative path starts at the folder of the "
+            "scene file."
+        ),
+    ]
+    name: (
+        Annotated[str, Meta(description="Begins the names of its shapes; that of the file without it.")] | UnsetType
+    ) = UNSET
+    transform: Annotated[
+        list[Annotated[Step, Meta(extra_json_schema={"minProperties": 1, "maxProperties": 1})]],
+        Meta(description="Steps that take the model to the world, the first one first; glTF's y axis is up."),
+    ] = []
+    materials: Annotated[
+        dict[str, str],
+        Meta(
+            description="Names of the model's materials, each with the name of a material of this file that "
+            "stands in for it; light that it sends goes with it."
+        ),
+    ] = {}
+    lights: Annotated[
+        bool, Meta(description="false leaves the model's punctual lights out. Their intensity knows no scale.")
+    ] = True
+    time: (
+        Annotated[float, Meta(ge=0, description="Seconds into the animations of a glTF file; at rest without it.")]
+        | UnsetType
+    ) = UNSET
+
+
 AnyShape = Quad | Box | Sphere | Plane | Mesh
 
 Intensity = Annotated[
@@ -502,6 +535,9 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     materials: Annotated[dict[str, AnyMaterial], Meta(description="Materials by name.")] = {}
     shapes: Annotated[
         list[AnyShape], Meta(description="The shapes; those with an emission are lights with an extent.")
+    ] = []
+    assets: Annotated[
+        list[Asset], Meta(description="Model files with materials of their own; a scene needs one, or a shape.")
     ] = []
     lights: Annotated[list[AnyLight], Meta(description="Punctual lights: point, spot, directional.")] = []
     ambient: Annotated[
