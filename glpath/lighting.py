@@ -281,7 +281,8 @@ class Lighting:
                 samples.put_punctual(which, self.punctual[punctual], chance)
             else:
                 assert self.sky is not None, "the last light"
-                wi = self.sky.directions(u[which, 1:])
+                left = (u[which, 0] - self.cdf[number]) / chance
+                wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
                 samples.direction[which] = -wi
                 samples.radiance[which] = sky_radiance(self.sky, wi)

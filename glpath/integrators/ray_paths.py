@@ -39,6 +39,7 @@ from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+from glpath.scene.model import Environment
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -107,10 +108,8 @@ class RayPathEngine(PathSetEngine):
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
-        self._parts = max(1, min(self.lighting.count, _PARTS))
-        self._light_edges = np.linspace(0.0, 1.0, self._parts + 1)
-        if 1 < self.lighting.count == self._parts:
-            self._light_edges = self.lighting.cdf
+        self._light_edges = _light_edges(self.lighting)
+        self._parts = len(self._light_edges) - 1
         bvh = RayBvh(gl, scene)
         width, height = self.sensor.resolution
         if not self._hardware and len(scene.scene.triangles) > width * height:
@@ -284,6 +283,19 @@ class RayPathEngine(PathSetEngine):
                 "lookup_distance": settings.lookup_distance,
             }
         return uniforms
+
+
+def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
+    """(parts + 1,) of the numbers in [0, 1] that choose a light: a part is a light, or an eighth of them all.
+
+    An environment map is two, or the shadow of its sun would be asked for where the rest of it is to be seen: of
+    such a scene the squared error is 0.6 of what it is with one, and little less with more.
+    """
+    edges = lighting.cdf
+    if isinstance(lighting.sky, Environment):
+        edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
+    parts = len(edges) - 1
+    return edges if 1 < parts <= _PARTS else np.linspace(0.0, 1.0, max(1, min(parts, _PARTS)) + 1)
 
 
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:

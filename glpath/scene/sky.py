@@ -25,6 +25,8 @@ Float64 = NDArray[np.float64]
 _SUMS_HOLD = 2.0**20
 # What 32 bits can square; as in scene files.
 _LARGEST = 1e15
+# A row with so many times the power of the mean one has a sun.
+_SUN = 4.0
 # Newton's steps from a first guess that is exact where the sine is constant.
 _STEPS = 4
 
@@ -62,16 +64,19 @@ class Sky:
         return self.max_radiance
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, as dense as the radiance, from u (N, 2): by the inverse of what lies below an elevation."""
+        """(N, 3) unit, as dense as the radiance, from u (N, 3), of which the last two are used.
+
+        By the inverse of what lies below an elevation.
+        """
         horizon, zenith = float(self.horizon.mean()), float(self.zenith.mean())
         below, above = horizon, 0.5 * (horizon + zenith)
-        part = u[:, 0] * (below + above)
+        part = u[:, 1] * (below + above)
         # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
         rest = np.maximum(part - below, 0.0)
         root = horizon + np.sqrt(np.maximum(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
         z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
         z = np.clip(z, -1.0, 1.0)[:, None]
-        r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 1:]
+        r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 2:]
         x = np.cross(self.up, np.eye(3)[np.argmin(np.abs(self.up))])
         x /= np.linalg.norm(x)
         y = np.cross(self.up, x)
@@ -186,15 +191,22 @@ class Environment:
         return max(min(self.max_radiance, white), self.max_radiance / _SUMS_HOLD)
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, as dense as the radiance, mean of the channels, from u (N, 2), whose first is for rows."""
+        """(N, 3) unit, as dense as the radiance, mean of the channels, from u (N, 3): the first chooses the row."""
         height, width = self.image.shape[:2]
-        half, rest = _chosen(self._tables.rows[None], np.zeros(len(u), np.intp), u[:, 0])
-        theta = self._halves.angles(half, rest, np.pi / height)
-        column, rest = _chosen(self._tables.columns, half // 2, u[:, 1])
+        tables = self._tables
+        half = tables.order[np.searchsorted(tables.rows[:-1], u[:, 0], side="right") - 1]
+        theta = self._halves.angles(half, u[:, 1], np.pi / height)
+        column, rest = _chosen(tables.columns, half // 2, u[:, 2])
         tent = np.where(rest < 0.5, np.sqrt(2 * rest) - 1, 1 - np.sqrt(np.maximum(2 - 2 * rest, 0.0)))
         phi = (0.5 - (column + 0.5 + tent) / width) * 2 * np.pi
         local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
         return np.asarray(local @ self.frame)
+
+    @property
+    def split(self) -> float:
+        """The first of `directions`' numbers that divides the map into two lights: suns and the rest, or halves."""
+        bright = self._tables.bright
+        return bright if 0 < bright < 1 else 0.5
 
     @cached_property
     def _halves(self) -> _Halves:
@@ -205,17 +217,29 @@ class Environment:
         mean = self.image.mean(axis=2, dtype=np.float64)
         columns = np.zeros((mean.shape[0], mean.shape[1] + 1))
         np.cumsum(mean, axis=1, out=columns[:, 1:])
-        rows = np.concatenate([[0.0], np.cumsum(self._halves.mass * np.repeat(columns[:, -1], 2))])
+        power = self._halves.mass * np.repeat(columns[:, -1], 2)
+        bright = power > _SUN * power.mean()
+        order = np.argsort(~bright, kind="stable")
+        rows = np.concatenate([[0.0], np.cumsum(power[order])])
         # Rows without light are never chosen, but are divided.
+        rows /= max(rows[-1], np.finfo(float).tiny)
         columns /= np.maximum(columns[:, -1:], np.finfo(float).tiny)
-        return _Tables(rows / max(rows[-1], np.finfo(float).tiny), columns)
+        return _Tables(order, rows, columns, float(rows[np.count_nonzero(bright)]))
 
 
 class _Tables(NamedTuple):
-    """Cumulated probabilities: rows (2 h + 1,), of the upper and lower halves of rows; columns (h, w + 1)."""
+    """What directions are drawn by.
 
+    order   : (2 h,) numbers of the upper and lower halves of rows: those with a sun first
+    rows    : (2 h + 1,) their cumulated probability, in this order
+    columns : (h, w + 1) the cumulated probability of each row's texels
+    bright  : the probability of the rows with a sun
+    """
+
+    order: NDArray[np.intp]
     rows: Float64
     columns: Float64
+    bright: float
 
 
 def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np.intp], Float64]:
