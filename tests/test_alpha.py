@@ -114,8 +114,8 @@ def test_shadow_buffers_of_point_lights_know_masks(shadows: str) -> None:
         for s in ("rays", shadows)
     )
     assert np.abs(by_rays - by_buffer).mean() < 0.02 * by_rays.mean()
+    veil = Material("veil", np.full(3, 0.4), alpha="blend", opacity=0.5)
     with pytest.raises(SceneError, match=r'veil have alpha = "blend"'):
-        veil = Material("veil", np.full(3, 0.4), alpha="blend", opacity=0.5)
         glpath.render(lit(canopy(veil)), integrator="t-buffer", shadows=shadows)  # type: ignore[arg-type]
 
 

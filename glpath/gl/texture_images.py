@@ -1,9 +1,9 @@
 """The textures of a scene as tables for the device: slots of materials, and the images that they show.
 
-A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie in a
-store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
-`shaders/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel, and
-what paths see over their directions.
+A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie
+in a store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
+`shaders/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel,
+and what paths see over their directions.
 """
 
 from __future__ import annotations
@@ -130,7 +130,8 @@ class TextureImages:
 
 
 def _rows(texture: Texture, width: int) -> int:
-    return -(-texture.image.shape[0] * texture.image.shape[1] // width)
+    height, across = texture.image.shape[:2]
+    return int(-(-height * across // width))
 
 
 def _flags(texture: Texture, slot: TextureSlot) -> int:
@@ -144,7 +145,7 @@ def _flags(texture: Texture, slot: TextureSlot) -> int:
 def texture_bytes(texture: Texture) -> int:
     """Bytes that a texture takes on the device."""
     height, width = texture.image.shape[:2]
-    return height * width * (4 if texture.image.dtype == np.uint8 else 16)
+    return int(height * width * (4 if texture.image.dtype == np.uint8 else 16))
 
 
 def _check_budget(scene: Scene, textures: list[Texture]) -> None:

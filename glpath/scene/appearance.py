@@ -30,7 +30,7 @@ _TOGETHER = 1 << 18  # points looked up in one go
 
 
 def texture_at(texture: Texture, uv: Float64) -> Float64:
-    """(N, 4) float64: colour, linear Rec. 709, and alpha at texture coordinates (N, 2); alpha 1 where it has none."""
+    """(N, 4) float64: colour, linear Rec. 709, and alpha, 1 where it has none, at texture coordinates (N, 2)."""
     height, width = texture.image.shape[:2]
     where = []
     for axis, size in enumerate((width, height)):
@@ -51,7 +51,8 @@ def texture_at(texture: Texture, uv: Float64) -> Float64:
 
     def rows(i: Int64) -> Float64:
         i = i % height
-        return (1 - right) * _texels(texture, i, j % width) + right * _texels(texture, i, (j + 1) % width)
+        left = (1 - right) * _texels(texture, i, j % width)
+        return np.asarray(left + right * _texels(texture, i, (j + 1) % width))
 
     return np.asarray((1 - below) * rows(i) + below * rows(i + 1))
 
@@ -74,7 +75,7 @@ _SRGB = decode_srgb(np.arange(256) / 255.0)
 class Appearance:
     """Reflectance, opacity and emission of a scene's triangles.
 
-    Points are the number of a triangle (N,) and barycentric coordinates b1, b2 in it (N, 2), of its corners 1 and 2.
+    Points are the number of a triangle (N,) and barycentric coordinates b1, b2 in it (N, 2), of corners 1 and 2.
     """
 
     def __init__(self, scene: Scene) -> None:

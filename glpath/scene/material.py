@@ -60,7 +60,7 @@ class Texture:
     @cached_property
     def max(self) -> Float64:
         """(3,) float64, linear Rec. 709: the largest of each channel."""
-        return self.linear()[..., :3].max(axis=(0, 1)).astype(np.float64)
+        return np.asarray(self.linear()[..., :3].max(axis=(0, 1)), np.float64)
 
 
 @dataclass(frozen=True)
