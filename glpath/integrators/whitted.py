@@ -278,8 +278,8 @@ def _check_shadows(scene: Scene) -> None:
     blended = sorted({m.name for m in (scene.materials[s.material] for s in scene.shapes) if m.alpha == "blend"})
     if blended:
         raise SceneError(
-            f'{scene.source or scene.name}: the materials {", ".join(blended)} have alpha = "blend", which is there '
-            "by chance; a shadow-buffer is filled once for all path sets.",
+            f'{scene.source or scene.name}: the materials {", ".join(blended)} have alpha = "blend", which is '
+            "there by chance; a shadow-buffer is filled once for all path sets.",
             'Take shadows "rays", or alpha = "mask".',
         )
 
