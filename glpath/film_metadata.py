@@ -15,6 +15,10 @@ from glpath.image import check_exposure
 Aov = Literal["albedo", "normal"]
 AOVS: tuple[Aov, ...] = get_args(Aov)
 
+#: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
+SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
+RULES = (SPP, TIME_LIMIT, NOISE)
+
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule": str,

@@ -9,13 +9,25 @@ from glpath.errors import UsageError
 from glpath.film import Film
 from glpath.film_metadata import FilmMetadata, differences, shown
 
+
+class AnotherRenderError(UsageError):
+    """The film is not of the render that is asked for; `reason` says all that differs."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"film: cannot be gone on with: {reason}.",
+            "Ask for what it was made with, or leave it and begin anew.",
+        )
+        self.reason = reason
+
+
 log = logging.getLogger("glpath")
 
 
 def check_same_render(
     film: Film, metadata: FilmMetadata, path_sets: tuple[int, int], unknown: Collection[str]
 ) -> None:
-    """Raise UsageError, with all that differs, unless the film has been begun by a render of this metadata.
+    """Raise AnotherRenderError, with all that differs, unless the film has been begun by a render of this metadata.
 
     unknown : what is not compared yet, as `differences` calls it
 
@@ -31,11 +43,8 @@ def check_same_render(
         held = ", ".join(f"{a}:{b}" for a, b in film.ranges)
         found.append(("range of path sets", held, f"{start}:{stop}"))
     if found:
-        raise UsageError(
-            "film: cannot go on with it, as it is of another render: "
-            + "; ".join(f"{what} is {theirs} in it, {ours} is asked for" for what, theirs, ours in found)
-            + ".",
-            "Ask for what it was made with, or leave it and begin anew.",
+        raise AnotherRenderError(
+            "; ".join(f"{what} is {theirs} in it, {ours} is asked for" for what, theirs, ours in found)
         )
     kinds: dict[str, tuple[object, object]] = {
         "device": (film.metadata.device, metadata.device),

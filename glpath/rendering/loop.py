@@ -11,14 +11,14 @@ import numpy as np
 
 from glpath.errors import ContextError
 from glpath.film import BLOCK, Film, blocks
-from glpath.film_metadata import merged_values
+from glpath.film_metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.heartbeat import heartbeat
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
-from glpath.rendering.stopping import INTERRUPTED, NOISE, SPP, TIME_LIMIT, StopRules, stopped_by_noise
+from glpath.rendering.stopping import StopRules, stopped_by_noise
 from glpath.rendering.tiles import Tile
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
@@ -35,7 +35,7 @@ def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, pat
             rule = _trace(engine, context, tiles, clock, path_sets, interrupted)
         except KeyboardInterrupt:
             # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
-            clock.finish(engine, INTERRUPTED)
+            clock.finish(engine, INTERRUPTED_RULE)
             raise RenderInterrupted(clock.film, interrupted.signal) from None
         clock.finish(engine, rule)
     if interrupted:  # after the last step, too late for the loop to see

@@ -15,8 +15,6 @@ from glpath.film import BLOCK, Film
 #: The share of renders whose error is below the bound that noise is asked for.
 CONFIDENCE = 0.95
 
-SPP, TIME_LIMIT, NOISE, INTERRUPTED = "spp", "time limit", "noise", "interrupted"
-
 
 @dataclass(frozen=True)
 class StopRules:
