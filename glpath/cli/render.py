@@ -403,7 +403,7 @@ def _film(
                 return result_of(lambda: start({**options, "on_progress": watch}))
         except RenderInterrupted as stop:
             films[:] = [stop.film]
-            interrupted(stop.signal)
+            interrupted(stop.number)
         except AnotherRenderError as error:
             assert keeper is not None, "only a checkpoint is gone on with"
             raise UsageError(

@@ -64,6 +64,7 @@ class Watchdog:
         )
         self._process: subprocess.Popen[bytes] | None = None
         self._last = -_INTERVAL
+        self._core_limit: tuple[int, int] | None = None
 
     def __enter__(self) -> Watchdog:
         arguments = [str(os.getpid()), str(self._limit), self._message]
@@ -74,17 +75,26 @@ class Watchdog:
             assert self._process.stdin is not None, "a pipe was asked for"
             os.set_blocking(self._process.stdin.fileno(), False)
             heartbeat.listener = self._beat
-            # Says where it hung; without a core file, whose gigabytes nobody asked for.
-            with contextlib.suppress(ValueError, OSError, AttributeError):
-                faulthandler.enable()
-                _, most = resource.getrlimit(resource.RLIMIT_CORE)
-                resource.setrlimit(resource.RLIMIT_CORE, (0, most))
+            self._say_where_it_hangs()
         return self
+
+    def _say_where_it_hangs(self) -> None:
+        """At SIGABRT Python writes its stack; without a core file, whose gigabytes nobody asked for."""
+        if faulthandler.is_enabled():
+            return
+        # Standard error may be no file.
+        with contextlib.suppress(ValueError, OSError, AttributeError):
+            faulthandler.enable()
+            self._core_limit = resource.getrlimit(resource.RLIMIT_CORE)
+            resource.setrlimit(resource.RLIMIT_CORE, (0, self._core_limit[1]))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         heartbeat.listener = None
+        if self._core_limit is not None:
+            faulthandler.disable()
+            resource.setrlimit(resource.RLIMIT_CORE, self._core_limit)
         if self._process is not None:
             assert self._process.stdin is not None, "a pipe was asked for"
             self._process.stdin.close()

@@ -20,13 +20,15 @@ _GRACE = 4.0
 class RenderInterrupted(KeyboardInterrupt):
     """Ctrl-C came during a render. `film` holds all whole path sets done until then.
 
-    signal : that ended it; SIGINT for Ctrl-C, also where it was raised as an exception
+    number : of the signal that ended it; SIGINT, Ctrl-C, also where that was raised as an exception
     """
 
-    def __init__(self, film: Film, signal: int = signal.SIGINT) -> None:
+    number: int = signal.SIGINT
+
+    def __init__(self, film: Film, number: int = signal.SIGINT) -> None:
         super().__init__(f"interrupted after {film.path_sets} path sets")
         self.film = film
-        self.signal = signal
+        self.number = number
 
 
 class Flag:

@@ -56,8 +56,7 @@ def _trace(
         while start < stop and not rule and not interrupted:
             with context:
                 clock.begin_step()
-                count = _step(engine, tiles, film, start, min(stop - start, clock.step), interrupted)
-                _check_device(context)
+                count = _step(engine, context, tiles, film, start, min(stop - start, clock.step), interrupted)
             start += count
             clock.count_step(count)
             # Before anybody is told, as the last report is the one that says it is done.
@@ -209,7 +208,15 @@ class Clock:
         )
 
 
-def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int, interrupted: Flag) -> int:
+def _step(
+    engine: Engine,
+    context: Context,
+    tiles: list[Tile],
+    film: Film,
+    start: int,
+    count: int,
+    interrupted: Flag,
+) -> int:
     """Trace path sets start..start + count in every tile and add them to the film. Returns how many it were.
 
     When interrupted in the first tile, the others follow as far as that one came.
@@ -229,6 +236,7 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
         total[tile.target] = engine.take()[tile.keep]
         for name, found in engine.take_aovs().items():
             aovs[name][tile.target] = found[tile.keep]
+    _check_device(context)  # before its sums can reach the film
     with interrupted.whole():
         film.add(start, start + count, total, aovs)
     return count
