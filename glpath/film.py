@@ -31,7 +31,7 @@ from glpath.files import is_stream, whole_file
 from glpath.film_metadata import AOVS, FilmMetadata, differences, joined, merged_values, metadata_of
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
-from glpath.noise import error_bound
+from glpath.noise import MIN_BATCHES, error_bound
 from glpath.npz import open_npz
 from glpath.versions import versions
 
@@ -269,10 +269,10 @@ class Film:
         The error is the one that `relative_error` estimates, sqrt(mean over pixels and channels of
         e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders with other
         seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.noise` for how. None where
-        fewer than two batches hold anything.
+        fewer than four batches hold anything, that is below 25 path sets.
         """
         used = np.flatnonzero(self.batch_counts)
-        if len(used) < 2:
+        if len(used) < MIN_BATCHES:
             return None
         return error_bound(self.radiance_sums[used], self.batch_counts[used], confidence)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from glpath.errors import UsageError
 from glpath.film import BLOCK, Film
+from glpath.noise import MIN_BATCHES
 
 #: The share of renders whose error is below the bound that noise is asked for.
 CONFIDENCE = 0.95
@@ -44,7 +45,7 @@ def looks_at_noise(path_sets: int) -> bool:
     by luck.
     """
     whole = path_sets // BLOCK
-    return whole >= 2 and whole % (1 << max(0, whole.bit_length() - 4)) == 0
+    return whole >= MIN_BATCHES and whole % (1 << max(0, whole.bit_length() - 4)) == 0
 
 
 def stopped_by_noise(film: Film, rules: StopRules) -> tuple[bool, float | None]:
