@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def test_the_total_that_is_told_is_what_the_rules_let_expect() -> None:
 def test_looks_are_few_and_follow_from_the_count_alone() -> None:
     looks = [n for n in range(BLOCK, 20_000, BLOCK) if looks_at_noise(n)]
     assert looks[:5] == [32, 40, 48, 56, 64]
-    assert all(b - a <= max(BLOCK, a / 7) for a, b in zip(looks, looks[1:], strict=False))
+    assert all(b - a <= max(BLOCK, a / 7) for a, b in pairwise(looks))
     assert len(looks) < 100
 
 
