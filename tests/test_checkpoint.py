@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import json
 import logging
@@ -9,6 +10,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -265,6 +267,48 @@ def test_ctrl_c_writes_the_picture_and_says_how_to_go_on(tmp_path: Path) -> None
     assert (result.exit_code, os.listdir(tmp_path)) == (0, ["a.png"])
 
 
+# All is rendered when the signal comes.
+LATE = """
+import os, signal
+from glpath.cli.main import run
+from glpath.rendering.session import Session
+
+Session.remarks = lambda *_: os.kill(os.getpid(), signal.SIGTERM) or []
+run()
+"""
+
+
+def test_a_scheduler_s_signal_after_the_end_leaves_nothing_to_be_done(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LATE, "render", *killing.SMALL, "--spp", "4", "--resume"]
+    done = subprocess.run([*command, "-o", str(tmp_path / "a.png")], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_the_log_is_shown_when_asked_for(tmp_path: Path) -> None:
+    options = ("--spp", 8, "--checkpoint", "1i", "--resume")
+    assert "checkpoint: 8 path sets in" in render("-o", tmp_path / "a.npz", *options, "-v").stderr
+    told = render("-o", tmp_path / "a.npz", "--spp", 9, "--resume", "-v").stderr
+    assert f"going on with 8 path sets of {tmp_path / 'a.npz'}" in told
+    assert "checkpoint:" not in render("-o", tmp_path / "b.npz", *options).stderr
+    assert logging.getLogger("glpath").level == logging.NOTSET
+
+
+def test_the_help_names_every_exit_code() -> None:
+    text = " ".join(run("render", "--help").stdout.split())
+    for code in (
+        "0 done",
+        "1 failed",
+        "2 wrong usage",
+        "3 done but",
+        "75 ended by",
+        "130 interrupted",
+        "134 ended",
+    ):
+        assert code in text
+    assert " 75: ended by SIGTERM" in " ".join(run("radiosity", "--help").stdout.split())
+
+
 def test_a_path_set_that_takes_long_is_left_when_a_scheduler_wants_the_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -434,15 +478,17 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
         pages = int(Path("/proc/self/statm").read_text().split()[1])
         with open_context() as context:
             context.gl.gc()
-            texture = context.gl.texture((1, 1), 1)
-            buffer = context.gl.buffer(reserve=4)
-            # Names are given again: the next ones tell how many are held.
-            names = texture.glo + buffer.glo
+            highest = max(context.gl.texture((1, 1), 1).glo, context.gl.buffer(reserve=4).glo) + 100
+            alive = 0
+            for kind in ("Texture", "Buffer", "Framebuffer", "Program", "VertexArray"):
+                address = context._opened.loader.load_opengl_function(f"glIs{kind}")
+                known = ctypes.CFUNCTYPE(ctypes.c_ubyte, ctypes.c_uint)(address)
+                alive += sum(bool(known(name)) for name in range(1, highest))
         return {
             "MiB": pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
             "handles": len(os.listdir("/proc/self/fd")),
             "threads": threading.active_count(),
-            "names": names,
+            "objects": alive,
         }
 
     def some(first: int, count: int) -> dict[str, float]:
@@ -458,6 +504,6 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
     before, after = some(100, 100), some(200, 900)
     print(f"\nafter 200 renders {before}, after 1100 {after}")
     assert after["MiB"] - before["MiB"] < 20
-    for name in ("handles", "threads", "names"):
+    for name in ("handles", "threads", "objects"):
         assert after[name] <= before[name] + 2, name
     assert os.listdir(tmp_path) == ["a.npz"]

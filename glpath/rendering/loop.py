@@ -18,7 +18,7 @@ from glpath.heartbeat import heartbeat
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
-from glpath.rendering.stopping import StopRules, stopped_by_noise
+from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise
 from glpath.rendering.tiles import Tile
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
@@ -180,8 +180,9 @@ class Clock:
         done, guesses = self.film.path_sets, [float(self.total)]
         if done and self.rules.time_limit is not None:
             guesses.append(done * self.rules.time_limit / max(self.elapsed, 1e-9))
-        if done and self.rules.noise is not None and self._bound is not None:
-            guesses.append(done * (self._bound / self.rules.noise) ** 2)
+        if self.rules.noise is not None:
+            known = self._bound is not None and done
+            guesses.append(done * ((self._bound or 0) / self.rules.noise) ** 2 if known else FIRST_LOOK)
         return min(self.total, max(done + 1, round(min(guesses))))
 
     def count_step(self, count: int) -> None:

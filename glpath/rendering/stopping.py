@@ -16,6 +16,9 @@ from glpath.noise import MIN_BATCHES
 #: The share of renders whose error is below the bound that noise is asked for.
 CONFIDENCE = 0.95
 
+#: Path sets before noise is looked at.
+FIRST_LOOK = MIN_BATCHES * BLOCK
+
 
 @dataclass(frozen=True)
 class StopRules:
