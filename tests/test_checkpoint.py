@@ -9,6 +9,7 @@ import logging
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -285,6 +286,20 @@ def test_a_scheduler_s_signal_after_the_end_leaves_nothing_to_be_done(tmp_path: 
     assert os.listdir(tmp_path) == ["a.png"]
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 75), (signal.SIGUSR1, 75), (signal.SIGINT, 130)])
+def test_a_signal_before_anything_is_done_has_its_exit_code_too(
+    number: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(*_: object, **__: object) -> Film:
+        signal.raise_signal(number)
+        raise AssertionError("the signal ends it")
+
+    monkeypatch.setattr(glpath.rendering, "render", struck)
+    assert render("-o", tmp_path / "a.png", "--resume").exit_code == code
+    assert render("-o", tmp_path / "a.png").exit_code == 130
+    assert not os.listdir(tmp_path)
+
+
 def test_the_log_is_shown_when_asked_for(tmp_path: Path) -> None:
     options = ("--spp", 8, "--checkpoint", "1i", "--resume")
     assert "checkpoint: 8 path sets in" in render("-o", tmp_path / "a.npz", *options, "-v").stderr
@@ -358,6 +373,26 @@ def test_a_full_disk_is_told_once_and_rendering_goes_on(
     assert os.listdir(tmp_path) == ["a.npz"]
     assert checkpoint.write(film)
     assert checkpoint.failure is None
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    fsync, replace = os.fsync, os.replace
+
+    def synced(descriptor: int) -> None:
+        order.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else "file")
+        fsync(descriptor)
+
+    def replaced(source: Path, target: Path) -> None:
+        order.append("name")
+        replace(source, target)
+
+    monkeypatch.setattr(files.os, "fsync", synced)
+    monkeypatch.setattr(files.os, "replace", replaced)
+    files.write_bytes(b"text", tmp_path / "a.txt")
+    assert order == ["file", "name", "folder"]
 
 
 def test_a_render_without_its_last_checkpoint_ends_with_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

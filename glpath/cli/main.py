@@ -22,7 +22,7 @@ from typer.core import TyperGroup
 
 import glpath
 from glpath.cli import bench, compare, devices, figure, merge, radiosity, render, scenes
-from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
+from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
 
@@ -64,7 +64,7 @@ class Commands(TyperGroup):
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
-                raise typer.Exit(INTERRUPTED) from stop
+                raise typer.Exit(exit_code()) from stop
 
 
 @contextmanager

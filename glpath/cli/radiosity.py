@@ -14,7 +14,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, interrupted, result_of
+from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
 from glpath.cli.unattended import seconds
 from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
@@ -228,6 +228,7 @@ def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint 
 
     if every is None and not resume:
         return None
+    go_on_later()
     path = out.with_name(f"{out.stem}.checkpoint.npz")
     check_writable(path)
     if path.exists() and not resume:

@@ -26,7 +26,7 @@ from glpath.cli.options import (
     with_integrator_options,
 )
 from glpath.cli.scene import HELP, parameters_option, read_scene, seen
-from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, forget, hold, interrupted, result_of
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, forget, go_on_later, hold, interrupted, result_of
 from glpath.cli.turntable import check_turntable, frame_path, render_turntable
 from glpath.cli.unattended import (
     WITHOUT_CHECKPOINT,
@@ -235,6 +235,8 @@ def render(
         raise UsageError("render: no SCENE and no --job.", "Name a scene file or a shipped scene; `glpath scenes`.")
     if quiet and verbose:
         raise UsageError("-q and -v contradict each other.", "Give one of them.")
+    if checkpoint is not None or resume:
+        go_on_later()
     if verbose:
         logging.getLogger("glpath").setLevel(logging.INFO)
     for path in out:
@@ -312,16 +314,18 @@ def render(
         progress = "none"
     if turntable is not None:
         tell = None if progress == "none" else lambda line: say(line, err=True)
-        if render_turntable(
-            loaded,
-            turntable,
-            out,
-            {**options, **machine},
-            lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
-            stops,
-            tell,
-            progress == "json",
-        ):
+        with _watched(silence, "The frames before it are written."):
+            ended_early = render_turntable(
+                loaded,
+                turntable,
+                out,
+                {**options, **machine},
+                lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
+                stops,
+                tell,
+                progress == "json",
+            )
+        if ended_early:
             raise typer.Exit(INTERRUPTED)
         return
     if stats is not None:
@@ -379,15 +383,12 @@ def _film(
     start: Start, options: dict[str, Any], progress: str, keeper: Checkpoint | None, hang_limit: float
 ) -> Film:
     """The film, or what there is of it when a signal ends the render; KeyboardInterrupt before there is one."""
-    from glpath.jobs.watchdog import Watchdog
     from glpath.rendering import RenderInterrupted
     from glpath.rendering.going_on import AnotherRenderError
 
-    if keeper is None:
-        left = "There was no --checkpoint, so nothing is kept."
-    else:
+    left = "There was no --checkpoint, so nothing is kept."
+    if keeper is not None:
         left = f"The last checkpoint is {keeper.path}, where one was written; --resume goes on with it."
-    watch_over: AbstractContextManager[object] = Watchdog(hang_limit, left) if hang_limit else nullcontext()
 
     films: list[Film] = []
 
@@ -399,7 +400,7 @@ def _film(
 
     try:
         try:
-            with watch_over, reporting(progress, sys.stderr) as report:
+            with _watched(hang_limit, left), reporting(progress, sys.stderr) as report:
                 return result_of(lambda: start({**options, "on_progress": watch}))
         except RenderInterrupted as stop:
             films[:] = [stop.film]
@@ -417,6 +418,13 @@ def _film(
         if not films:
             raise
     return films[0]
+
+
+def _watched(hang_limit: float, left: str) -> AbstractContextManager[object]:
+    """A watchdog over what hangs; `left` says what there is then."""
+    from glpath.jobs.watchdog import Watchdog
+
+    return Watchdog(hang_limit, left) if hang_limit else nullcontext()
 
 
 # Renders, when it is called with the options of the device and of progress.

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: Exit code of what a signal has ended.
+#: Exit code of what Ctrl-C has ended.
 INTERRUPTED = 130
 #: Exit code of what a scheduler has ended and can go on with (EX_TEMPFAIL of sysexits.h).
 GO_ON_LATER = 75
@@ -31,6 +31,7 @@ class _Signals:
     def __init__(self) -> None:
         self.first: int | None = None
         self.held = False
+        self.goes_on_later = False
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
@@ -97,6 +98,16 @@ def arrived() -> bool:
 def by_scheduler() -> bool:
     """Whether the first signal was one of those by which schedulers take a machine away, not Ctrl-C."""
     return _current.first in (signal.SIGTERM, signal.SIGUSR1)
+
+
+def go_on_later() -> None:
+    """The command can be started again and goes on: ended by a scheduler, its exit code says so, at any moment."""
+    _current.goes_on_later = True
+
+
+def exit_code() -> int:
+    """Of a command that a signal has ended."""
+    return GO_ON_LATER if _current.goes_on_later and by_scheduler() else INTERRUPTED
 
 
 def forget() -> None:
