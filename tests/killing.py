@@ -23,12 +23,12 @@ def start(*arguments: object) -> subprocess.Popen[str]:
 
 
 def until_rendering(process: subprocess.Popen[str]) -> str:
-    """All lines up to the first that tells of path sets that are done."""
+    """All lines up to the first that tells of path sets that this process has done."""
     read = []
     assert process.stderr is not None
     for line in process.stderr:
         read.append(line)
-        if line.startswith("{") and json.loads(line).get("done"):
+        if line.startswith("{") and json.loads(line)["stage"] == "rendering":
             break
     return "".join(read)
 
