@@ -157,6 +157,7 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
     assert "130 interrupted" in " ".join(result.stdout.split())
     for command in (
         "render",
+        "merge",
         "diff",
         "info",
         "validate",
