@@ -286,6 +286,28 @@ def test_a_scheduler_s_signal_after_the_end_leaves_nothing_to_be_done(tmp_path: 
     assert os.listdir(tmp_path) == ["a.png"]
 
 
+def test_a_signal_in_the_last_step_leaves_a_film_that_is_complete() -> None:
+    def strike(film: Film) -> None:
+        if film.path_sets == 8:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(glpath.RenderInterrupted) as caught:
+        glpath.render(BOX, spp=8, on_step=strike, **SMALL)
+    assert (caught.value.film.path_sets, caught.value.film.metadata.stop_rule) == (8, "spp")
+
+
+def test_statistics_that_cannot_be_written_lose_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise glpath.ImageError("s.json: cannot be written: No space left on device.")
+
+    monkeypatch.setattr("glpath.cli.unattended.write_bytes", full)
+    result = render("-o", tmp_path / "a.npz", "--spp", 8, "--stats", tmp_path / "s.json")
+    assert (result.exit_code, "s.json: cannot be written" in result.stderr) == (1, True)
+    assert f"wrote {tmp_path / 'a.npz'}" in result.stderr
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 75), (signal.SIGUSR1, 75), (signal.SIGINT, 130)])
 def test_a_signal_before_anything_is_done_has_its_exit_code_too(
     number: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

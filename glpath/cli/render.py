@@ -49,7 +49,7 @@ from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
 from glpath.denoise import require_denoiser
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.film_metadata import AOVS, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.image import TONEMAPS
@@ -338,9 +338,10 @@ def render(
     film = _film(start, {**machine, **rules, **going_on}, progress, keeper, silence)
     complete = film.metadata.stop_rule in RULES
     if keeper is not None and by_scheduler() and not complete:
+        end = leave(keeper, film)
         if stats is not None:
             write_stats(stats, film, keeper, before, [])
-        raise leave(keeper, film)
+        raise end
     written: list[Path] = []
     failure = None
     if film.path_sets:
@@ -360,7 +361,10 @@ def render(
         else:
             keeper.write(film)
     if stats is not None and film.path_sets:
-        write_stats(stats, film, keeper, before, written)
+        try:
+            write_stats(stats, film, keeper, before, written)
+        except ImageError as error:
+            failure = failure or error
 
     if progress == "json":
         say_json(_as_event(film, written, ended_early, denoise), err=True)

@@ -62,10 +62,10 @@ def _trace(
             # Before anybody is told, as the last report is the one that says it is done.
             rule = clock.ended(start == stop)
             clock.stepped(engine, bool(rule))
+        if rule:  # the last step: whoever interrupts gets a film that is complete
+            break
         if interrupted:
             raise KeyboardInterrupt
-        if rule:
-            break
     return rule
 
 
