@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from scipy import stats
 from test_path_lights import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 import glpath
-from glpath import SceneError, solve_radiosity
+from glpath import SceneError, load_scene, solve_radiosity
 from glpath.compare import relative_mse
+from glpath.image import write_exr
 from glpath.lighting import Lighting, max_radiance
 from glpath.radiosity.solution import DIRECT
-from glpath.sampling import PathSetSampler, uniform_sphere
+from glpath.sampling import PathSetSampler, pixel_place, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
 
@@ -87,12 +89,14 @@ def test_the_radiance_is_that_of_another_interpolation(size: tuple[int, int], up
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
 @pytest.mark.parametrize("target", [(0.3, 0.1, 1), (0.01, 1, 0.02), (0.1, -1, 0.0), (0.0, 0.2, -1)])
 def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target: Any):
-    """By one sample a pixel; (0, 0, -1) is where the columns meet."""
+    """By one sample a pixel; (0, 0, -1) is where the columns meet. The lamp is behind: its edges have own samples."""
     sky = Environment(noise(9, 20), np.array([0.02, 1, 0.05]), 77.0, 3.0)
-    scene = replace(scene_of([LAMP], (0, 90, 0), np.array([0, 90, 0]) + target, fov=70, size=(16, 12)), sky=sky)
-    film = glpath.render(scene, spp=1, max_depth=1, **engine)
+    at = np.array([0, 900, 900])
+    scene = replace(scene_of([LAMP], at, at + target, fov=70, size=(16, 12)), sky=sky)
+    film = glpath.render(scene, spp=1, max_depth=2, **engine)
     camera = scene.camera
-    place = PathSetSampler(0, 1)[0].pixel
+    traces_paths = engine.get("integrator") not in ("t-buffer", "classic")
+    place = PathSetSampler(0, 1)[0].pixel if traces_paths else 0.5  # theirs begin with the centre
     expected = sky.radiance(camera.rays(camera.pixel_centres() - 0.5 + place))
     np.testing.assert_allclose(film.mean, expected, atol=3e-5)
 
@@ -120,14 +124,14 @@ def test_directions_are_as_dense_as_the_radiance(size: tuple[int, int], brightes
         return found + np.minimum(across * cells[1], cells[1] - 1).astype(int)
 
     # A grid of many points a cell, none on the borders of texels or cells.
-    fine = [np.arange(each * 120) + 0.5 for each in cells]
+    fine = [np.arange(each * 30) + 0.5 for each in cells]
     theta, phi = np.meshgrid(np.pi * fine[0] / len(fine[0]), 2 * np.pi * fine[1] / len(fine[1]), indexing="ij")
     local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
     d = local @ sky.frame
     area = (np.sin(theta) * (np.pi / len(fine[0])) * (2 * np.pi / len(fine[1]))).ravel()
     density = sky.radiance(d).mean(axis=1) / sky.mean_integral
-    assert (density * area).sum() == pytest.approx(1.0, rel=2e-4)
-    np.testing.assert_allclose((sky.radiance(d) * area[:, None]).sum(axis=0), sky.integral, rtol=2e-4)
+    assert (density * area).sum() == pytest.approx(1.0, rel=2e-3)
+    np.testing.assert_allclose((sky.radiance(d) * area[:, None]).sum(axis=0), sky.integral, rtol=2e-3)
     expected = np.bincount(cell(d), density * area, minlength=cells[0] * cells[1])
     found = np.bincount(cell(drawn), minlength=len(expected))
     many = expected * len(drawn) > 5
@@ -168,9 +172,10 @@ def test_a_number_just_below_one_is_a_direction_of_the_map():
 def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     scene = scene_of([*THINGS, LAMP], size=(16, 12))
     sky, sky_map = Sky(np.full(3, 1.5), np.full(3, 1.5)), Environment(np.full((5, 8, 3), 0.5, np.float32), scale=3)
-    a, b = (glpath.render(replace(scene, sky=each), spp=512, max_depth=3, **engine).mean for each in (sky, sky_map))
-    assert a.mean() == pytest.approx(b.mean(), rel=5e-3)
-    assert relative_mse(a, b) < 3e-3
+    a, b = (glpath.render(replace(scene, sky=each), spp=200, max_depth=3, **engine).mean for each in (sky, sky_map))
+    noisy = engine.get("directions") == "sphere"
+    assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1e-2)
+    assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
 
 
 @pytest.mark.parametrize("directions", ["own", "pair"])
@@ -190,9 +195,9 @@ def test_a_map_painted_with_a_gradient_is_that_sky(engine: dict[str, Any]):
     d = np.stack([np.sin(theta), np.cos(theta), 0 * theta], axis=1)
     painted = Environment(np.repeat(sky.radiance(d)[:, None], 4, axis=1))
     scene = scene_of([*THINGS, LAMP], size=(16, 12))
-    a, b = (glpath.render(replace(scene, sky=each), spp=512, max_depth=3, **engine).mean for each in (sky, painted))
-    assert a.mean() == pytest.approx(b.mean(), rel=5e-3)
-    assert relative_mse(a, b) < 3e-3
+    a, b = (glpath.render(replace(scene, sky=each), spp=200, max_depth=3, **engine).mean for each in (sky, painted))
+    assert a.mean() == pytest.approx(b.mean(), rel=1e-2)
+    assert relative_mse(a, b) < 1e-2
 
 
 def irradiance_of_texel(sky: Environment, row: int) -> Float64:
@@ -210,6 +215,17 @@ def test_a_floor_under_one_bright_texel(engine: dict[str, Any]):
     scene = replace(floor_from_above(), sky=sky)
     film = glpath.render(scene, spp=256, max_depth=2, **engine)
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * irradiance_of_texel(sky, 9), rtol=0.01)
+
+
+@pytest.mark.parametrize("directions", ["own", "pair"])
+def test_a_mirror_shows_the_map(directions: Any):
+    """Of smooth metal: by the direction that the surface chooses alone, though the map is sampled as well."""
+    sky = Environment(noise(8, 16) + sun(8, 16, 2, 4, 1e4), np.array([0.0, 1, 0]), 15.0)
+    mirror = {"type": "principled", "reflectance": 1.0, "metallic": 1.0, "roughness": 0.0}
+    scene = replace(scene_of([FLOOR], (0, 3, 0.5), (0, 0, 0), materials={"m": mirror}), sky=sky)
+    film = glpath.render(scene, spp=1, max_depth=2, directions=directions)
+    rays = scene.camera.rays(scene.camera.pixel_centres() - 0.5 + PathSetSampler(0, 1)[0].pixel)
+    np.testing.assert_allclose(film.mean, sky.radiance(rays * [1, -1, 1]), rtol=1e-3, atol=1e-3)
 
 
 def test_radiosity_has_the_light_of_one_bright_texel():
@@ -251,6 +267,21 @@ def sunny(size: tuple[int, int] = (32, 24)) -> tuple[Scene, Scene]:
     return replace(scene, sky=sky), replace(scene, sky=Sky(blue, blue), lights=(light,))
 
 
+@pytest.mark.evidence
+@pytest.mark.parametrize("directions", ["own", "pair"])
+def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from glpath.experiments.mitsuba_peer import render_mitsuba
+
+    sky = Environment(noise(16, 32) + sun(16, 32, 4, 9, (400, 300, 200)), np.array([0.1, 1, 0.2]), 50.0)
+    flat = [shape for shape in THINGS if shape["type"] != "sphere"]
+    scene = replace(scene_of(flat, size=(32, 24)), sky=sky)
+    theirs = render_mitsuba(scene, 1024, 3)
+    ours = glpath.render(scene, spp=1024, max_depth=3, directions=directions).mean
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.005)
+    assert relative_mse(ours, theirs) < 2e-3
+
+
 @pytest.mark.parametrize("depth", [1, 3])
 def test_a_sun_in_a_map_is_as_good_as_a_directional_light_with_a_sky(depth: int):
     means, errors = [], []
@@ -271,9 +302,10 @@ def test_sums_hold_a_sun_and_what_is_dark_beside_it(engine: dict[str, Any]):
     at = np.array([0, 90, 0])
     lamp = [LAMP | {"emission": {"radiance": 1.0}}]
     for direction, expected in ((centre(sky, 100, 300), 1e6), (np.array([0.3, 0.2, 0.8]), 1e-3)):
-        scene = replace(scene_of(lamp, at, at + direction, fov=0.001, size=(4, 4)), sky=sky)
+        scene = replace(scene_of(lamp, at, at + direction, fov=0.0001, size=(4, 4)), sky=sky)
         film = glpath.render(scene, spp=300, max_depth=1, **engine)
-        np.testing.assert_allclose(film.mean, expected, rtol=2e-3)
+        # The corners of the picture are not quite the middle of the texel.
+        np.testing.assert_allclose(film.mean, expected, rtol=5e-3)
         assert film.metadata.statistics["dropped_samples"] == 0
 
 
@@ -290,6 +322,8 @@ def test_path_sets_and_tiles_under_a_map_merge_bit_for_bit(engine: dict[str, Any
 
 
 # What is no map.
+
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"
 
 
 @pytest.mark.parametrize(
@@ -309,6 +343,61 @@ def test_path_sets_and_tiles_under_a_map_merge_bit_for_bit(engine: dict[str, Any
 def test_what_is_no_radiance_is_refused(fields: dict[str, Any], expected: str):
     with pytest.raises(SceneError, match=expected):
         Environment(**({"image": np.ones((2, 4, 3), np.float32)} | fields))
+
+
+HEAD = """
+[camera]
+position = [0, 0, 5]
+target = [0, 0, 0]
+
+[[shapes]]
+type = "sphere"
+radius = 1
+
+[sky]
+"""
+
+
+@pytest.mark.parametrize(
+    ("sky", "expected"),
+    [
+        ('file = "none.hdr"', ["sky.file names the picture", "none.hdr, which does not exist", "nan.exr"]),
+        ('file = "sky.tiff"', ["sky.file names", "ends in .exr, .hdr", "Convert it"]),
+        ('file = "."', ["sky.file names"]),
+        ('file = "nan.exr"', ["sky.file names a picture that cannot be used"]),
+        ('file = "cut.hdr"', ["sky.file names a picture that cannot be used"]),
+        ('file = "good.hdr"\nscale = -1', ["sky.scale is -1"]),
+        ('file = "good.hdr"\nscale = 1e30', ["sky has radiance up to", "1e+15"]),
+        ('file = "good.hdr"\nrotation = inf', ["sky.rotation is inf"]),
+        ('file = "good.hdr"\nzenith = 1', ["sky has zenith and file"]),
+        ("rotation = 3", ["sky has rotation, but a sky is"]),
+    ],
+)
+def test_what_is_wrong_with_the_map_of_a_file_is_said(sky: str, expected: list[str], tmp_path: Path):
+    write_exr(tmp_path / "nan.exr", np.full((2, 4, 3), np.nan))
+    (tmp_path / "good.hdr").write_bytes(HDR + bytes([128, 64, 32, 130]) * 8)
+    (tmp_path / "cut.hdr").write_bytes(HDR + bytes(7))
+    (tmp_path / "a.toml").write_text(HEAD + sky)
+    with pytest.raises(SceneError) as error:
+        load_scene(tmp_path / "a.toml")
+    for part in expected:
+        assert part in str(error.value)
+
+
+def test_a_map_of_a_file_is_the_map_with_its_values(tmp_path: Path):
+    """A mantissa of 128 / 256 and an exponent of 2 are 2; below zero is nothing, and said."""
+    (tmp_path / "good.hdr").write_bytes(HDR + bytes([128, 64, 32, 130]) * 8)
+    write_exr(tmp_path / "low.exr", np.full((2, 4, 3), [1.0, 2.0, -0.5]))
+    (tmp_path / "a.toml").write_text(HEAD + 'file = "good.hdr"\nscale = 3\nrotation = 20\nup = [0, 0, 2]')
+    sky = load_scene(tmp_path / "a.toml").sky
+    assert isinstance(sky, Environment)
+    np.testing.assert_allclose(sky.radiance([0, 0, 1]), [6, 3, 1.5])
+    assert (sky.rotation, sky.up.tolist()) == (20, [0, 0, 1])
+    (tmp_path / "a.toml").write_text(HEAD + 'file = "low.exr"')
+    with pytest.warns(glpath.SceneWarning, match=r"sky.file: 8 of 24 values of .* are below 0, down to -0.5"):
+        sky = load_scene(tmp_path / "a.toml").sky
+    assert sky is not None
+    np.testing.assert_allclose(sky.radiance([0, 1, 0]), [1, 2, 0])
 
 
 def test_a_black_map_is_no_light():

@@ -26,7 +26,7 @@ def sky_radiance(scene: Scene, directions: Float64) -> Float64:
 def environment_radiance(sky: Environment, directions: Float64) -> Float64:
     """The same of a map whose `up` is an axis: it is cycled to y, and the map turned back about it."""
     axis = int(np.argmax(sky.up))
-    assert sky.up[axis] == 1 and np.count_nonzero(sky.up) == 1, "up is an axis"
+    assert np.array_equal(sky.up, np.eye(3)[axis]), "up is an axis"
     # The axis that follows up takes the place of z.
     d = np.roll(directions, 1 - axis, axis=1)
     d = Rotation.from_euler("y", sky.rotation, degrees=True).inv().apply(d)
