@@ -44,7 +44,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         raise place.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
-    textures = materials.textures(file.textures, place.field("textures"), folder)
+    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder)
     texture_number = {texture.name: index for index, texture in enumerate(textures)}
     surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
     number = {material.name: index for index, material in enumerate(surfaces)}

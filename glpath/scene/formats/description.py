@@ -113,6 +113,28 @@ class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True
         | UnsetType
     ) = UNSET
     two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+    normal_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: a normal map, of tangent space.")]
+        | UnsetType
+    ) = UNSET
+    normal_scale: Annotated[float, Meta(description="Strength of the normal map: its x and y are multiplied.")] = (
+        1.0
+    )
+    emission_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file, which the emission of shapes is multiplied by.")
+        ]
+        | UnsetType
+    ) = UNSET
+    alpha: Annotated[
+        Literal["opaque", "mask", "blend"],
+        Meta(
+            description="What opacity does: nothing; all or nothing, from `cutoff` on; a share of the light. "
+            "Opacity is multiplied by the alpha of the texture."
+        ),
+    ] = "opaque"
+    cutoff: Annotated[float, Meta(ge=0, le=1, description="Of a mask: opacity below it is a hole.")] = 0.5
+    opacity: Annotated[float, Meta(ge=0, le=1, description="Share of light that the surface meets.")] = 1.0
 
 
 class Diffuse(Surface, tag="diffuse", kw_only=True):
@@ -214,7 +236,7 @@ class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=Tru
 
 
 class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, kw_only=True):
-    """A picture, repeated endlessly: PNG and JPEG as sRGB, EXR as linear Rec. 709."""
+    """A picture: PNG and JPEG as sRGB, EXR as linear Rec. 709; what is no colour, as of a normal map, as it is."""
 
     file: Annotated[
         str, Meta(description="PNG, JPEG or EXR file; a relative path starts at the folder of the scene file.")
@@ -224,6 +246,10 @@ class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, k
         Literal["linear", "nearest"],
         Meta(description="linear blends neighbouring pixels where they are seen large, nearest shows squares."),
     ] = "linear"
+    wrap: Annotated[
+        Literal["repeat", "clamp", "mirror"],
+        Meta(description="Beyond its edges: repeated, its last pixels, or mirrored."),
+    ] = "repeat"
 
 
 AnyTexture = Checker | Image

@@ -1,6 +1,7 @@
 """The materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
 
-Image files are read as they are, without their rotation tags, transparency and colour profiles.
+Image files are read as they are, without their rotation tags and colour profiles; with the transparency of a PNG
+where a material's alpha is "mask" or "blend".
 """
 
 from __future__ import annotations
@@ -8,14 +9,15 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from msgspec import UnsetType
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, SceneError, SceneWarning
-from glpath.image import picture_size, read_image
+from glpath.image import encode_srgb, picture_size, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
     MAX_TEXTURE_PIXELS,
@@ -29,6 +31,7 @@ from glpath.scene.formats.values import nearby_files, rgb, share, unknown
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.place import Place
 
+_NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
 
@@ -40,6 +43,18 @@ def materials(
 
 
 def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
+    return replace(
+        _reflecting(name, given, texture_number, place),
+        normal_texture=_slot(given.normal_texture, texture_number, place.field("normal_texture")),
+        normal_scale=given.normal_scale,
+        emission_texture=_slot(given.emission_texture, texture_number, place.field("emission_texture")),
+        alpha=given.alpha,
+        cutoff=given.cutoff,
+        opacity=given.opacity,
+    )
+
+
+def _reflecting(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
     texture = _slot(given.texture, texture_number, place.field("texture"))
     reflectance = given.reflectance
     if isinstance(reflectance, UnsetType):
@@ -102,21 +117,53 @@ def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Plac
     return TextureSlot(texture_number[given])
 
 
-def textures(given: Mapping[str, AnyTexture], place: Place, folder: Path) -> tuple[Texture, ...]:
-    """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError."""
-    return tuple(_texture(name, each, place.field(name), folder) for name, each in given.items())
+def textures(
+    given: Mapping[str, AnyTexture], used_by: Mapping[str, AnyMaterial], place: Place, folder: Path
+) -> tuple[Texture, ...]:
+    """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError.
+
+    used_by : materials by name: those that look through alpha, and those that read what is no colour
+    """
+    alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
+    values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS}
+    colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
+    for name in given:
+        if name in values and name in colours:
+            raise place.field(name).error(
+                "is used both for colours and for what is no colour: a normal map, roughness or transmission.",
+                "Give the picture two names, one for each.",
+            )
+    return tuple(
+        _texture(name, each, place.field(name), folder, name in alpha, name not in values)
+        for name, each in given.items()
+    )
 
 
-def _texture(name: str, given: AnyTexture, place: Place, folder: Path) -> Texture:
+def _texture(name: str, given: AnyTexture, place: Place, folder: Path, alpha: bool, colour: bool) -> Texture:
     u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
     if not (u > 0 and v > 0):
         raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
     if isinstance(given, description.Image):
-        return Texture(name, _picture(folder / given.file, place.field("file")), (u, v), given.filter)
+        path = folder / given.file
+        image = _picture(path, place.field("file"))
+        if path.suffix.lower() != ".exr" and not colour:
+            image = encode_srgb(image.astype(np.float64)).astype(np.float32)
+        if path.suffix.lower() == ".png" and alpha:
+            image = np.concatenate([image, _transparency(path)], axis=2)
+        return Texture(name, image, (u, v), given.filter, wrap=(given.wrap, given.wrap))
     colors = place.field("colors")
     remedy = "They multiply the reflectance of the material."
     first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
+
+
+def _transparency(path: Path) -> NDArray[np.float32]:
+    """(h, w, 1) alpha of a PNG that could be read; 1 where it has none."""
+    import PIL.Image
+
+    with PIL.Image.open(path, formats=("PNG",)) as opened:
+        alpha = np.asarray(opened.convert("RGBA"))[..., 3:]
+    return (alpha / 255.0).astype(np.float32)
 
 
 def _picture(path: Path, place: Place) -> NDArray[np.float32]:
