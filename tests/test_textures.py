@@ -10,6 +10,8 @@ import pytest
 
 import glpath
 from glpath.image import decode_srgb
+from glpath.radiosity.mesh.mesh import Elements
+from glpath.radiosity.mesh.sides import Sides, side_reflectance
 from glpath.scene.appearance import texture_at
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
 from tests.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
@@ -176,3 +178,22 @@ def test_a_texture_of_one_value_is_the_plain_material(name: str) -> None:
     a, b = (picture(replace(s, sky=sky), 64) for s in (front(textured, texture), front(plain)))
     print(name, a.mean(), b.mean(), np.abs(a - b).max())
     assert np.abs(a - b).mean() < 1e-3 * b.mean()
+
+
+def test_a_solver_knows_what_each_triangle_reflects_and_each_element_sends() -> None:
+    image = np.zeros((2, 2, 3), np.float32)
+    image[:, 1] = 0.8  # the right half
+    texture = Texture("half", image, filter="nearest")
+    painted, shining = replace(WHITE, texture=TextureSlot(0)), replace(BLACK, emission_texture=TextureSlot(0))
+    scene = scene_of(
+        [Shape("wall", quad(FRONT, 2), 0), lamp(quad(FRONT + np.array([0, 0, 1])), 1)],
+        [painted, shining],
+        camera([0, 0, 4]),
+        (texture,),
+    )
+    found = side_reflectance(scene)[0, :8, 0]
+    assert sorted(found.round(6)) == [0.0] * 4 + [0.8] * 4
+    elements = Elements.of_lattices(np.full(10, 4))
+    sides = Sides.of(scene, elements)
+    areas = scene.areas[elements.triangle[sides.element]] / 16
+    assert (sides.emission[:, 0] * areas).sum() == pytest.approx(np.pi * 5 * 0.4 * 4, rel=0.01)
