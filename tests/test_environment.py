@@ -19,7 +19,7 @@ from glpath.compare import relative_mse
 from glpath.image import write_exr
 from glpath.lighting import Lighting, max_radiance
 from glpath.radiosity.solution import DIRECT
-from glpath.sampling import PathSetSampler, pixel_place, uniform_sphere
+from glpath.sampling import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
 
@@ -89,7 +89,7 @@ def test_the_radiance_is_that_of_another_interpolation(size: tuple[int, int], up
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
 @pytest.mark.parametrize("target", [(0.3, 0.1, 1), (0.01, 1, 0.02), (0.1, -1, 0.0), (0.0, 0.2, -1)])
 def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target: Any):
-    """By one sample a pixel; (0, 0, -1) is where the columns meet. The lamp is behind: its edges have own samples."""
+    """By one sample a pixel; (0, 0, -1) is where the columns meet. No lamp is seen: its edges have own samples."""
     sky = Environment(noise(9, 20), np.array([0.02, 1, 0.05]), 77.0, 3.0)
     at = np.array([0, 900, 900])
     scene = replace(scene_of([LAMP], at, at + target, fov=70, size=(16, 12)), sky=sky)
@@ -217,13 +217,12 @@ def test_a_floor_under_one_bright_texel(engine: dict[str, Any]):
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * irradiance_of_texel(sky, 9), rtol=0.01)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_a_mirror_shows_the_map(directions: Any):
+def test_a_mirror_shows_the_map():
     """Of smooth metal: by the direction that the surface chooses alone, though the map is sampled as well."""
     sky = Environment(noise(8, 16) + sun(8, 16, 2, 4, 1e4), np.array([0.0, 1, 0]), 15.0)
     mirror = {"type": "principled", "reflectance": 1.0, "metallic": 1.0, "roughness": 0.0}
     scene = replace(scene_of([FLOOR], (0, 3, 0.5), (0, 0, 0), materials={"m": mirror}), sky=sky)
-    film = glpath.render(scene, spp=1, max_depth=2, directions=directions)
+    film = glpath.render(scene, spp=1, max_depth=2)
     rays = scene.camera.rays(scene.camera.pixel_centres() - 0.5 + PathSetSampler(0, 1)[0].pixel)
     np.testing.assert_allclose(film.mean, sky.radiance(rays * [1, -1, 1]), rtol=1e-3, atol=1e-3)
 
@@ -367,7 +366,7 @@ radius = 1
         ('file = "nan.exr"', ["sky.file names a picture that cannot be used"]),
         ('file = "cut.hdr"', ["sky.file names a picture that cannot be used"]),
         ('file = "good.hdr"\nscale = -1', ["sky.scale is -1"]),
-        ('file = "good.hdr"\nscale = 1e30', ["sky has radiance up to", "1e+15"]),
+        ('file = "good.hdr"\nscale = 9e14', ["sky has radiance up to", "1e+15"]),
         ('file = "good.hdr"\nrotation = inf', ["sky.rotation is inf"]),
         ('file = "good.hdr"\nzenith = 1', ["sky has zenith and file"]),
         ("rotation = 3", ["sky has rotation, but a sky is"]),
