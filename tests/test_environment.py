@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from scipy import stats
 from test_path_lights import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 import glpath
-from glpath import SceneError, load_scene, solve_radiosity
+from glpath import SceneError, solve_radiosity
 from glpath.compare import relative_mse
-from glpath.image import write_exr
 from glpath.lighting import Lighting, max_radiance
 from glpath.radiosity.solution import DIRECT
 from glpath.sampling import PathSetSampler, uniform_sphere
@@ -322,8 +320,6 @@ def test_path_sets_and_tiles_under_a_map_merge_bit_for_bit(engine: dict[str, Any
 
 # What is no map.
 
-HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"
-
 
 @pytest.mark.parametrize(
     ("fields", "expected"),
@@ -342,61 +338,6 @@ HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"
 def test_what_is_no_radiance_is_refused(fields: dict[str, Any], expected: str):
     with pytest.raises(SceneError, match=expected):
         Environment(**({"image": np.ones((2, 4, 3), np.float32)} | fields))
-
-
-HEAD = """
-[camera]
-position = [0, 0, 5]
-target = [0, 0, 0]
-
-[[shapes]]
-type = "sphere"
-radius = 1
-
-[sky]
-"""
-
-
-@pytest.mark.parametrize(
-    ("sky", "expected"),
-    [
-        ('file = "none.hdr"', ["sky.file names the picture", "none.hdr, which does not exist", "nan.exr"]),
-        ('file = "sky.tiff"', ["sky.file names", "ends in .exr, .hdr", "Convert it"]),
-        ('file = "."', ["sky.file names"]),
-        ('file = "nan.exr"', ["sky.file names a picture that cannot be used"]),
-        ('file = "cut.hdr"', ["sky.file names a picture that cannot be used"]),
-        ('file = "good.hdr"\nscale = -1', ["sky.scale is -1"]),
-        ('file = "good.hdr"\nscale = 9e14', ["sky has radiance up to", "1e+15"]),
-        ('file = "good.hdr"\nrotation = inf', ["sky.rotation is inf"]),
-        ('file = "good.hdr"\nzenith = 1', ["sky has zenith and file"]),
-        ("rotation = 3", ["sky has rotation, but a sky is"]),
-    ],
-)
-def test_what_is_wrong_with_the_map_of_a_file_is_said(sky: str, expected: list[str], tmp_path: Path):
-    write_exr(tmp_path / "nan.exr", np.full((2, 4, 3), np.nan))
-    (tmp_path / "good.hdr").write_bytes(HDR + bytes([128, 64, 32, 130]) * 8)
-    (tmp_path / "cut.hdr").write_bytes(HDR + bytes(7))
-    (tmp_path / "a.toml").write_text(HEAD + sky)
-    with pytest.raises(SceneError) as error:
-        load_scene(tmp_path / "a.toml")
-    for part in expected:
-        assert part in str(error.value)
-
-
-def test_a_map_of_a_file_is_the_map_with_its_values(tmp_path: Path):
-    """A mantissa of 128 / 256 and an exponent of 2 are 2; below zero is nothing, and said."""
-    (tmp_path / "good.hdr").write_bytes(HDR + bytes([128, 64, 32, 130]) * 8)
-    write_exr(tmp_path / "low.exr", np.full((2, 4, 3), [1.0, 2.0, -0.5]))
-    (tmp_path / "a.toml").write_text(HEAD + 'file = "good.hdr"\nscale = 3\nrotation = 20\nup = [0, 0, 2]')
-    sky = load_scene(tmp_path / "a.toml").sky
-    assert isinstance(sky, Environment)
-    np.testing.assert_allclose(sky.radiance([0, 0, 1]), [6, 3, 1.5])
-    assert (sky.rotation, sky.up.tolist()) == (20, [0, 0, 1])
-    (tmp_path / "a.toml").write_text(HEAD + 'file = "low.exr"')
-    with pytest.warns(glpath.SceneWarning, match=r"sky.file: 8 of 24 values of .* are below 0, down to -0.5"):
-        sky = load_scene(tmp_path / "a.toml").sky
-    assert sky is not None
-    np.testing.assert_allclose(sky.radiance([0, 1, 0]), [1, 2, 0])
 
 
 def test_a_black_map_is_no_light():
