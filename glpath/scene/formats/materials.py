@@ -6,7 +6,6 @@ where a material's alpha is "mask" or "blend".
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,18 +15,18 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from glpath.errors import ImageError, SceneError, SceneWarning
-from glpath.image import encode_srgb, picture_size, read_image
+from glpath.errors import SceneWarning
+from glpath.image import encode_srgb
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
     MAX_TEXTURE_PIXELS,
-    MAX_TEXTURE_SIDE,
     AnyMaterial,
     AnyTexture,
     Phong,
     Principled,
 )
-from glpath.scene.formats.values import nearby_files, rgb, share, unknown
+from glpath.scene.formats.scene_pictures import stored_picture
+from glpath.scene.formats.values import rgb, share, unknown
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.place import Place
 
@@ -168,26 +167,7 @@ def _transparency(path: Path) -> NDArray[np.float32]:
 
 def _picture(path: Path, place: Place) -> NDArray[np.float32]:
     """(h, w, 3) float32 in [0, 1], linear Rec. 709, row 0 at the top. Raises SceneError; warns of what it clips."""
-    if path.suffix.lower() not in FORMATS:
-        raise place.error(
-            f"names {path}, but a texture is a file that ends in {', '.join(FORMATS)}.",
-            "Convert it, e.g. with GIMP.",
-        )
-    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
-        raise place.error(
-            f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
-            nearby_files("Pictures", path, FORMATS),
-        )
-    try:
-        width, height = picture_size(path)
-        if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
-            raise _too_large(f"{width:,} x {height:,} pixels", path, place)
-        stored = read_image(path)
-    except ImageError as error:
-        raise place.error(
-            f"names a picture that cannot be used. {error}",
-            "Open it in another program to see whether it is whole, and write it anew.",
-        ) from error
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place)
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
         warnings.warn(
@@ -198,11 +178,3 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32]:
             stacklevel=2,
         )
     return np.clip(stored, 0, 1).astype(np.float32)
-
-
-def _too_large(size: str, path: Path, place: Place) -> SceneError:
-    return place.error(
-        f"names the picture {path} of {size}, but a texture has at most {MAX_TEXTURE_SIDE:,} pixels a side and "
-        f"{MAX_TEXTURE_PIXELS:,} in all.",
-        "Make the picture smaller, or cut out what is needed.",
-    )
