@@ -70,35 +70,41 @@ def merged(
     normals = [_normal(points, shape) for shape in shapes if shape is not None]
     labels = list(labels)
     eps = ROUNDING * size
-    while True:
-        sides: dict[tuple[int, int], int] = {}
-        pairs = []
-        for number, shape in enumerate(shapes):
-            if shape is None:
-                continue
-            for a, b in zip(shape, [*shape[1:], shape[0]], strict=True):
-                other = sides.get((b, a))
-                if other is not None and labels[other] == labels[number]:
-                    pairs.append((_distance2(points[a], points[b]), a, b, number, other))
-                sides[a, b] = number
-        pairs.sort(key=lambda pair: -pair[0])
-        taken: set[int] = set()
+    sides: dict[tuple[int, int], int] = {}
+    for number, shape in enumerate(shapes):
+        assert shape is not None
+        for edge in _edges(shape):
+            sides[edge] = number
+    changed = True
+    while changed:
         changed = False
-        for _, a, b, number, other in pairs:
-            if number in taken or other in taken:
-                continue
-            union = _union(points, shapes[number], shapes[other], a, b, normals[number], normals[other], eps)
-            if union is None:
-                continue
-            taken |= {number, other}
-            first, second = min(number, other), max(number, other)
-            shapes[first], shapes[second] = union, None
-            normals[first] = _normal(points, union)
-            changed = True
-        if not changed:
-            break
+        for number in range(len(shapes)):
+            # One grows as far as it goes before the next begins, or a grid of squares would end in pinwheels.
+            while (shape := shapes[number]) is not None:
+                edges = sorted(_edges(shape), key=lambda edge: -round(_distance2(points[edge[0]], points[edge[1]]), 12))
+                for a, b in edges:
+                    other = sides.get((b, a), number)
+                    two = shapes[other]
+                    if other == number or two is None or labels[other] != labels[number]:
+                        continue
+                    union = _union(points, shape, two, a, b, normals[number], normals[other], eps)
+                    if union is not None:
+                        break
+                else:
+                    break
+                for edge in (*_edges(shape), *_edges(two)):
+                    sides.pop(edge, None)
+                for edge in _edges(union):
+                    sides[edge] = number
+                shapes[number], shapes[other] = union, None
+                normals[number] = _normal(points, union)
+                changed = True
     kept = [i for i, shape in enumerate(shapes) if shape is not None]
     return [shape for shape in shapes if shape is not None], kept
+
+
+def _edges(outline: list[int]) -> list[tuple[int, int]]:
+    return list(zip(outline, [*outline[1:], outline[0]], strict=True))
 
 
 def _union(

@@ -191,6 +191,7 @@ def _over_triangle(t, depth, nx, ny, nz, b, m, shades, planes, work):  # type: i
     """Means over work.triangles[t] of what is seen and of all: three points, exact to degree 2."""
     seen = whole = 0.0
     corners = work.triangles
+    work.tally[0] += 3
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         x = (4 * corners[t, k, 0] + corners[t, i, 0] + corners[t, j, 0]) / 6

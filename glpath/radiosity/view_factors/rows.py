@@ -31,7 +31,7 @@ MOST_SHADES = 512
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, OVERFLOW = range(7)
-COUNTS = 7
+COUNTS = 9
 
 
 class Polygons(NamedTuple):
@@ -107,6 +107,7 @@ class Work(NamedTuple):
     following: Int64
     triangles: Float64
     values: Float64
+    tally: Int64
 
     @classmethod
     def of(cls, eps: float, nodes: int, occluders: int, depth: int) -> Work:
@@ -143,13 +144,14 @@ class Work(NamedTuple):
             following=np.empty(PARTS + 2, np.int64),
             triangles=np.empty((64 + ROOM, 3, 3)),
             values=np.empty((64 + ROOM, 4)),
+            tally=np.zeros(1,np.int64),
         )
 
 
 @inner_kernel
 def _in_reach(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
     """0 where occluder o cannot stand between a[:n] and a box, as neither reaches across its plane; 2 where its
-    plane parts them; else 1."""
+    plane parts them, and nothing in the box lies in it; else 1."""
     p = occluders.planes
     low_a, high_a = np.inf, -np.inf
     for k in range(n):
@@ -160,7 +162,9 @@ def _in_reach(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
         f = p[o, k]
         low_b += f * (box[k] if f > 0 else box[k + 3])
         high_b += f * (box[k + 3] if f > 0 else box[k])
-    return _parted(low_a, high_a, low_b, high_b, eps)
+    parted = _parted(low_a, high_a, low_b, high_b, eps)
+    # What lies in the plane, as the neighbours of the occluder do, is not hidden by it.
+    return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
 
 
 @inner_kernel
@@ -283,6 +287,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         counts[FREE] += 1
         return whole, off
     counts[PARTIAL] += 1
+    counts[7] += shades
     tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
     if radius_a <= radius_b:
         share, wrong = seen_share(
@@ -292,6 +297,8 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         share, wrong = seen_share(
             b, m, nb[0], nb[1], nb[2], a, n, whole, area_b, tolerance, shades, occluders.planes, work
         )  # fmt: skip
+    counts[8] += work.tally[0]
+    work.tally[0] = 0
     if overflow:
         counts[OVERFLOW] += 1
         wrong = share
