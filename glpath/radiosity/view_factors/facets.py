@@ -21,6 +21,7 @@ from glpath.radiosity.view_factors.rows import Polygons
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Outline = tuple[int, ...]
 
 #: Share of the size of the scene below which a distance is rounding, as of coordinates of 32 bits.
 ROUNDING = 5e-7
@@ -135,7 +136,7 @@ def _union(
     return kept if 3 <= len(kept) <= CORNERS else None
 
 
-def _normal(points: list[Any], outline: Sequence[int]) -> tuple[float, float, float]:
+def _normal(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
     x = y = z = 0.0
     origin = points[outline[0]]
     for p, q in zip(outline[1:-1], outline[2:], strict=True):
@@ -161,3 +162,70 @@ def _dot(a: Any, b: Any) -> float:
 def _distance2(a: Any, b: Any) -> float:
     d = _minus(a, b)
     return _dot(d, d)
+
+
+def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) -> Int64:
+    """(F,) int64, a number for each region of faces in one plane that are joined by edges, in order of appearance."""
+    points = [tuple(map(float, v)) for v in vertices]
+    normals = [_normal(points, outline) for outline in outlines]
+    sides: dict[tuple[int, int], int] = {}
+    leader = list(range(len(outlines)))
+
+    def found(i: int) -> int:
+        while leader[i] != i:
+            leader[i] = leader[leader[i]]
+            i = leader[i]
+        return i
+
+    eps = ROUNDING * size
+    for number, outline in enumerate(outlines):
+        for a, b in _edges(list(outline)):
+            other = sides.get((b, a))
+            # By the normals of the two alone a fine enough cylinder would be flat: the corners must be, too.
+            if other is not None and _dot(normals[number], normals[other]) > 1 - 1e-9:
+                origin = points[outlines[found(other)][0]]
+                normal = normals[found(other)]
+                if all(abs(_dot(normal, _minus(points[v], origin))) <= eps for v in outline):
+                    one, two = sorted((found(number), found(other)))
+                    leader[two] = one
+            sides[a, b] = number
+    _, first, labels = np.unique([found(i) for i in range(len(outlines))], return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    return np.asarray(order[labels], np.int64)
+
+
+def convex_parts(vertices: Float64, outline: Outline, most: int) -> list[Outline]:
+    """A flat polygon as convex ones of at most so many corners; itself where it is one.
+
+    By cutting off ears: the first corner that turns inward and whose triangle holds no other corner.
+    """
+    if len(outline) == 3:
+        return [outline]
+    points = {v: tuple(map(float, vertices[v])) for v in outline}
+    normal = _normal(points, outline)
+
+    def turn(a: int, b: int, c: int) -> float:
+        return _dot(normal, _cross(_minus(points[b], points[a]), _minus(points[c], points[b])))
+
+    n = len(outline)
+    # A quad whose area is right but that crosses itself, or a star, turns outward somewhere or goes round twice.
+    if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
+        step = most - 2
+        return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]
+    left = list(outline)
+    parts: list[Outline] = []
+    while len(left) > 3:
+        for k in range(len(left)):
+            a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+            if turn(a, b, c) <= 0:
+                continue
+            others = (v for v in left if v not in (a, b, c))
+            if not any(turn(a, b, v) >= 0 and turn(b, c, v) >= 0 and turn(c, a, v) >= 0 for v in others):
+                parts.append((a, b, c))
+                del left[k]
+                break
+        else:
+            break  # corners in line only are left
+    if len(left) == 3:
+        parts.append((left[0], left[1], left[2]))
+    return parts

@@ -19,10 +19,8 @@ from glpath.radiosity.view_factors.convex import height
 
 #: Parts of what is seen that wait to be divided further.
 PARTS = 256
-#: Halvings of a triangle, and points, at most.
+#: Quarterings of a triangle.
 _DEEPEST = 9
-#: Share of a length below which what lies behind a pyramid's plane is rounding.
-_ROUNDING = 1e-12
 
 
 @inner_kernel
@@ -86,7 +84,7 @@ def pyramids(x, y, z, shades, planes, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Of a small plane element at the origin, with a normal, to the polygon parts[i, :n] above its horizon, times 2 pi."""
+    """2 pi times the factor from a small element at the origin to the polygon parts[i, :n] above its horizon."""
     total = 0.0
     ax, ay, az = parts[i, n - 1, 0], parts[i, n - 1, 1], parts[i, n - 1, 2]
     for k in range(n):
@@ -187,11 +185,10 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
 
 
 @inner_kernel
-def _over_triangle(t, depth, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
+def _over_triangle(t, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
     """Means over work.triangles[t] of what is seen and of all: three points, exact to degree 2."""
     seen = whole = 0.0
     corners = work.triangles
-    work.tally[0] += 3
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         x = (4 * corners[t, k, 0] + corners[t, i, 0] + corners[t, j, 0]) / 6
@@ -205,7 +202,7 @@ def _over_triangle(t, depth, nx, ny, nz, b, m, shades, planes, work):  # type: i
 
 @inner_kernel
 def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The share of an exchange area that is seen past occluders, by points of a[:n], and an estimate of its error.
+    """The share of an exchange area that is seen past occluders, an estimate of its error, and points of a[:n] taken.
 
     exchange  : of the two polygons, without occluders
     area      : of a[:n]
@@ -213,7 +210,7 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
     """
     values, corners = work.values, work.triangles
     seen = whole = error = 0.0
-    top = 0
+    top = points = 0
     for k in range(1, n - 1):
         for j in range(3):
             corners[top, 0, j], corners[top, 1, j], corners[top, 2, j] = a[0, j], a[k, j], a[k + 1, j]
@@ -221,9 +218,10 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
         fx, fy, fz = a[k + 1, 0] - a[0, 0], a[k + 1, 1] - a[0, 1], a[k + 1, 2] - a[0, 2]
         cx, cy, cz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
         values[top, 2] = 0.5 * np.sqrt(cx * cx + cy * cy + cz * cz)
-        s, w = _over_triangle(top, 0, nx, ny, nz, b, m, shades, planes, work)
+        s, w = _over_triangle(top, nx, ny, nz, b, m, shades, planes, work)
         values[top, 0], values[top, 1], values[top, 3] = s, w, 0.0
         top += 1
+        points += 3
     while top:
         top -= 1
         s, w, part, depth = values[top, 0], values[top, 1], values[top, 2], values[top, 3]
@@ -241,9 +239,10 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
             corners[top + 2, 0, j], corners[top + 2, 1, j], corners[top + 2, 2, j] = rp, qr, r
             corners[top + 3, 0, j], corners[top + 3, 1, j], corners[top + 3, 2, j] = qr, rp, pq
         fine_s = fine_w = 0.0
+        points += 12
         for i in range(4):
             values[top + i, 2], values[top + i, 3] = 0.25 * part, depth + 1
-            cs, cw = _over_triangle(top + i, 0, nx, ny, nz, b, m, shades, planes, work)
+            cs, cw = _over_triangle(top + i, nx, ny, nz, b, m, shades, planes, work)
             values[top + i, 0], values[top + i, 1] = cs, cw
             fine_s += 0.25 * cs
             fine_w += 0.25 * cw
@@ -257,5 +256,5 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
         else:
             top += 4
     if whole <= 0:
-        return 0.0, 0.0
-    return seen / whole, error / whole
+        return 0.0, 0.0, points
+    return seen / whole, error / whole, points

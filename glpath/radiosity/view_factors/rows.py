@@ -30,8 +30,13 @@ _SHARE = 0.3
 MOST_SHADES = 512
 
 # Where each stands in the counts.
-PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, OVERFLOW = range(7)
-COUNTS = 9
+PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
+#: Pairs of facets looked at, and that face each other; branches of the BVH and pairs that one occluder hides; pairs
+#: proven to see all of each other, and those that something may hide; points for these; pairs with more occluders
+#: than `MOST_SHADES`.
+COUNT_NAMES = (
+    "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
+)  # fmt: skip
 
 
 class Polygons(NamedTuple):
@@ -107,10 +112,9 @@ class Work(NamedTuple):
     following: Int64
     triangles: Float64
     values: Float64
-    tally: Int64
 
     @classmethod
-    def of(cls, eps: float, nodes: int, occluders: int, depth: int) -> Work:
+    def of(cls, eps: float, occluders: int, depth: int) -> Work:
         shaft, near, extent = empty_shaft()
         points = 6 * ROOM
         return cls(
@@ -144,7 +148,6 @@ class Work(NamedTuple):
             following=np.empty(PARTS + 2, np.int64),
             triangles=np.empty((64 + ROOM, 3, 3)),
             values=np.empty((64 + ROOM, 4)),
-            tally=np.zeros(1,np.int64),
         )
 
 
@@ -287,20 +290,18 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         counts[FREE] += 1
         return whole, off
     counts[PARTIAL] += 1
-    counts[7] += shades
     tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
     if radius_a <= radius_b:
-        share, wrong = seen_share(
+        share, wrong, points = seen_share(
             a, n, na[0], na[1], na[2], b, m, whole, area_a, tolerance, shades, occluders.planes, work
         )  # fmt: skip
     else:
-        share, wrong = seen_share(
+        share, wrong, points = seen_share(
             b, m, nb[0], nb[1], nb[2], a, n, whole, area_b, tolerance, shades, occluders.planes, work
         )  # fmt: skip
-    counts[8] += work.tally[0]
-    work.tally[0] = 0
+    counts[POINTS] += points
     if overflow:
-        counts[OVERFLOW] += 1
+        counts[CROWDED] += 1
         wrong = share
     return whole * share, off + whole * wrong
 
