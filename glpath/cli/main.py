@@ -21,7 +21,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes
+from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes, viewfactors
 from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
@@ -132,7 +132,7 @@ def _common(
     pass
 
 
-for _commands in (render, radiosity, compare, scenes, devices, bench, figure):
+for _commands in (render, radiosity, viewfactors, compare, scenes, devices, bench, figure):
     _commands.register(app)
 
 

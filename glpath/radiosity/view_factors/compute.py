@@ -90,7 +90,7 @@ def view_factors(
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
     Where shafts prove that nothing stands between two faces, their factor is the double contour integral, without
-    a ray; where something does, visibility is exact from every point of the one face, and quadrature over its points
+    a ray; where something does, visibility is exact from every point of the one face, and quadrature over these
     goes on until its error is below what is wanted. Both sides of a face hide; only the front sends and receives.
 
     Parameters
@@ -133,7 +133,9 @@ def view_factors(
         raise UsageError(f"view_factors: threads is {threads}; allowed are whole numbers from 1.")
     if resume is not None:
         check_writable(resume)
-    run = _Run(error, threads or len(os.sched_getaffinity(0)), None if resume is None else Path(resume), on_progress)
+    run = _Run(
+        error, threads or len(os.sched_getaffinity(0)), None if resume is None else Path(resume), on_progress
+    )
     kernels = waiting(kernels_of())
     with announced(kernels, run.compiling if on_progress is not None else None):
         given = faces_of(faces, groups, flip)
@@ -166,7 +168,7 @@ class _Run:
     def solve(self, faces: Faces) -> ViewFactors:
         self._report("preparing", 0, 0, True)
         where = Geometry.of(faces)
-        total = len(where.facets.count)
+        total = len(where.facets.sides)
         key = json.dumps([_FORMAT, faces.digest, self.error, _TASK])
         tasks = np.arange(-(-total // _TASK))
         # Some from everywhere come first: they say how much memory all will take.
@@ -256,8 +258,8 @@ class _Run:
         matrix.sort_indices()
         statistics: dict[str, Any] = {
             "error": self.error,
-            "facets": len(where.facets.count),
-            "occluders": len(where.occluders.count),
+            "facets": len(where.facets.sides),
+            "occluders": len(where.occluders.sides),
             **dict(zip(COUNT_NAMES, counts.tolist(), strict=True)),
             "factors": 2 * factors,
             "elapsed_s": round(time.perf_counter() - self.started, 4),
@@ -267,9 +269,9 @@ class _Run:
 
 def _task(where: Geometry, faces: Faces, task: int, error: float) -> _Part:
     """Rows of one task. What one core needs of memory is made for it anew, which takes no time beside the rows."""
-    total = len(where.facets.count)
+    total = len(where.facets.sides)
     first, last = task * _TASK, min((task + 1) * _TASK, total)
-    work = Work.of(where.eps, len(where.occluders.count), where.depth)
+    work = Work.of(where.eps, len(where.occluders.sides), where.depth)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
     room = max(2 * total, 4096)
     columns, values, errors = np.empty(room, np.int32), np.empty(room), np.empty(room, np.float32)
@@ -289,7 +291,14 @@ def _task(where: Geometry, faces: Faces, task: int, error: float) -> _Part:
         exchange.append(values[:size].copy())
         off.append(errors[:size].copy())
         first = reached
-    part = _Part(np.array([task]), *map(np.concatenate, (i, j, exchange, off)), counts)
+    part = _Part(
+        np.array([task]),
+        np.concatenate(i),
+        np.concatenate(j),
+        np.concatenate(exchange),
+        np.concatenate(off),
+        counts,
+    )
     return _summed(part, faces.row_count) if faces.names else part
 
 
@@ -297,17 +306,17 @@ def _summed(part: _Part, rows: int) -> _Part:
     """Facets of the same rows added up, which are few where rows are groups."""
     keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
     i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
-    exchange = np.bincount(which, part.exchange, len(keys))
+    exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)
     error = np.bincount(which, part.error, len(keys)).astype(np.float32)
     return _Part(part.tasks, i, j, exchange, error, part.counts)
 
 
 def _joined(parts: list[_Part]) -> _Part:
-    names = ("tasks", "i", "j", "exchange", "error")
-    return _Part(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in names),
-        counts=np.sum([part.counts for part in parts], axis=0),
-    )
+    def all_of(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    counts = np.sum([part.counts for part in parts], axis=0)
+    return _Part(all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), counts)
 
 
 def _read_part(path: Path, key: str) -> _Part:

@@ -1,7 +1,7 @@
 """Convex polygons for the kernels: clipped by planes, and the points of a quadrature on them.
 
-A polygon is rows of an array (n, 3), counter-clockwise seen from its front; a plane is four numbers, the unit normal
-and the distance, so that the height of a point over it is normal . point + distance.
+A polygon is rows of an array (n, 3), counter-clockwise seen from its front; a plane is four numbers, unit normal
+and distance, so that the height of a point over it is normal . point + distance.
 """
 
 from __future__ import annotations

@@ -99,7 +99,8 @@ def _inner(a, k, ex, ey, ez, s, b, m):  # type: ignore[no-untyped-def]
 @inner_kernel
 def _gauss(a, k, ex, ey, ez, s, width, b, m):  # type: ignore[no-untyped-def]
     return width * (
-        _W1 * (_inner(a, k, ex, ey, ez, s + _G1 * width, b, m) + _inner(a, k, ex, ey, ez, s + (1 - _G1) * width, b, m))
+        _W1
+        * (_inner(a, k, ex, ey, ez, s + _G1 * width, b, m) + _inner(a, k, ex, ey, ez, s + (1 - _G1) * width, b, m))
         + _W2
         * (_inner(a, k, ex, ey, ez, s + _G2 * width, b, m) + _inner(a, k, ex, ey, ez, s + (1 - _G2) * width, b, m))
     )

@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.bvh import build_bvh
 from glpath.errors import SceneError, UsageError
 from glpath.radiosity.view_factors.convex import CORNERS
-from glpath.radiosity.view_factors.facets import ROUNDING, Outline, convex_parts, merged, planar_regions, polygons_of
+from glpath.radiosity.view_factors.facets import (
+    ROUNDING,
+    Outline,
+    convex_parts,
+    merged,
+    planar_regions,
+    polygons_of,
+)
 from glpath.radiosity.view_factors.rows import Polygons, Tree
 from glpath.scene import Scene, load_scene, path_traceable
 
@@ -62,7 +69,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         corners = np.asarray(given, np.float64)
         if corners.ndim != 3 or corners.shape[2] != 3 or corners.shape[1] < 3:
             raise UsageError(
-                f"view_factors: an array of shape {corners.shape}; allowed is (N, k, 3), N faces of k >= 3 corners.",
+                f"view_factors: an array of shape {corners.shape}; allowed is (N, k, 3): N faces, k >= 3.",
                 "Faces with different numbers of corners are (vertices, faces), a list of numbers for each.",
             )
         source, n, k = "faces", *corners.shape[:2]
@@ -113,14 +120,18 @@ def _rows(
         )
     given = np.asarray(groups)
     if given.shape != (count,):
-        raise UsageError(f"view_factors: groups of shape {given.shape}, but there are {count} faces: a label for each.")
+        raise UsageError(
+            f"view_factors: groups of shape {given.shape}, but there are {count} faces: a label for each."
+        )
     used_labels, labels = np.unique(given, return_inverse=True)
     return labels.astype(np.int64), tuple(map(str, used_labels.tolist()))
 
 
 def _distinct(names: list[str]) -> tuple[str, ...]:
     """A number behind those that are there more than once."""
-    return tuple(f"{name} {names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names))
+    return tuple(
+        f"{name} {names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)
+    )
 
 
 def _size(vertices: Float64) -> float:
@@ -135,7 +146,7 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
         if len(outline) < 3 or wrong:
             found = f"names vertex {wrong[0]}" if wrong else f"has {len(outline)} corners"
             raise SceneError(
-                f"{source}: faces[{i}] {found}, but a face is three or more of the vertices 0 to {len(vertices) - 1}."
+                f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
             )
     used = np.zeros(len(vertices), np.bool_)
     used[[v for outline in outlines for v in outline]] = True
@@ -155,18 +166,26 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
     size = _size(unique)
     kept = tuple(_without_repeats([int(number[v]) for v in outline]) for outline in outlines)
     degenerate, bent = [], []
-    for i, outline in enumerate(kept):
-        corners = unique[list(outline)] if outline else np.zeros((1, 3))
+    for i, corner_numbers in enumerate(kept):
+        corners = unique[list(corner_numbers)] if corner_numbers else np.zeros((1, 3))
         centred = corners - corners.mean(axis=0)
         normal = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
         area, extent = float(np.linalg.norm(normal)), float(np.abs(centred).max())
-        if len(outline) < 3 or area <= 1e-9 * extent * extent or extent <= ROUNDING * size:
+        if len(corner_numbers) < 3 or area <= 1e-9 * extent * extent or extent <= ROUNDING * size:
             degenerate.append(i)
-        elif len(outline) > 3 and float(np.abs(centred @ (normal / area)).max()) > _FLAT * extent:
+        elif len(corner_numbers) > 3 and float(np.abs(centred @ (normal / area)).max()) > _FLAT * extent:
             bent.append(i)
     for which, what, remedy in (
-        (degenerate, "has no area", "Leave such faces out; `trimesh` drops them by update_faces(nondegenerate_faces())."),
-        (bent, f"is not flat: a corner is more than {_FLAT:g} of its size out of its plane", "Split it in triangles."),
+        (
+            degenerate,
+            "has no area",
+            "Leave such faces out; `trimesh` drops them by update_faces(nondegenerate_faces()).",
+        ),
+        (
+            bent,
+            f"is not flat: a corner is more than {_FLAT:g} of its size out of its plane",
+            "Split it in triangles.",
+        ),
     ):
         if which:
             listed = ", ".join(map(str, which[:_LISTED])) + (" ..." if len(which) > _LISTED else "")
@@ -206,16 +225,17 @@ class Geometry:
                 outlines.append(part)
                 rows.append(row)
         if faces.names or len(outlines) > len(faces.outlines):
-            joined, first = merged(vertices, outlines, rows, size)
+            found, first = merged(vertices, outlines, rows, size)
+            joined = [tuple(outline) for outline in found]
             of_row = np.array(rows)[first]
         else:
-            joined, of_row = list(outlines), np.array(rows)
+            joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
         plain = polygons_of([vertices[list(outline)] for outline in joined])
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
-        facets = Polygons(*(np.ascontiguousarray(part[bvh.order]) for part in plain))
+        facets = plain.taken(bvh.order)
         row = of_row[bvh.order].astype(np.int64)
-        areas = np.bincount(row, facets.areas, faces.row_count)
+        areas = np.bincount(row, facets.areas, faces.row_count).astype(np.float64)
         return cls(
             facets,
             row,

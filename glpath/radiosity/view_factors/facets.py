@@ -1,7 +1,7 @@
 """Facets: convex polygons out of the faces that a user has, and the occluders that they make together.
 
-A face may be any flat polygon; one that is not convex becomes several facets, and neighbours in one plane that belong
-to one row of the matrix become one. Occluders are merged whatever they belong to: a wall of a thousand faces hides
+A face may be any flat polygon; one that is not convex becomes several facets, and neighbours in one plane that are
+of one row of the matrix become one. Occluders are merged whatever they belong to: a wall of a thousand faces hides
 what is behind it as one rectangle.
 
 Cost:     merging takes some 20 microseconds a face.
@@ -11,6 +11,7 @@ Poor at:  merging faces whose edges meet in T-junctions, which stay apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -63,8 +64,8 @@ def merged(
     outlines : numbers of vertices of convex polygons
     size     : of the scene, which rounding is measured by
 
-    Returns outlines and the first polygon of each. The longest common edges go first, so that the two triangles of a
-    quad find each other.
+    Returns outlines and the first polygon of each. The longest common edges go first, so that the two triangles of
+    a quad find each other.
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = [tuple(map(float, v)) for v in vertices]
@@ -82,7 +83,9 @@ def merged(
         for number in range(len(shapes)):
             # One grows as far as it goes before the next begins, or a grid of squares would end in pinwheels.
             while (shape := shapes[number]) is not None:
-                edges = sorted(_edges(shape), key=lambda edge: -round(_distance2(points[edge[0]], points[edge[1]]), 12))
+                edges = sorted(
+                    _edges(shape), key=lambda edge: -round(_distance2(points[edge[0]], points[edge[1]]), 12)
+                )
                 for a, b in edges:
                     other = sides.get((b, a), number)
                     two = shapes[other]
@@ -111,7 +114,7 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
 def _union(
     points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, normal_two: Any, eps: float
 ) -> list[int] | None:
-    """Two polygons that share the edge from a to b (of the first) as one; None where that is not flat and convex."""
+    """Two polygons that share the edge from a to b of the first as one; None where that is not flat and convex."""
     if _dot(normal, normal_two) < 1 - 1e-9:
         return None
     origin = points[a]
@@ -139,7 +142,7 @@ def _union(
 def _normal(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
     x = y = z = 0.0
     origin = points[outline[0]]
-    for p, q in zip(outline[1:-1], outline[2:], strict=True):
+    for p, q in pairwise(outline[1:]):
         n = _cross(_minus(points[p], origin), _minus(points[q], origin))
         x, y, z = x + n[0], y + n[1], z + n[2]
     length = (x * x + y * y + z * z) ** 0.5 or 1.0
@@ -165,7 +168,7 @@ def _distance2(a: Any, b: Any) -> float:
 
 
 def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) -> Int64:
-    """(F,) int64, a number for each region of faces in one plane that are joined by edges, in order of appearance."""
+    """(F,) int64, a number for each region of faces in one plane that share edges, in order of appearance."""
     points = [tuple(map(float, v)) for v in vertices]
     normals = [_normal(points, outline) for outline in outlines]
     sides: dict[tuple[int, int], int] = {}

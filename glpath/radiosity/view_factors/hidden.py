@@ -2,8 +2,8 @@
 
 Occluders that remain between two polygons are clipped to what lies before both. From a point, each casts a pyramid
 whose planes divide what is seen of the other polygon into convex parts; those that no pyramid holds are seen, and
-Lambert's formula says how much of them. As visibility from a point is exact, the integrand is continuous, and halving
-triangles where two quadratures differ finds its creases.
+Lambert's formula says how much of them. As visibility from a point is exact, the integrand is continuous, and
+quartering triangles where two quadratures differ finds its creases.
 
 Source: Nishita & Nakamae 1983, "Half-tone representation of 3-D objects illuminated by area sources".
 
@@ -20,7 +20,11 @@ from glpath.radiosity.view_factors.convex import height
 #: Parts of what is seen that wait to be divided further.
 PARTS = 256
 #: Quarterings of a triangle.
-_DEEPEST = 9
+_DEEPEST = 7
+#: How many tolerances an exchange area has for which three points a triangle will do.
+COARSE = 6.0
+#: Points of a polygon beyond which it is left at what it is.
+_MOST_POINTS = 3000
 
 
 @inner_kernel
@@ -43,7 +47,7 @@ def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-unt
             return False
     if sign == 0:
         return False
-    for e in range(occluders.count[o]):
+    for e in range(occluders.sides[o]):
         f0, f1, f2, f3 = edges[o, e, 0], edges[o, e, 1], edges[o, e, 2], edges[o, e, 3]
         for i in range(n):
             inside_a = f0 * a[i, 0] + f1 * a[i, 1] + f2 * a[i, 2] + f3
@@ -58,7 +62,7 @@ def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-unt
 
 @inner_kernel
 def pyramids(x, y, z, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The planes of each occluder's pyramid from a point, towards its inside; how many occluders are not edge-on."""
+    """The planes of each occluder's pyramid from a point, normals inward; how many occluders are not edge-on."""
     count = 0
     pyramid, sides = work.pyramid, work.sides
     for o in range(shades):
@@ -202,7 +206,9 @@ def _over_triangle(t, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[n
 
 @inner_kernel
 def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The share of an exchange area that is seen past occluders, an estimate of its error, and points of a[:n] taken.
+    """The share of an exchange area that is seen past occluders, an estimate of its error, and how many points.
+
+    The points are on a[:n], and what is seen is b[:m].
 
     exchange  : of the two polygons, without occluders
     area      : of a[:n]
@@ -225,10 +231,10 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
     while top:
         top -= 1
         s, w, part, depth = values[top, 0], values[top, 1], values[top, 2], values[top, 3]
-        if exchange <= tolerance:
+        if exchange <= COARSE * tolerance:
             seen += s * part
             whole += w * part
-            error += min(s, w - s) * part
+            error += 0.5 * min(s, w - s) * part
             continue
         # The four of its edges' middles; the first stands where it stood.
         for j in range(3):
@@ -249,7 +255,7 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
         # Against the exact exchange, what counts is the share, not the quadrature of the kernel itself.
         expected = s * fine_w / w if w > 0 else 0.0
         off = abs(fine_s - expected) * part
-        if off <= 2 * tolerance * max(part / area, 0.02) or depth >= _DEEPEST:
+        if off <= 2 * tolerance * np.sqrt(part / area) or depth >= _DEEPEST or points > _MOST_POINTS:
             seen += fine_s * part
             whole += fine_w * part
             error += 0.5 * off

@@ -66,7 +66,7 @@ class ViewFactors:
 
     @property
     def enclosure(self) -> Float64:
-        """(N,): what is left to 1 and passes all faces, to the sky or to surroundings; 0 but for errors in a room."""
+        """(N,): what is left to 1 and passes all faces, to the sky or surroundings; 0 but for errors in a room."""
         return np.asarray(1 - self.row_sums)
 
     @property
@@ -76,7 +76,7 @@ class ViewFactors:
 
     @property
     def reciprocity_error(self) -> float:
-        """The largest of sum_j |F_ij - F_ji A_j / A_i| over the rows: 0 but for rounding where nobody changed them."""
+        """The largest of sum_j |F_ij - F_ji A_j / A_i| over the rows: rounding, as pairs are computed once."""
         exchange = sparse.diags_array(self.areas) @ self.matrix
         off = np.asarray(abs(exchange - exchange.T).sum(axis=1)).ravel()
         return float((off / self.areas).max(initial=0.0))
@@ -110,9 +110,9 @@ class ViewFactors:
             i = int(far[np.argmax(np.abs(self.enclosure[far]))])
             name = f" ({self.names[i]})" if self.names else ""
             raise UsageError(
-                f"closure: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows are "
-                "farther from 1 than errors are: this is not a closed room, or some fronts face outward.",
-                "Leave closure away: what is missing goes to the sky and is in `enclosure`. Or turn the faces (flip).",
+                f"closure: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows "
+                "are farther from 1 than errors are: this is not a closed room, or some fronts face outward.",
+                "Leave closure away: what is missing goes to the sky (`enclosure`). Or turn the faces (flip).",
             )
 
     def save(self, path: str | Path) -> None:
@@ -185,7 +185,7 @@ def check_suffix(path: str | Path) -> None:
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError(
-            f"{path}: cannot be written as {suffix or 'a file without a suffix'}; allowed are {', '.join(SUFFIXES)}.",
+            f"{path}: cannot be written as {suffix or 'what has no suffix'}; allowed are {', '.join(SUFFIXES)}.",
             ".npz is for scipy and keeps everything, .csv for everybody, .inp is uDALES's list of factors.",
         )
 
@@ -196,7 +196,7 @@ def _closed(exchange: Any, areas: Float64) -> Any:
         missing = areas - np.asarray(exchange.sum(axis=1)).ravel()
         if np.abs(missing / areas).max(initial=0.0) < 1e-13:
             break
-        # Least squares with Lagrange's multipliers: d_ij = G_ij^2 (l_i + l_j), whose sums over j are what is missing.
+        # Least squares, with Lagrange's multipliers: d_ij = G_ij^2 (l_i + l_j), and their sums are what is missing.
         weights = sparse.csr_array(exchange.multiply(exchange))
         sums = np.asarray(weights.sum(axis=1)).ravel()
         empty = sums <= 0

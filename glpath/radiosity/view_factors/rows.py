@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from glpath.bvh_nodes import Bvh
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
-from glpath.radiosity.view_factors.convex import CORNERS, ROOM, clip, height, measure
+from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
 from glpath.radiosity.view_factors.exchange import FAR, FEW, MIDDLE, MORE, far_exchange, near_exchange
-from glpath.radiosity.view_factors.hidden import PARTS, hides_all, seen_share
+from glpath.radiosity.view_factors.hidden import COARSE, PARTS, hides_all, seen_share
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of all errors of a
-#: row then add up to less than that of the row, as the factors do to 1.
+#: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of a row's errors
+#: then add up to less than that of the row, as the factors do to 1.
 _SHARE = 0.3
-#: Occluders between two facets, at most, that are looked at one by one.
-MOST_SHADES = 512
+#: Occluders between two polygons beyond which the larger one is halved, how often, and those that count then.
+_FEW_SHADES, DEEPEST, MOST_SHADES = 6, 14, 256
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
@@ -43,7 +43,7 @@ class Polygons(NamedTuple):
     """Convex polygons, facets or occluders.
 
     corners : (N, CORNERS, 3) float64, counter-clockwise from the front
-    count   : (N,) int64, how many corners
+    sides   : (N,) int64, how many corners
     planes  : (N, 4) float64, unit normal out of the front and distance
     edges   : (N, CORNERS, 4) float64, of each edge the plane that it and the normal span, its normal inward
     boxes   : (N, 6) float64, lower and upper corner
@@ -51,11 +51,15 @@ class Polygons(NamedTuple):
     """
 
     corners: Float64
-    count: Int64
+    sides: Int64
     planes: Float64
     edges: Float64
     boxes: Float64
     areas: Float64
+
+    def taken(self, which: NDArray[np.integer]) -> Polygons:
+        """Some of them, in that order."""
+        return Polygons(*(np.ascontiguousarray(part[which]) for part in self))  # type: ignore[arg-type]
 
 
 class Tree(NamedTuple):
@@ -94,6 +98,7 @@ class Work(NamedTuple):
     halves: Float64
     few: Float64
     more: Float64
+    pairs: Int64
     pending: Int64
     lists: Int32
     shaft: Float64
@@ -119,8 +124,8 @@ class Work(NamedTuple):
         points = 6 * ROOM
         return cls(
             eps=eps,
-            a=np.empty((ROOM, 3)),
-            b=np.empty((ROOM, 3)),
+            a=np.empty((DEEPEST + 2, ROOM, 3)),
+            b=np.empty((DEEPEST + 2, ROOM, 3)),
             spare=np.empty((ROOM, 3)),
             box=np.empty((8, 3)),
             centre_a=np.empty(3),
@@ -130,8 +135,9 @@ class Work(NamedTuple):
             halves=np.empty((64, 3)),
             few=FEW,
             more=MORE,
+            pairs=np.empty((DEEPEST + 2, 5), np.int64),
             pending=np.empty((2 * depth + 4, 3), np.int64),
-            lists=np.empty((depth + 3) * occluders, np.int32),
+            lists=np.empty((depth + DEEPEST + 4) * occluders, np.int32),
             shaft=shaft,
             near=near,
             extent=extent,
@@ -219,7 +225,7 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
     hull, corners = work.hull, occluders.corners
     for p in range(count):
         outside = True
-        for k in range(occluders.count[o]):
+        for k in range(occluders.sides[o]):
             if height(hull, p, corners[o, k, 0], corners[o, k, 1], corners[o, k, 2]) > work.eps:
                 outside = False
                 break
@@ -229,81 +235,167 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
+def _unhidden(a, n, b, m, i, j, facets, tolerance, work):  # type: ignore[no-untyped-def]
+    """Exchange area of polygons a[:n] and b[:m], of facets i and j, without occluders, and its error, estimated.
+
+    tolerance : of what is near and has no other; what is far is good to 1e-5
+    """
+    _, radius_a = measure(a, n, work.centre_a)
+    _, radius_b = measure(b, m, work.centre_b)
+    square = 0.0
+    for k in range(3):
+        square += (work.centre_a[k] - work.centre_b[k]) ** 2
+    apart = np.sqrt(square) / (radius_a + radius_b)
+    if apart >= MIDDLE:
+        na, nb = facets.planes[i], facets.planes[j]
+        rule = work.few if apart >= FAR else work.more
+        whole = max(far_exchange(a, n, b, m, na, nb, rule, work.points_a, work.points_b), 0.0)
+        return whole, 1e-5 * whole
+    if radius_a <= radius_b:
+        whole, off = near_exchange(a, n, b, m, tolerance, work.halves)
+    else:
+        whole, off = near_exchange(b, m, a, n, tolerance, work.halves)
+    return max(whole, 0.0), off
+
+
+@inner_kernel
 def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
-    """Exchange area of facets i and j, and an estimate of its error; candidates are work.lists[begin:end]."""
-    a, b, eps = work.a, work.b, work.eps
+    """Exchange area of facets i and j, and an estimate of its error; candidates are work.lists[begin:end].
+
+    Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
+    """
+    eps, lists, pairs = work.eps, work.lists, work.pairs
     counts[FACING] += 1
-    n = clip(facets.corners[i], facets.count[i], facets.planes, j, eps, a)
-    m = clip(facets.corners[j], facets.count[j], facets.planes, i, eps, b)
+    n = clip(facets.corners[i], facets.sides[i], facets.planes, j, eps, work.a[0])
+    m = clip(facets.corners[j], facets.sides[j], facets.planes, i, eps, work.b[0])
     if n == 0 or m == 0:
         return 0.0, 0.0
-    shades = 0
-    overflow = False
-    if end > begin:
-        planes = _supports(a, n, b, m, 0, work)
-        planes = _supports(b, m, a, n, planes, work)
-        for c in range(begin, end):
-            o = np.int64(work.lists[c])
-            low_a, high_a, low_b, high_b = np.inf, -np.inf, np.inf, -np.inf
-            for k in range(n):
-                h = height(occluders.planes, o, a[k, 0], a[k, 1], a[k, 2])
-                low_a, high_a = min(low_a, h), max(high_a, h)
-            for k in range(m):
-                h = height(occluders.planes, o, b[k, 0], b[k, 1], b[k, 2])
-                low_b, high_b = min(low_b, h), max(high_b, h)
-            parted = _parted(low_a, high_a, low_b, high_b, eps)
-            if parted == 0 or _outside_hull(occluders, o, planes, work):
-                continue
-            if parted == 2 and hides_all(a, n, b, m, occluders, o, eps, work.at_a, work.at_b):
+    pairs[0, 0], pairs[0, 1], pairs[0, 2], pairs[0, 3], pairs[0, 4] = n, m, begin, end, 0
+    top = 1
+    value = off = 0.0
+    tolerance = -1.0
+    while top:
+        top -= 1
+        a, b = work.a[top], work.b[top]
+        n, m, begin, end, depth = pairs[top, 0], pairs[top, 1], pairs[top, 2], pairs[top, 3], pairs[top, 4]
+        put = end
+        hidden = False
+        if end > begin:
+            planes = _supports(a, n, b, m, 0, work)
+            planes = _supports(b, m, a, n, planes, work)
+            for c in range(begin, end):
+                o = np.int64(lists[c])
+                parted = _apart(o, occluders, a, n, b, m, eps)
+                if parted == 0 or _outside_hull(occluders, o, planes, work):
+                    continue
+                if parted == 2 and hides_all(a, n, b, m, occluders, o, eps, work.at_a, work.at_b):
+                    hidden = True
+                    break
+                lists[put] = o
+                put += 1
+        if hidden:
+            if depth == 0:
                 counts[HIDDEN] += 1
-                return 0.0, 0.0
+            continue
+        part = max(tolerance, 0.0) * 0.7**depth
+        whole, wrong = _unhidden(a, n, b, m, i, j, facets, max(0.01 * floor, 0.1 * part), work)
+        if put == end:
+            if depth == 0:
+                counts[FREE] += 1
+            value += whole
+            off += wrong
+            continue
+        if depth == 0:
+            counts[PARTIAL] += 1
+            part = tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+        if put - end > _FEW_SHADES and depth < DEEPEST and whole > COARSE * part and _halve(a, n, b, m, top, work):
+            for t in (top, top + 1):
+                pairs[t, 2], pairs[t, 3], pairs[t, 4] = end, put, depth + 1
+            top += 2
+            continue
+        shades = 0
+        for c in range(end, put):
+            o = np.int64(lists[c])
             if shades == MOST_SHADES:
-                overflow = True
-                continue
-            k = clip(occluders.corners[o], occluders.count[o], facets.planes, i, eps, work.spare)
+                counts[CROWDED] += 1
+                break
+            k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
             k = clip(work.spare, k, facets.planes, j, eps, work.shades[shades]) if k else 0
             if k:
                 work.shade_count[shades], work.shade_plane[shades] = k, o
                 shades += 1
+        area_a, radius_a = measure(a, n, work.centre_a)
+        area_b, radius_b = measure(b, m, work.centre_b)
+        if radius_a <= radius_b:
+            normal = facets.planes[i]
+            share, uncertain, points = seen_share(
+                a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, shades, occluders.planes, work
+            )  # fmt: skip
+        else:
+            normal = facets.planes[j]
+            share, uncertain, points = seen_share(
+                b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, shades, occluders.planes, work
+            )  # fmt: skip
+        counts[POINTS] += points
+        value += whole * share
+        off += wrong + whole * uncertain
+    return value, off
 
-    area_a, radius_a = measure(a, n, work.centre_a)
-    area_b, radius_b = measure(b, m, work.centre_b)
-    square = 0.0
-    for k in range(3):
-        square += (work.centre_a[k] - work.centre_b[k]) ** 2
-    distance = np.sqrt(square)
-    na, nb = facets.planes[i], facets.planes[j]
-    apart = distance / (radius_a + radius_b)
-    off = 0.0
-    if apart >= FAR:
-        whole = far_exchange(a, n, b, m, na, nb, work.few, work.points_a, work.points_b)
-    elif apart >= MIDDLE:
-        whole = far_exchange(a, n, b, m, na, nb, work.more, work.points_a, work.points_b)
-    elif radius_a <= radius_b:
-        whole, off = near_exchange(a, n, b, m, 0.01 * floor, work.halves)
-    else:
-        whole, off = near_exchange(b, m, a, n, 0.01 * floor, work.halves)
-    if apart >= MIDDLE:
-        off = 1e-5 * whole
-    whole = max(whole, 0.0)
-    if shades == 0:
-        counts[FREE] += 1
-        return whole, off
-    counts[PARTIAL] += 1
-    tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
-    if radius_a <= radius_b:
-        share, wrong, points = seen_share(
-            a, n, na[0], na[1], na[2], b, m, whole, area_a, tolerance, shades, occluders.planes, work
-        )  # fmt: skip
-    else:
-        share, wrong, points = seen_share(
-            b, m, nb[0], nb[1], nb[2], a, n, whole, area_b, tolerance, shades, occluders.planes, work
-        )  # fmt: skip
-    counts[POINTS] += points
-    if overflow:
-        counts[CROWDED] += 1
-        wrong = share
-    return whole * share, off + whole * wrong
+
+@inner_kernel
+def _apart(o, occluders, a, n, b, m, eps):  # type: ignore[no-untyped-def]
+    """As `_in_reach`, for two polygons."""
+    low_a, high_a, low_b, high_b = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(n):
+        h = height(occluders.planes, o, a[k, 0], a[k, 1], a[k, 2])
+        low_a, high_a = min(low_a, h), max(high_a, h)
+    for k in range(m):
+        h = height(occluders.planes, o, b[k, 0], b[k, 1], b[k, 2])
+        low_b, high_b = min(low_b, h), max(high_b, h)
+    return _parted(low_a, high_a, low_b, high_b, eps)
+
+
+@inner_kernel
+def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
+    """Put the two halves of the larger polygon, each with the other polygon, at `top` and above it; False where it
+    has too many corners to be cut."""
+    _, radius_a = measure(a, n, work.centre_a)
+    _, radius_b = measure(b, m, work.centre_b)
+    first = radius_a >= radius_b
+    source, count = (a, n) if first else (b, m)
+    centre = work.centre_a if first else work.centre_b
+    if count > ROOM - 3:
+        return False
+    # Across the line from the centre to the farthest corner.
+    farthest, at = -1.0, 0
+    for k in range(count):
+        square = 0.0
+        for j in range(3):
+            square += (source[k, j] - centre[j]) ** 2
+        if square > farthest:
+            farthest, at = square, k
+    length = np.sqrt(farthest)
+    cut = work.hull
+    for side in range(2):
+        cut[side, 3] = 0.0
+        for j in range(3):
+            cut[side, j] = (source[at, j] - centre[j]) / length * (1 - 2 * side)
+            cut[side, 3] -= cut[side, j] * centre[j]
+    one = clip(source, count, cut, 0, work.eps, work.spare)
+    other = work.a[top + 1] if first else work.b[top + 1]
+    two = clip(source, count, cut, 1, work.eps, other)
+    if one == 0 or two == 0:
+        return False
+    still, still_count = (b, m) if first else (a, n)
+    copy = work.b[top + 1] if first else work.a[top + 1]
+    for j in range(3):
+        for k in range(still_count):
+            copy[k, j] = still[k, j]
+        for k in range(one):
+            source[k, j] = work.spare[k, j]
+    work.pairs[top, 0], work.pairs[top, 1] = (one, m) if first else (n, one)
+    work.pairs[top + 1, 0], work.pairs[top + 1, 1] = (two, m) if first else (n, two)
+    return True
 
 
 @kernel
@@ -320,19 +412,19 @@ def exchange_rows(  # type: ignore[no-untyped-def]
     """
     pending, lists, eps = work.pending, work.lists, work.eps
     boxes, skip = tree.boxes, tree.skip
-    total = len(facets.count)
+    total = len(facets.sides)
     size = 0
     for i in range(first, last):
         if size + total - i > len(columns):
             return i
-        n = facets.count[i]
+        n = facets.sides[i]
         own = facets.corners[i]
         own_box = facets.boxes[i]
         # All occluders that reach before the facet.
         count = 0
-        for o in range(len(occluders.count)):
+        for o in range(len(occluders.sides)):
             before = False
-            for k in range(occluders.count[o]):
+            for k in range(occluders.sides[o]):
                 if height(facets.planes, i, occluders.corners[o, k, 0], occluders.corners[o, k, 1],
                           occluders.corners[o, k, 2]) > eps:  # fmt: skip
                     before = True
