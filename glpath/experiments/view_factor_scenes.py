@@ -23,7 +23,9 @@ FaceList = tuple[Float64, list[list[int]]]
 def joined(*parts: FaceList) -> FaceList:
     """Several lists of faces as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
-    faces = [[int(v + start) for v in face] for (_, some), start in zip(parts, starts, strict=False) for face in some]
+    faces = [
+        [int(v + start) for v in face] for (_, some), start in zip(parts, starts, strict=False) for face in some
+    ]
     return np.concatenate([vertices for vertices, _ in parts]), faces
 
 
