@@ -1,7 +1,7 @@
 """View factors measured: closed forms, closed rooms beside pyviewfactor, and a city of 22,000 facets.
 
 A room is closed, so its rows add up to 1, and what they lack is an error that needs no reference. pyviewfactor runs
-in the same run on the same triangles (`view_factors_worker`); it comes with the extra `peers`, and may be in another
+in the same run on the same triangles (`view_factors_worker`); it comes with the extra `peers`, maybe in another
 Python (`other_python`).
 
 uDALES's city cannot be had; ours has as many facets. Its time stands beside the published one by seconds times
