@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from gltf_files import Gltf, glb
 from hypothesis import HealthCheck, given, settings
@@ -278,8 +279,47 @@ def places(value: Any, here: tuple[str | int, ...] = ()) -> list[tuple[str | int
     return [place for key, each in items for place in ((*here, key), *places(each, (*here, key)))]
 
 
-DOCUMENT = plain().whole()
-BINARY = plain().glb()
+def everything() -> Gltf:
+    """As `plain`, with sparse values, a morph target, a skin, instances and the layers of materials."""
+    file = plain()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    primitive["targets"] = [{"POSITION": file.accessor([[0, 0, 1]] * 3)}]
+    file.json["meshes"][0]["weights"] = [0.5]
+    file.json["accessors"][primitive["attributes"]["POSITION"]]["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": file.view(b"\1"), "componentType": 5121},
+        "values": {"bufferView": file.view(np.array([2, 0, 0], np.float32).tobytes())},
+    }
+    attributes = {
+        "TRANSLATION": file.accessor([[1, 0, 0], [2, 0, 0]]),
+        "ROTATION": file.accessor([[0, 0, 0, 1], [0, 1, 0, 0]]),
+    }
+    file.json["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    skinned = file.mesh(WEIGHTS_0=[[1, 0, 0, 0]] * 3, COLOR_0=[[1, 1, 1, 1]] * 3)
+    joints = file.accessor([[0, 1, 0, 0]] * 3, "uint8")
+    file.json["meshes"][skinned]["primitives"][0]["attributes"]["JOINTS_0"] = joints
+    bound = file.accessor(np.tile(np.eye(4).ravel(), (2, 1)))
+    skin = file.add("skins", joints=[1, 2], inverseBindMatrices=bound)
+    file.json["scenes"][0]["nodes"].append(file.node(mesh=skinned, skin=skin, matrix=np.eye(4).ravel().tolist()))
+    texture = {
+        "index": 0,
+        "extensions": {"KHR_texture_transform": {"offset": [0.1, 0], "rotation": 1, "texCoord": 0}},
+    }
+    file.json["materials"][0] |= {
+        "normalTexture": {**texture, "scale": 2},
+        "emissiveFactor": [1, 1, 1],
+        "extensions": {
+            "KHR_materials_ior": {"ior": 1.4},
+            "KHR_materials_transmission": {"transmissionFactor": 1, "transmissionTexture": texture},
+            "KHR_materials_volume": {"thicknessFactor": 1, "attenuationColor": [1, 0, 1], "attenuationDistance": 2},
+            "KHR_materials_emissive_strength": {"emissiveStrength": 4},
+        },
+    }
+    return file
+
+
+DOCUMENT = everything().whole()
+BINARY = everything().glb()
 PLACES = places(DOCUMENT)
 
 
@@ -292,6 +332,11 @@ def read_or_refused(path: Path) -> None:
         except SceneError as error:
             told = str(error)
     assert path.name in told
+
+
+def test_what_is_mutated_can_be_read(tmp_path: Path) -> None:
+    model = read_gltf(everything().write(tmp_path), time=0.5)
+    assert [len(shape.world_from_object) for shape in model.shapes] == [2, 1]
 
 
 @settings(
