@@ -52,7 +52,7 @@ def ktx2(data: bytes, place: Place) -> NDArray[np.uint8]:
     library = _library("opengl_basisu", BASISU, place)
     try:
         texture = library.open(data)
-        pixels = np.array(texture.transcode("RGBA8").data, np.uint8)
+        pixels = np.array(texture.transcode("rgba8").data, np.uint8)
     except Exception as error:  # whatever the library finds wrong
         raise _broken(place, error) from error
     return pixels if texture.has_alpha else pixels[..., :3]
