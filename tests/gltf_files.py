@@ -110,3 +110,22 @@ def encoded(pixels: ArrayLike, kind: str = "PNG", **options: Any) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(array if array.dtype == np.uint16 else array.astype(np.uint8)).save(stream, kind, **options)
     return stream.getvalue()
+
+
+def ktx2_of_solid_blocks(colours: ArrayLike) -> bytes:
+    """A KTX 2 texture of UASTC blocks of 4 x 4 texels, each of one colour; colours (h / 4, w / 4, 4) uint8."""
+    array = np.asarray(colours, np.uint8)
+    rows, columns = array.shape[:2]
+    # Mode 8: a code of five bits, then red, green, blue and alpha of eight.
+    blocks = b"".join(
+        (0x17 | r << 5 | g << 13 | b << 21 | a << 29).to_bytes(16, "little")
+        for r, g, b, a in array.reshape(-1, 4).tolist()
+    )
+    # Khronos' basic data format descriptor: UASTC, sRGB, one sample of red, green, blue and alpha.
+    descriptor = struct.pack("<IIHH4B4B8B", 44, 0, 2, 40, 166, 1, 2, 0, 3, 3, 0, 0, 16, *[0] * 7)
+    descriptor += struct.pack("<HBBIII", 0, 127, 3, 0, 0, 0xFFFFFFFF)
+    start = 80 + 24
+    data = -(-(start + len(descriptor)) // 16) * 16
+    header = struct.pack("<12s9I", b"\xabKTX 20\xbb\r\n\x1a\n", 0, 1, 4 * columns, 4 * rows, 0, 0, 1, 1, 0)
+    header += struct.pack("<4I2Q3Q", start, len(descriptor), 0, 0, 0, 0, data, len(blocks), len(blocks))
+    return (header + descriptor).ljust(data, b"\0") + blocks

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import Gltf, encoded
+from gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
 from glpath.errors import SceneError, UsageError
 from glpath.scene.formats.gltf import Model, read_gltf
@@ -231,16 +233,29 @@ def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(texture.image[..., 1], stored / 65535, rtol=1e-6)
 
 
-def test_ktx2_needs_a_library_or_a_plain_image(tmp_path: Path) -> None:
+def test_ktx2_is_decoded_or_its_library_named(tmp_path: Path) -> None:
+    colours = np.array([[[255, 0, 0, 255], [0, 255, 0, 128]], [[0, 0, 255, 255], [9, 8, 7, 0]]], np.uint8)
+    (tmp_path / "a.ktx2").write_bytes(ktx2_of_solid_blocks(colours))
     file = Gltf()
     packed = file.add("images", uri="a.ktx2")
-    (tmp_path / "a.ktx2").write_bytes(
-        b"\xabKTX 20\xbb\r\n\x1a\n" + (0).to_bytes(8, "little") + b"\4\0\0\0" * 2 + bytes(60)
-    )
     info = {"index": file.add("textures", **extended("KHR_texture_basisu", source=packed))}
     file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info})
-    with pytest.raises(SceneError, match=r"glpath\[gltf\]|cannot be decompressed"):
-        read(file, tmp_path)
+    if find_spec("opengl_basisu") is None:
+        with pytest.raises(SceneError, match=r"glpath\[gltf\]"):
+            read(file, tmp_path)
+        return
+    (texture,) = read(file, tmp_path).textures
+    np.testing.assert_array_equal(texture.image, np.repeat(np.repeat(colours, 4, axis=0), 4, axis=1))
+
+
+def test_a_plain_image_beside_one_of_ktx2_needs_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    file = Gltf()
+    packed = file.add("images", uri="not-there.ktx2")
+    texture = {"source": file.image(FOUR), **extended("KHR_texture_basisu", source=packed)}
+    info = {"index": file.add("textures", **texture)}
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info})
+    np.testing.assert_array_equal(read(file, tmp_path).textures[0].image, FOUR)
 
 
 def test_a_texture_without_coordinates_is_noted_and_has_some(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ import msgspec
 
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.formats.gltf import compression, limits
-from glpath.scene.formats.gltf.table import Table, Tables
+from glpath.scene.formats.gltf.table import Table, Tables, printable
 from glpath.scene.formats.values import nearby_files
-from glpath.scene.place import Place
+from glpath.scene.place import Place, shown
 
 SUFFIXES = (".gltf", ".glb")
 #: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
@@ -79,12 +79,14 @@ class Document:
     root   : the JSON
     folder : where its relative paths start, and which they do not leave
     binary : the BIN chunk of a .glb
+    stored : bytes read so far, of the file itself and of those beside it
     """
 
     root: Table
     place: Place
     folder: Path
     binary: bytes | None
+    stored: int = 0
     notes: Notes = field(default_factory=Notes)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _views: dict[int, memoryview] = field(default_factory=dict)
@@ -100,10 +102,12 @@ class Document:
     def take(self, size: int, place: Place) -> None:
         """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
         self._decoded += size
-        if self._decoded > limits.MAX_DECODED_BYTES:
+        most = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
+        most = min(most, limits.MAX_DECODED_BYTES)
+        if self._decoded > most:
             raise place.error(
-                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but a file may unfold "
-                f"to {limits.MAX_DECODED_BYTES:,}.",
+                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
+                f"{self.stored:,} bytes may unfold to {most:,}.",
                 "Simplify the model, or split it into several files.",
             )
 
@@ -188,7 +192,7 @@ class Document:
 
     def _beside(self, name: str, place: Place) -> bytes:
         outside = place.error(
-            f"names {name!r}, which is outside the folder of the model, {self.folder}.",
+            f"names {shown(name)}, which is outside the folder of the model, {self.folder}.",
             "Relative names of files in the folder, or in folders in it, are allowed.",
         )
         if not name or "\0" in name or name.startswith(("/", "\\")):
@@ -201,11 +205,14 @@ class Document:
             if not os.path.isfile(path):
                 there = "is not a file" if os.path.exists(path) else "does not exist"
                 raise place.error(
-                    f"names {path}, which {there}.", nearby_files("Files", path, {path.suffix.lower()})
+                    f"names {shown(name)}, which {there} in {self.folder}.",
+                    nearby_files("Files", path, {path.suffix.lower()}),
                 )
-            return read_file(path, place)
+            content = read_file(path, place)
+            self.stored += len(content)
+            return content
         except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
-            raise place.error(f"names {name[:200]!r}, which cannot be read: {error}.") from error
+            raise place.error(f"names {shown(name)}, which cannot be read: {type(error).__name__}.") from error
 
 
 def read_document(path: Path) -> Document:
@@ -218,7 +225,7 @@ def read_document(path: Path) -> Document:
     content = read_file(path, place)
     text, binary = _chunks(content, place) if content[:4] == b"glTF" else (content, None)
     root = Table(_decoded(text, place), place)
-    document = Document(root, place, path.parent, binary)
+    document = Document(root, place, path.parent, binary, len(content))
     _check_version(root)
     _check_extensions(document)
     for name, most in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
@@ -312,11 +319,13 @@ def _check_extensions(document: Document) -> None:
     unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
     if unknown:
         raise root.place.field("extensionsRequired").error(
-            f"names {', '.join(name[:80] for name in unknown[:20])}, not known here.",
+            f"names {', '.join(map(printable, unknown[:20]))}, not known here.",
             "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
         )
     names = dict.fromkeys([*used, *required])
-    others = sorted(name[:80] for name in names if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS)
+    others = sorted(
+        printable(name) for name in names if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS
+    )
     if others:
         document.notes.add(f"The extension{'s' * (len(others) > 1)} {', '.join(others[:20])}.")
     for name in names:

@@ -9,9 +9,12 @@ MAX_JSON_DEPTH = 64
 MAX_NODES = 2**20
 MAX_ACCESSORS = 2**20
 #: Elements of an accessor without data, which are zeros and cost no bytes in the file.
-MAX_ZEROS = 2**24
-#: Of all that is decoded: arrays, meshes and pixels. What a file uses again is not decoded again.
+MAX_ZEROS = 2**22
+#: Of all that is decoded, arrays, meshes and pixels: in any case, and for each byte of the files. What a file uses
+#: again is not decoded again. Draco's meshes unfold to some hundred times their bytes.
 MAX_DECODED_BYTES = 2**33
+ALWAYS_DECODED_BYTES = 2**30
+MAX_DECODED_RATIO = 512
 #: Of all instances together: vertices have 32 bit numbers.
 MAX_TRIANGLES = 2**28
 MAX_TEXTURE_SIDE = 16384

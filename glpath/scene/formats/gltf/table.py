@@ -60,8 +60,7 @@ class Table:
 
     def name(self, otherwise: str) -> str:
         """The object's own `name`, of letters that can be shown."""
-        given = (self.text("name") or "")[: 4 * MAX_NAME]
-        return "".join(c for c in given if c.isprintable())[:MAX_NAME].strip() or otherwise
+        return printable(self.text("name") or "") or otherwise
 
     def flag(self, name: str, default: bool = False) -> bool:
         value = self.values.get(name, default)
@@ -155,6 +154,11 @@ class Tables(Sequence[Table]):
 
     def __iter__(self) -> Iterator[Table]:
         return (self[i] for i in range(len(self)))
+
+
+def printable(text: str) -> str:
+    """A name from the file without what could be no letter: line ends, commands to terminals, endless length."""
+    return "".join(c for c in text[: 4 * MAX_NAME] if c.isprintable())[:MAX_NAME].strip()
 
 
 def _integer(value: object, place: Place, low: int, high: int) -> int:
