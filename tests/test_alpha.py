@@ -130,3 +130,32 @@ def test_the_t_buffer_has_the_bits_of_the_classical_algorithm_through_holes() ->
     scene = replace(scene, shapes=Shapes((*scene.shapes, sphere)))
     a, b = (glpath.render(scene, integrator=i, spp=4).mean for i in ("t-buffer", "classic"))
     assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("method", ["progressive", "matrix", "monte-carlo"])
+def test_radiosity_knows_what_passes_through(method: str) -> None:
+    """A veil of a tenth hides next to nothing, one of nine tenths nearly all: from the lamp, and from a light."""
+
+    def floor_light(opacity: float | None, sun: bool) -> float:
+        material = Material("veil", np.zeros(3), alpha="blend", opacity=opacity or 0.0)
+        scene = canopy(material)
+        if sun:
+            light = Light("sun", "directional", np.full(3, 2.0), direction=np.array([0.0, -1.0, 0.0]))
+            scene = replace(scene, shapes=Shapes(scene.shapes[:2]), lights=(light,))
+        if opacity is None:
+            scene = replace(scene, shapes=Shapes([s for s in scene.shapes if s.name != "canopy"]))
+        options = {"particles": 200_000} if method == "monte-carlo" else {}
+        solution = glpath.solve_radiosity(scene, method=method, patches=64, **options)  # type: ignore[arg-type]
+        elements = solution.elements.sum(axis=0)[0]
+        floor = np.repeat(scene.triangle_shape, solution.divisions.astype(int) ** 2) == 0
+        middle = elements[floor, 0]
+        return float(middle.max() if sun else middle.mean())
+
+    for sun in (False, True):
+        free = floor_light(None, sun)
+        thin, thick = (floor_light(opacity, sun) / free for opacity in (0.1, 0.9))
+        print(method, sun, free, thin, thick)
+        if method == "monte-carlo":
+            assert thin == pytest.approx(0.9, abs=0.06) or sun
+        assert thin > 0.85
+        assert thick < 0.4 or sun

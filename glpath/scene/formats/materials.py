@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, SceneError, SceneWarning
-from glpath.image import encode_srgb, picture_size, read_image
+from glpath.image import encode_srgb, picture_size, read_eight_bits, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
     MAX_TEXTURE_PIXELS,
@@ -146,28 +146,24 @@ def _texture(name: str, given: AnyTexture, place: Place, folder: Path, alpha: bo
     if isinstance(given, description.Image):
         path = folder / given.file
         image = _picture(path, place.field("file"))
-        if path.suffix.lower() != ".exr" and not colour:
+        bytes_ = image.dtype == np.uint8
+        if path.suffix.lower() != ".exr" and not colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
-        if path.suffix.lower() == ".png" and alpha:
-            image = np.concatenate([image, _transparency(path)], axis=2)
-        return Texture(name, image, (u, v), given.filter, wrap=(given.wrap, given.wrap))
+        if not alpha:
+            image = np.ascontiguousarray(image[..., :3])
+        wrap = (given.wrap, given.wrap)
+        return Texture(name, image, (u, v), given.filter, srgb=bytes_ and colour, wrap=wrap)
     colors = place.field("colors")
     remedy = "They multiply the reflectance of the material."
     first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
 
 
-def _transparency(path: Path) -> NDArray[np.float32]:
-    """(h, w, 1) alpha of a PNG that could be read; 1 where it has none."""
-    import PIL.Image
+def _picture(path: Path, place: Place) -> NDArray[np.float32] | NDArray[np.uint8]:
+    """(h, w, 3) or, with alpha, (h, w, 4) uint8 of 8 bits as they are; of others float32 in [0, 1], linear Rec. 709.
 
-    with PIL.Image.open(path, formats=("PNG",)) as opened:
-        alpha = np.asarray(opened.convert("RGBA"))[..., 3:]
-    return (alpha / 255.0).astype(np.float32)
-
-
-def _picture(path: Path, place: Place) -> NDArray[np.float32]:
-    """(h, w, 3) float32 in [0, 1], linear Rec. 709, row 0 at the top. Raises SceneError; warns of what it clips."""
+    Row 0 is the top. Raises SceneError; warns of what it clips.
+    """
     if path.suffix.lower() not in FORMATS:
         raise place.error(
             f"names {path}, but a texture is a file that ends in {', '.join(FORMATS)}.",
@@ -182,6 +178,9 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32]:
         width, height = picture_size(path)
         if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
             raise _too_large(f"{width:,} x {height:,} pixels", path, place)
+        eight_bits = read_eight_bits(path)
+        if eight_bits is not None:
+            return eight_bits
         stored = read_image(path)
     except ImageError as error:
         raise place.error(
