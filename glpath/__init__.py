@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from glpath.progress import Progress
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
+    from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
+    from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.scene import Scene, load_scene
     from glpath.scene.export import export
@@ -51,6 +53,8 @@ _HOME = {
     "SceneWarning": "errors",
     "ShaderError": "errors",
     "UsageError": "errors",
+    "ViewFactorProgress": "radiosity.view_factors.compute",
+    "ViewFactors": "radiosity.view_factors.result",
     "element_error": "rendering",
     "export": "scene.export",
     "load_scene": "scene",
@@ -59,6 +63,7 @@ _HOME = {
     "render": "rendering",
     "render_frames": "rendering",
     "solve_radiosity": "radiosity.solvers.solve",
+    "view_factors": "radiosity.view_factors.compute",
 }
 
 __all__ = [
@@ -77,6 +82,8 @@ __all__ = [
     "SceneWarning",
     "ShaderError",
     "UsageError",
+    "ViewFactorProgress",
+    "ViewFactors",
     "__version__",
     "element_error",
     "export",
@@ -86,6 +93,7 @@ __all__ = [
     "render",
     "render_frames",
     "solve_radiosity",
+    "view_factors",
 ]
 
 

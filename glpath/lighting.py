@@ -281,7 +281,8 @@ class Lighting:
                 samples.put_punctual(which, self.punctual[punctual], chance)
             else:
                 assert self.sky is not None, "the last light"
-                left = (u[which, 0] - self.cdf[number]) / chance
+                # Below one, as rounding might not leave it.
+                left = np.clip((u[which, 0] - self.cdf[number]) / chance, 0.0, np.nextafter(1.0, 0.0))
                 wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
                 samples.direction[which] = -wi

@@ -58,7 +58,7 @@ def slow_aovs(scene: Scene) -> Aovs:
         for y in places:
             origins, directions = slow.camera_rays(scene, (x, y))
             primitive, t = slow.nearest(scene, origins, directions)
-            albedo, normal = slow._sky(scene, directions), np.zeros_like(directions)
+            albedo, normal = slow.sky_radiance(scene, directions), np.zeros_like(directions)
             hit = primitive >= 0
             n, uv = slow._surface(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
             front = np.sum(n * directions[hit], axis=1) < 0

@@ -65,7 +65,16 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "gather", "denoise", "t-buffer", "shaft", "shaft-options", "start-up"]
+    assert list(BENCHES) == [
+        "path-buffer",
+        "gather",
+        "denoise",
+        "t-buffer",
+        "shaft",
+        "shaft-options",
+        "viewfactors",
+        "start-up",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +107,11 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no name; allowed are path-buffer, gather, denoise, t-buffer, shaft, shaft-options, start-up"),
+        (
+            [],
+            "no name; allowed are path-buffer, gather, denoise, t-buffer, shaft, shaft-options, viewfactors, "
+            "start-up",
+        ),
         (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),

@@ -99,6 +99,8 @@ def test_the_public_names_are_these() -> None:
         "SceneWarning",
         "ShaderError",
         "UsageError",
+        "ViewFactorProgress",
+        "ViewFactors",
         "__version__",
         "element_error",
         "export",
@@ -108,6 +110,7 @@ def test_the_public_names_are_these() -> None:
         "render",
         "render_frames",
         "solve_radiosity",
+        "view_factors",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None
@@ -157,6 +160,7 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
     assert "130 interrupted" in " ".join(result.stdout.split())
     for command in (
         "render",
+        "merge",
         "diff",
         "info",
         "validate",

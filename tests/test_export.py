@@ -270,7 +270,7 @@ def test_instances_in_mitsuba_are_the_triangles_that_they_make(tmp_path: Path) -
 
 @pytest.mark.evidence
 @pytest.mark.parametrize(
-    "kind", ["point", "spot", "directional", "sky", "environment", "plain sky", "smooth", "textured"]
+    "kind", ["point", "spot", "directional", "sky", "environment", "sun", "plain sky", "smooth", "textured"]
 )
 def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
     """The mean of the picture within 1 %, and half of its squares of 8 x 8 pixels within 1 %."""
@@ -307,6 +307,10 @@ def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
     elif kind == "environment":
         image = np.random.default_rng(0).uniform(0, 2, (4, 8, 3)).astype(np.float32)
         scene = replace(scene, sky=Environment(image, np.array([0.2, 1.0, 0.1]), 30.0))
+    elif kind == "sun":
+        image = np.full((32, 64, 3), [0.2, 0.4, 1.0], np.float32)
+        image[6, 50] = 2e3
+        scene = replace(scene, sky=Environment(image, scale=0.5))
     elif kind == "textured":
         image = np.random.default_rng(0).uniform(0, 1, (3, 4, 3)).astype(np.float32)
         texture = Texture("checks", image, (2.0, 3.0), "nearest")

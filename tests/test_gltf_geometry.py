@@ -212,8 +212,8 @@ def test_morph_targets_add_by_their_weights(tmp_path: Path) -> None:
     file.node(mesh=mesh)
     file.node(mesh=mesh, weights=[0, 0.25])
     first, second = Shapes(read(file, tmp_path).shapes).triangles
-    np.testing.assert_allclose(first, np.array(TRIANGLE) + [0, 0, 0.5])
-    np.testing.assert_allclose(second, np.array(TRIANGLE) + [0, 0.5, 0])
+    np.testing.assert_allclose(first, np.add(TRIANGLE, [0, 0, 0.5]))
+    np.testing.assert_allclose(second, np.add(TRIANGLE, [0, 0.5, 0]))
 
 
 def test_two_joints_carry_the_vertices_that_are_bound_to_them(tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_two_joints_carry_the_vertices_that_are_bound_to_them(tmp_path: Path) ->
     skin = file.add("skins", joints=[still, moved], inverseBindMatrices=matrices)
     file.node(mesh=mesh, skin=skin, translation=[100, 0, 0])  # of a skinned mesh, of no meaning
     shapes = Shapes(read(file, tmp_path).shapes)
-    np.testing.assert_allclose(shapes.triangles[0], np.array(TRIANGLE) + [[0, 0, 0], [0, 0, 3], [0, 0, 1.5]])
+    np.testing.assert_allclose(shapes.triangles[0], np.add(TRIANGLE, [[0, 0, 0], [0, 0, 3], [0, 0, 1.5]]))
     np.testing.assert_allclose(shapes.vertex_normals, [[0, 0, 1]] * 3)
 
 

@@ -108,6 +108,19 @@ def test_an_exr_is_linear_and_clipped_with_a_warning(tmp_path: Path):
     assert np.allclose(clipped, np.clip(1.5 * linear - 0.1, 0, 1))
 
 
+def test_what_only_shines_may_be_brighter_than_white(tmp_path: Path):
+    write_exr(tmp_path / "a.exr", np.full((2, 2, 3), 7.5))
+    text = """
+    [materials.lamp]
+    emission_texture = "a"
+    [textures]
+    a = { type = "image", file = "a.exr" }
+    """
+    assert scene(text, tmp_path).textures[0].image.max() == 7.5
+    with pytest.warns(SceneWarning, match="up to 7.5; they were clipped"):
+        scene(text.replace("emission_texture", 'texture = "a"\nemission_texture'), tmp_path)
+
+
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 4)])
 def test_grey_and_transparent_pictures_have_three_channels(tmp_path: Path, shape: tuple[int, ...]):
     iio.imwrite(tmp_path / "a.png", np.full(shape, 255, np.uint8))

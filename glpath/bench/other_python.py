@@ -3,7 +3,7 @@
 Blender's module wants numpy below 2 and one version of Python, so that who has other packages keeps it in a virtual
 environment of its own:
 
-    python3.11 -m venv peers && peers/bin/pip install bpy pyradiance
+    python3.11 -m venv peers && peers/bin/pip install bpy pyradiance pyviewfactor
     GLPATH_PEERS_PYTHON=peers/bin/python glpath bench gather
 """
 

@@ -50,6 +50,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "shafts: what each enhancement of the paper, and of its future work, is worth",
         ("--rounds", "--scale"),
     ),
+    "viewfactors": (
+        "view factors: closed forms, closed rooms beside pyviewfactor, and a city of 22,800 facets",
+        ("--rounds", "--scale"),
+    ),
     "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
 }
 
@@ -84,11 +88,14 @@ def bench(
     ] = None,
     rounds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="t-buffer, shafts, start-up: turns of each program; the median counts; 7."),
+        typer.Option(
+            metavar="N",
+            help="t-buffer, shafts, viewfactors, start-up: turns of each program; the median counts; 7.",
+        ),
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(metavar="S", help="gather, t-buffer, shafts: below 1, less work; 1."),
+        typer.Option(metavar="S", help="gather, t-buffer, shafts, viewfactors: below 1, less work; 1."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -168,6 +175,10 @@ def _measure(
         from glpath.bench.shaft import bench_shaft_options
 
         return bench_shaft_options(scale, rounds, progress)
+    if name == "viewfactors":
+        from glpath.bench.view_factors import bench_view_factors
+
+        return bench_view_factors(scale, rounds, progress)
     if name == "start-up":
         from glpath.bench.start_up import bench_start_up
 

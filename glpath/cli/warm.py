@@ -41,13 +41,16 @@ def compile_all() -> None:
 
 
 def compile_kernels(scene: Scene) -> RadiositySolution:
-    """Those of radiosity, by every method; returns a solution."""
+    """Those of radiosity, by every method, and of view factors; returns a solution."""
     from glpath.radiosity.solvers.solve import METHODS, solve_radiosity
+    from glpath.radiosity.view_factors.compute import view_factors
 
     for method in METHODS:
         say(f"radiosity, {method}", err=True)
         adaptive = 1 if method == "progressive" else 0
         solution = solve_radiosity(scene, method=method, patches=1, adaptive=adaptive, particles=1)
+    say("view factors", err=True)
+    view_factors(scene, groups="shapes")
     return solution
 
 

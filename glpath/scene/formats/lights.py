@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.errors import ImageError, SceneWarning
-from glpath.image import picture_size, read_image
+from glpath.errors import SceneWarning
+from glpath.image import read_image
 from glpath.scene.formats import description
-from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, MAX_TEXTURE_SIDE, AnyLight, Emission
-from glpath.scene.formats.values import LARGEST, light, nearby_files, unit
+from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
+from glpath.scene.formats.scene_pictures import stored_picture
+from glpath.scene.formats.values import LARGEST, light, unit
 from glpath.scene.model import Environment, Float64, Light, Sky
 from glpath.scene.place import Place
 
@@ -110,30 +110,7 @@ def sky(
 def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
     """The environment map of a file. Raises SceneError; warns of what it clips."""
     place, sky = place.field("file"), place
-    if path.suffix.lower() not in MAPS:
-        raise place.error(
-            f"names {path}, but an environment map is a file that ends in {', '.join(MAPS)}.",
-            "Convert it, e.g. with GIMP or Blender.",
-        )
-    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
-        raise place.error(
-            f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
-            nearby_files("Pictures", path, MAPS),
-        )
-    try:
-        width, height = picture_size(path)
-        if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_ENVIRONMENT_PIXELS:
-            raise place.error(
-                f"names the picture {path} of {width:,} x {height:,} pixels, but an environment map has at most "
-                f"{MAX_TEXTURE_SIDE:,} pixels a side and {MAX_ENVIRONMENT_PIXELS:,} in all.",
-                "Make the picture smaller: 4096 x 2048 are sharp in any picture.",
-            )
-        stored = read_image(path)
-    except ImageError as error:
-        raise place.error(
-            f"names a picture that cannot be used. {error}",
-            "Open it in another program to see whether it is whole, and write it anew.",
-        ) from error
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:
         warnings.warn(

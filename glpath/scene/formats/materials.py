@@ -6,28 +6,28 @@ where a material's alpha is "mask" or "blend".
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from glpath.errors import ImageError, SceneError, SceneWarning
-from glpath.image import encode_srgb, picture_size, read_eight_bits, read_image
+from glpath.errors import SceneWarning
+from glpath.image import encode_srgb, read_eight_bits, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
     MAX_TEXTURE_PIXELS,
-    MAX_TEXTURE_SIDE,
     AnyMaterial,
     AnyTexture,
     Phong,
     Principled,
 )
-from glpath.scene.formats.values import nearby_files, rgb, share, unknown
+from glpath.scene.formats.scene_pictures import stored_picture
+from glpath.scene.formats.values import rgb, share, unknown
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.place import Place
 
@@ -117,6 +117,14 @@ def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Plac
     return TextureSlot(texture_number[given])
 
 
+class _Use(NamedTuple):
+    """What materials do with a texture: look through its alpha; take it for colours; take it for light alone."""
+
+    alpha: bool
+    colour: bool
+    shines: bool
+
+
 def textures(
     given: Mapping[str, AnyTexture], used_by: Mapping[str, AnyMaterial], place: Place, folder: Path
 ) -> tuple[Texture, ...]:
@@ -127,6 +135,7 @@ def textures(
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
     values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS}
     colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
+    shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
     for name in given:
         if name in values and name in colours:
             raise place.field(name).error(
@@ -134,59 +143,46 @@ def textures(
                 "Give the picture two names, one for each.",
             )
     return tuple(
-        _texture(name, each, place.field(name), folder, name in alpha, name not in values)
+        _texture(name, each, place.field(name), folder, _Use(name in alpha, name not in values, name in shining))
         for name, each in given.items()
     )
 
 
-def _texture(name: str, given: AnyTexture, place: Place, folder: Path, alpha: bool, colour: bool) -> Texture:
+def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use) -> Texture:
     u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
     if not (u > 0 and v > 0):
         raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
     if isinstance(given, description.Image):
         path = folder / given.file
-        image = _picture(path, place.field("file"))
+        image = _picture(path, place.field("file"), use.shines)
         bytes_ = image.dtype == np.uint8
-        if path.suffix.lower() != ".exr" and not colour and not bytes_:
+        if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
-        if not alpha:
+        if not use.alpha:
             image = np.ascontiguousarray(image[..., :3])
         wrap = (given.wrap, given.wrap)
-        return Texture(name, image, (u, v), given.filter, srgb=bytes_ and colour, wrap=wrap)
+        return Texture(name, image, (u, v), given.filter, srgb=bytes_ and use.colour, wrap=wrap)
     colors = place.field("colors")
     remedy = "They multiply the reflectance of the material."
     first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
 
 
-def _picture(path: Path, place: Place) -> NDArray[np.float32] | NDArray[np.uint8]:
-    """(h, w, 3) or, with alpha, (h, w, 4) uint8 of 8 bits as they are; of others float32 in [0, 1], linear Rec. 709.
+def _as_stored(path: Path) -> Float64 | NDArray[np.uint8]:
+    eight_bits = read_eight_bits(path)
+    return read_image(path) if eight_bits is None else eight_bits
 
-    Row 0 is the top. Raises SceneError; warns of what it clips.
+
+def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
+    """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
+
+    Row 0 is the top. What `shines` may be above 1. Raises SceneError; warns of what it clips.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise place.error(
-            f"names {path}, but a texture is a file that ends in {', '.join(FORMATS)}.",
-            "Convert it, e.g. with GIMP.",
-        )
-    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
-        raise place.error(
-            f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
-            nearby_files("Pictures", path, FORMATS),
-        )
-    try:
-        width, height = picture_size(path)
-        if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
-            raise _too_large(f"{width:,} x {height:,} pixels", path, place)
-        eight_bits = read_eight_bits(path)
-        if eight_bits is not None:
-            return eight_bits
-        stored = read_image(path)
-    except ImageError as error:
-        raise place.error(
-            f"names a picture that cannot be used. {error}",
-            "Open it in another program to see whether it is whole, and write it anew.",
-        ) from error
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place, _as_stored)
+    if stored.dtype == np.uint8:
+        return stored.astype(np.uint8, copy=False)
+    if shines:
+        return np.maximum(stored, 0).astype(np.float32)
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
         warnings.warn(
@@ -197,11 +193,3 @@ def _picture(path: Path, place: Place) -> NDArray[np.float32] | NDArray[np.uint8
             stacklevel=2,
         )
     return np.clip(stored, 0, 1).astype(np.float32)
-
-
-def _too_large(size: str, path: Path, place: Place) -> SceneError:
-    return place.error(
-        f"names the picture {path} of {size}, but a texture has at most {MAX_TEXTURE_SIDE:,} pixels a side and "
-        f"{MAX_TEXTURE_PIXELS:,} in all.",
-        "Make the picture smaller, or cut out what is needed.",
-    )

@@ -1,0 +1,205 @@
+"""`glpath viewfactors`: the matrix of view factors between the faces of a scene or a mesh."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO, cast
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.options import ProgressOption, QuietOption
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.signals import result_of
+from glpath.cli.values import check_choice
+from glpath.errors import UsageError
+from glpath.files import check_writable, is_stream, save_all
+from glpath.progress import MODES, duration
+from glpath.terminal import clean, clean_console, say
+
+if TYPE_CHECKING:
+    from glpath.radiosity.view_factors.compute import Property, ViewFactorProgress
+    from glpath.radiosity.view_factors.result import ViewFactors
+
+    Report = Callable[[ViewFactorProgress], None]
+
+_GROUPS = ("faces", "planar", "shapes")
+_PROPERTIES = ("reciprocity", "closure")
+# Seconds between two lines.
+_LINE_INTERVAL = 5.0
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (go on with --resume).")(
+        viewfactors
+    )
+
+
+def viewfactors(
+    scene: SceneArgument,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="Where the matrix goes: .npz (scipy), .csv, .inp (uDALES)."
+        ),
+    ],
+    groups: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_GROUPS),
+            help="A row for each face, for each plane's faces that share edges, or for each shape.",
+            autocompletion=words(_GROUPS),
+        ),
+    ] = "faces",
+    enforce: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST", help="reciprocity, closure, or both with a comma: made exact by least squares."
+        ),
+    ] = None,
+    error: Annotated[float, typer.Option(metavar="E", help="Wanted of a row's sum, 1e-7 to 0.1.")] = 1e-3,
+    flip: Annotated[
+        bool, typer.Option("--flip", help="The fronts are the other sides: the inside of a model.")
+    ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Keep rows that are done in FILE.part, and go on from there when it is interrupted."
+        ),
+    ] = False,
+    parameters: Parameters = None,
+    progress: ProgressOption = "auto",
+    quiet: QuietOption = False,
+) -> None:
+    """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
+
+    Row i, column j is the share of what leaves face i that arrives at face j; what a row lacks of 1 goes past all
+    faces, to the sky. Closed forms where nothing stands between two faces, exact visibility from points elsewhere.
+    """
+    from glpath.radiosity.view_factors.result import check_suffix
+
+    check_suffix(out)
+    check_choice("--progress", progress, MODES)
+    check_choice("--groups", groups, _GROUPS)
+    wanted = [] if enforce is None else enforce.split(",")
+    for word in wanted:
+        check_choice("--enforce", word, _PROPERTIES)
+    if not 1e-7 <= error <= 0.1:
+        raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
+    if resume and is_stream(out):
+        raise UsageError(f"--resume: {out} is no file that a second one could stand beside.", "Name a file.")
+    loaded = read_scene(scene, parameters)
+    check_writable(out)
+    part = out.with_name(out.name + ".part") if resume else None
+    mode = "none" if quiet and progress == "auto" else progress
+
+    def compute() -> ViewFactors:
+        from glpath.radiosity.view_factors.compute import view_factors
+
+        properties = cast("list[Property]", wanted)
+        with _reporting(mode, sys.stderr) as report:
+            return view_factors(
+                loaded, groups=groups, error=error, enforce=properties, flip=flip, resume=part, on_progress=report
+            )
+
+    found = result_of(compute)
+    _, failure = save_all({out: found.save}, {"viewfactors.npz": found.save}, "The matrix is kept in {}.")
+    if failure is not None:
+        raise failure
+    if not quiet and progress != "json":
+        for line in _summary(found):
+            say(line, err=True)
+        say(f"wrote {out}", err=True)
+
+
+def _summary(found: ViewFactors) -> Iterator[str]:
+    s = found.statistics
+    rows = "groups" if found.names else "faces"
+    yield f"{len(found):,} {rows}, {found.matrix.nnz:,} factors, {duration(s['elapsed_s'])}"
+    yield (
+        f"  pairs of facets: {s['free_pairs']:,} seen whole, {s['partial_pairs']:,} in part; "
+        f"{s['hidden_pairs'] + s['hidden_branches']:,} pairs and branches hidden by one occluder"
+    )
+    sums = found.row_sums
+    worst = found.error.max()
+    yield f"  row sums {sums.min():.6f} to {sums.max():.6f}; error of a row, estimated: {worst:.1e} at most"
+    if "enforced" in s:
+        before, after = s["before"], s["after"]
+        for name in s["enforced"]:
+            yield f"  {name}: off by {before[name]:.1e} at most, {after[name]:.1e} now"
+    if s["crowded_pairs"]:
+        yield f"  {s['crowded_pairs']:,} pairs had more occluders than are looked at: their factors are too large"
+
+
+def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
+    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
+    if mode == "auto":
+        mode = "bar" if clean_console(stream).is_terminal else "lines"
+    if mode == "bar":
+        return _bar(stream)
+    reports: dict[str, Report | None] = {"lines": _Lines(stream), "json": _json(stream), "none": None}
+    return nullcontext(reports[mode])
+
+
+def _detail(progress: ViewFactorProgress) -> str:
+    memory = f", {progress.bytes / 1e6:,.0f} MB in the end" if progress.bytes else ""
+    return f"{progress.done:,} of {progress.total:,} rows, {progress.factors:,} factors{memory}"
+
+
+@contextmanager
+def _bar(stream: TextIO) -> Iterator[Report]:
+    from rich import progress as rich_progress
+
+    columns = (
+        rich_progress.TextColumn("{task.description}", markup=False),
+        rich_progress.BarColumn(bar_width=None),
+        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
+    )
+    with rich_progress.Progress(*columns, console=clean_console(stream, highlight=False), transient=True) as bar:
+        task = bar.add_task("starting", total=None, detail="")
+
+        def report(progress: ViewFactorProgress) -> None:
+            total = progress.total or None  # without a total the bar pulses
+            bar.update(
+                task, description=progress.stage, completed=progress.done, total=total, detail=_detail(progress)
+            )
+
+        yield report
+
+
+class _Lines:
+    """A line when a stage begins, and every few seconds."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._stage = ""
+        self._next = 0.0
+
+    def __call__(self, progress: ViewFactorProgress) -> None:
+        if progress.stage == self._stage and progress.elapsed_s < self._next:
+            return
+        self._stage, self._next = progress.stage, progress.elapsed_s + _LINE_INTERVAL
+        text = f"{_detail(progress)} after {duration(progress.elapsed_s)}" if progress.total else progress.stage
+        print(clean(text), file=self._stream, flush=True)
+
+
+def _json(stream: TextIO) -> Report:
+    def report(progress: ViewFactorProgress) -> None:
+        event = {
+            "event": "progress",
+            "stage": progress.stage,
+            "done": progress.done,
+            "total": progress.total,
+            "factors": progress.factors,
+            "bytes": progress.bytes,
+            "elapsed_s": round(progress.elapsed_s, 3),
+        }
+        print(json.dumps(event), file=stream, flush=True)
+
+    return report

@@ -1,0 +1,334 @@
+"""`view_factors`: from faces to a `ViewFactors`, row by row on all cores, resumable.
+
+Every pair is looked at once: what one face has of the other, the other has of the one (reciprocity), so that only
+what follows a row in the order of the BVH is computed, and the other half is its mirror image.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from glpath import bvh
+from glpath.errors import ImageError, UsageError
+from glpath.files import check_writable, whole_file
+from glpath.kernels import announced, waiting
+from glpath.npz import open_npz
+from glpath.radiosity.memory import require_memory
+from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
+from glpath.radiosity.view_factors.result import ViewFactors
+from glpath.radiosity.view_factors.rows import COUNT_NAMES, Work, exchange_rows
+
+Int64 = NDArray[np.int64]
+Property = Literal["reciprocity", "closure"]
+
+#: Rows of a task: few, so that all cores end together and an interruption waits for little.
+_TASK = 32
+#: Seconds between two reports, and between two files of what is done; these take at most this share of the time.
+_REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
+#: Bytes of a factor at the worst moment: both halves and their sum, each a value and a column.
+_BYTES_PER_FACTOR = 40
+#: Of a partial file: another number is another layout, or another way to compute.
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class ViewFactorProgress:
+    """How far the matrix is; what `on_progress` is called with.
+
+    stage       : "compiling kernels: ...", "preparing", "rows"
+    done, total : facets whose row is done, and all of them
+    factors     : found so far
+    bytes       : of memory that all of them will take, an estimate; 0 while nothing is known
+    """
+
+    stage: str
+    done: int
+    total: int
+    factors: int
+    bytes: int
+    elapsed_s: float
+
+
+Report = Callable[[ViewFactorProgress], None]
+
+
+@dataclass
+class _Part:
+    """Exchange areas of the facets of some tasks with those that follow, as rows of the matrix."""
+
+    tasks: Int64
+    i: NDArray[np.int32]
+    j: NDArray[np.int32]
+    exchange: NDArray[np.float64]
+    error: NDArray[np.float32]
+    counts: Int64
+
+
+def view_factors(
+    faces: Any,
+    *,
+    groups: str | ArrayLike = "faces",
+    error: float = 1e-3,
+    enforce: Sequence[Property] = (),
+    flip: bool = False,
+    threads: int | None = None,
+    resume: str | Path | None = None,
+    on_progress: Report | None = None,
+) -> ViewFactors:
+    """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
+
+    Where shafts prove that nothing stands between two faces, their factor is the double contour integral, without
+    a ray; where something does, visibility is exact from every point of the one face, and quadrature over these
+    goes on until its error is below what is wanted. Both sides of a face hide; only the front sends and receives.
+
+    Parameters
+    ----------
+    faces       : a scene, a mesh file or the name of a shipped scene; a `trimesh.Trimesh`; corners (N, k, 3); or
+                  (vertices, faces), vertices (V, 3) and for each face the numbers of its corners, three or more,
+                  flat, counter-clockwise seen from the front
+    groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
+                  "shapes", the shapes of a scene; or a label for each face
+    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.3 sqrt(F) of it; rows of
+                  closed rooms are mostly ten times better
+    enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
+    flip        : fronts are where a face's corners run clockwise, as for the inside of a model
+    threads     : that share the work; None for one per core
+    resume      : a file that keeps the rows that are done, every 20 seconds and when it is interrupted, and from
+                  which another call with the same faces and error goes on. It is removed in the end
+    on_progress : called with a `ViewFactorProgress`
+
+    Raises SceneError for faces without area, that are not flat or not finite, or infinite planes; UsageError for
+    options out of range, and where the matrix would not fit into memory, which is known after some of its rows.
+
+    Cost:     about 1 microsecond for a pair that sees all of each other, some 20 for one that sees a part, and
+              memory of 40 bytes per factor that is not 0.
+    Poor at:  faces that other faces cut through: what disappears inside shows up as an error of quadrature; faces
+              between which hundreds of small ones stand, such as leaves of trees.
+
+    Sources: Mitalas & Stephenson 1966; Nishita & Nakamae 1983; Haines & Wallace 1991.
+
+    >>> import numpy as np
+    >>> floor, lamp = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]]
+    >>> view_factors(np.array([floor, lamp], float)).matrix.toarray().round(4).tolist()
+    [[0.0, 0.1998], [0.1998, 0.0]]
+    """
+    for word in enforce:
+        if word not in ("reciprocity", "closure"):
+            raise UsageError(f"view_factors: enforce {word!r}; allowed are reciprocity and closure.")
+    if not (math.isfinite(error) and 1e-7 <= error <= 0.1):
+        raise UsageError(f"view_factors: error is {error:g}; allowed are numbers from 1e-7 to 0.1.")
+    if threads is not None and threads < 1:
+        raise UsageError(f"view_factors: threads is {threads}; allowed are whole numbers from 1.")
+    if resume is not None:
+        check_writable(resume)
+    run = _Run(
+        error, threads or len(os.sched_getaffinity(0)), None if resume is None else Path(resume), on_progress
+    )
+    kernels = waiting(kernels_of())
+    with announced(kernels, run.compiling if on_progress is not None else None):
+        given = faces_of(faces, groups, flip)
+        found = run.solve(given)
+    if enforce:
+        found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
+    if run.resume is not None:
+        run.resume.unlink(missing_ok=True)
+    return found
+
+
+def kernels_of() -> tuple[Any, ...]:
+    """Those that view factors take."""
+    return (bvh._build, exchange_rows)
+
+
+class _Run:
+    """One call of `view_factors`."""
+
+    def __init__(self, error: float, threads: int, resume: Path | None, on_progress: Report | None) -> None:
+        self.error, self.threads, self.resume, self.on_progress = error, threads, resume, on_progress
+        self.started = time.perf_counter()
+        self.reported = -math.inf
+        self.parts: list[_Part] = []
+        self.bytes = 0
+
+    def compiling(self, text: str) -> None:
+        self._report(text, 0, 0, True)
+
+    def solve(self, faces: Faces) -> ViewFactors:
+        self._report("preparing", 0, 0, True)
+        where = Geometry.of(faces)
+        total = len(where.facets.sides)
+        key = json.dumps([_FORMAT, faces.digest, self.error, _TASK])
+        tasks = np.arange(-(-total // _TASK))
+        # Some from everywhere come first: they say how much memory all will take.
+        order = np.concatenate([tasks[k::16] for k in (0, *range(1, 16))])
+        if self.resume is not None and self.resume.exists():
+            self.parts = [_read_part(self.resume, key)]
+        done = np.isin(order, np.concatenate([np.zeros(0, np.int64), *(part.tasks for part in self.parts)]))
+        self.rows_done = min(int(done.sum()) * _TASK, total)
+        pending = order[~done].tolist()
+        saved, wrote_s = time.perf_counter(), 0.0
+        self._report("rows", self.rows_done, total, True)
+        pool = ThreadPoolExecutor(self.threads)
+        running: set[Future[_Part]] = set()
+        try:
+            while pending or running:
+                while pending and len(running) < 2 * self.threads:
+                    running.add(pool.submit(_task, where, faces, pending.pop(0), self.error))
+                ended, running = wait(running, return_when=FIRST_COMPLETED)
+                self._take([future.result() for future in ended], total)
+                self._report("rows", self.rows_done, total, not pending and not running)
+                now = time.perf_counter()
+                if self.resume is not None and now - saved > max(_SAVE_INTERVAL, wrote_s / _SAVE_SHARE):
+                    self._save(key)
+                    saved, wrote_s = time.perf_counter(), time.perf_counter() - now
+        except BaseException:
+            for future in running:
+                future.cancel()
+            if self.resume is not None:
+                finished = wait(running).done
+                self._take([f.result() for f in finished if not f.cancelled() and f.exception() is None], total)
+                self._save(key)
+            raise
+        finally:
+            pool.shutdown()
+        return self._result(faces, where)
+
+    def _take(self, parts: list[_Part], total: int) -> None:
+        self.parts += parts
+        self.rows_done = min(self.rows_done + _TASK * len(parts), total)
+        if len(self.parts) > 256:
+            self.parts = [_joined(self.parts)]
+        share = self.rows_done / max(total, 1)
+        if share > 0.05:
+            self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
+            present = self._factors() * 20
+            require_memory(
+                self.bytes - present,
+                f"view_factors: a matrix of about {2 * self._factors() / share:,.0f} factors",
+                "Put faces together (groups), compute parts of the scene apart, or take a larger machine.",
+            )
+
+    def _factors(self) -> int:
+        return sum(len(part.i) for part in self.parts)
+
+    def _report(self, stage: str, done: int, total: int, now: bool) -> None:
+        elapsed = time.perf_counter() - self.started
+        if self.on_progress is None or (elapsed < self.reported + _REPORT_INTERVAL and not now):
+            return
+        self.reported = elapsed
+        self.on_progress(ViewFactorProgress(stage, done, total, 2 * self._factors(), self.bytes, elapsed))
+
+    def _save(self, key: str) -> None:
+        assert self.resume is not None
+        part = _joined(self.parts)
+        self.parts = [part]
+        with whole_file(self.resume) as temporary, open(temporary, "wb") as file:
+            np.savez(
+                file, key=np.array(key), tasks=part.tasks, i=part.i, j=part.j, exchange=part.exchange,
+                error=part.error, counts=part.counts,
+            )  # fmt: skip
+
+    def _result(self, faces: Faces, where: Geometry) -> ViewFactors:
+        part = _joined(self.parts)
+        self.parts.clear()
+        n = faces.row_count
+        areas = where.areas
+        own = np.zeros(n)
+        for at in (part.i, part.j):
+            own += np.bincount(at, part.error, n)
+        half = sparse.coo_array((part.exchange, (part.i, part.j)), shape=(n, n)).tocsr()
+        counts, factors = part.counts, len(part.i)
+        del part
+        matrix = half + half.T
+        del half
+        matrix = sparse.csr_array(matrix)
+        matrix.data /= np.repeat(areas, np.diff(matrix.indptr))
+        matrix.sort_indices()
+        statistics: dict[str, Any] = {
+            "error": self.error,
+            "facets": len(where.facets.sides),
+            "occluders": len(where.occluders.sides),
+            **dict(zip(COUNT_NAMES, counts.tolist(), strict=True)),
+            "factors": 2 * factors,
+            "elapsed_s": round(time.perf_counter() - self.started, 4),
+        }
+        return ViewFactors(matrix, areas, own / areas, faces.names, statistics)
+
+
+def _task(where: Geometry, faces: Faces, task: int, error: float) -> _Part:
+    """Rows of one task. What one core needs of memory is made for it anew, which takes no time beside the rows."""
+    total = len(where.facets.sides)
+    first, last = task * _TASK, min((task + 1) * _TASK, total)
+    work = Work.of(where.eps, len(where.occluders.sides), where.depth)
+    counts = np.zeros(len(COUNT_NAMES), np.int64)
+    room = max(2 * total, 4096)
+    columns, values, errors = np.empty(room, np.int32), np.empty(room), np.empty(room, np.float32)
+    i, j, exchange, off = [], [], [], []
+    while first < last:
+        ends = np.zeros(last - first, np.int64)
+        reached = int(
+            exchange_rows(
+                first, last, where.facets, where.tree, where.occluders, float(error), work, columns, values, errors,
+                ends, counts,
+            )
+        )  # fmt: skip
+        ends = ends[: reached - first]
+        size = int(ends[-1])
+        i.append(where.row[np.repeat(np.arange(first, reached), np.diff(ends, prepend=0))].astype(np.int32))
+        j.append(where.row[columns[:size]].astype(np.int32))
+        exchange.append(values[:size].copy())
+        off.append(errors[:size].copy())
+        first = reached
+    part = _Part(
+        np.array([task]),
+        np.concatenate(i),
+        np.concatenate(j),
+        np.concatenate(exchange),
+        np.concatenate(off),
+        counts,
+    )
+    return _summed(part, faces.row_count) if faces.names else part
+
+
+def _summed(part: _Part, rows: int) -> _Part:
+    """Facets of the same rows added up, which are few where rows are groups."""
+    keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
+    i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
+    exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)
+    error = np.bincount(which, part.error, len(keys)).astype(np.float32)
+    return _Part(part.tasks, i, j, exchange, error, part.counts)
+
+
+def _joined(parts: list[_Part]) -> _Part:
+    def all_of(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    counts = np.sum([part.counts for part in parts], axis=0)
+    return _Part(all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), counts)
+
+
+def _read_part(path: Path, key: str) -> _Part:
+    with open_npz(path, "view factors to go on with", "Remove it to begin anew.") as arrays:
+        if str(arrays.read("key", "U", ())) != key:
+            raise ImageError(
+                f"{path}: holds rows of other faces, of another error or of another version of glpath.",
+                "Remove it to begin anew.",
+            )
+        tasks, i = arrays.read("tasks", "i", (None,)), arrays.read("i", "i", (None,))
+        n = len(i)
+        return _Part(
+            tasks, i, arrays.read("j", "i", (n,)), arrays.read("exchange", "f", (n,)),
+            arrays.read("error", "f", (n,)), arrays.read("counts", "i", (len(COUNT_NAMES),)),
+        )  # fmt: skip

@@ -1,0 +1,105 @@
+"""Convex polygons for the kernels: clipped by planes, and the points of a quadrature on them.
+
+A polygon is rows of an array (n, 3), counter-clockwise seen from its front; a plane is four numbers, unit normal
+and distance, so that the height of a point over it is normal . point + distance.
+"""
+
+from __future__ import annotations
+
+from glpath.kernels import inner_kernel
+
+#: Most corners of a facet and of an occluder; each of two clips adds one.
+CORNERS = 12
+ROOM = CORNERS + 4
+
+
+@inner_kernel
+def height(planes, i, x, y, z):  # type: ignore[no-untyped-def]
+    """Of a point over planes[i]."""
+    return planes[i, 0] * x + planes[i, 1] * y + planes[i, 2] * z + planes[i, 3]
+
+
+@inner_kernel
+def clip(source, n, planes, i, eps, target):  # type: ignore[no-untyped-def]
+    """The part of source[:n] before planes[i], into `target`; returns its corners, 0 where nothing is before it.
+
+    Corners within eps of the plane count as on it, so that neighbours of its polygon leave no slivers.
+    """
+    highest, lowest = 0.0, 0.0
+    for k in range(n):
+        h = height(planes, i, source[k, 0], source[k, 1], source[k, 2])
+        highest, lowest = max(highest, h), min(lowest, h)
+    if highest <= eps:
+        return 0
+    if lowest >= -eps:
+        for k in range(n):
+            for j in range(3):
+                target[k, j] = source[k, j]
+        return n
+    m = 0
+    last = n - 1
+    before = height(planes, i, source[last, 0], source[last, 1], source[last, 2])
+    for k in range(n):
+        h = height(planes, i, source[k, 0], source[k, 1], source[k, 2])
+        if (h > eps and before < -eps) or (h < -eps and before > eps):
+            t = before / (before - h)
+            for j in range(3):
+                target[m, j] = source[last, j] + t * (source[k, j] - source[last, j])
+            m += 1
+        if h >= -eps:
+            for j in range(3):
+                target[m, j] = source[k, j]
+            m += 1
+        last, before = k, h
+    return m if m > 2 else 0
+
+
+@inner_kernel
+def measure(polygon, n, centre):  # type: ignore[no-untyped-def]
+    """Its area and the largest distance of a corner from the mean of the corners, which goes to `centre`."""
+    for j in range(3):
+        centre[j] = 0.0
+        for k in range(n):
+            centre[j] += polygon[k, j]
+        centre[j] /= n
+    radius = 0.0
+    x = y = z = 0.0
+    for k in range(n):
+        ax, ay, az = polygon[k, 0] - centre[0], polygon[k, 1] - centre[1], polygon[k, 2] - centre[2]
+        j = k + 1 if k + 1 < n else 0
+        bx, by, bz = polygon[j, 0] - centre[0], polygon[j, 1] - centre[1], polygon[j, 2] - centre[2]
+        radius = max(radius, ax * ax + ay * ay + az * az)
+        x += ay * bz - az * by
+        y += az * bx - ax * bz
+        z += ax * by - ay * bx
+    return 0.5 * (x * x + y * y + z * z) ** 0.5, radius**0.5
+
+
+@inner_kernel
+def triangle_area(polygon, k):  # type: ignore[no-untyped-def]
+    """Of corners 0, k and k + 1: a triangle of the fan."""
+    ax, ay, az = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1], polygon[k, 2] - polygon[0, 2]
+    bx = polygon[k + 1, 0] - polygon[0, 0]
+    by = polygon[k + 1, 1] - polygon[0, 1]
+    bz = polygon[k + 1, 2] - polygon[0, 2]
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return 0.5 * (x * x + y * y + z * z) ** 0.5
+
+
+@inner_kernel
+def quadrature(polygon, n, rule, points):  # type: ignore[no-untyped-def]
+    """Points (m, 4), the last number their weight, that integrate over a polygon; returns how many they are.
+
+    rule : (r, 4) float64 of a triangle: barycentric coordinates and weights that add up to 1
+    """
+    m = 0
+    for k in range(1, n - 1):
+        area = triangle_area(polygon, k)
+        for r in range(len(rule)):
+            for j in range(3):
+                points[m, j] = (
+                    rule[r, 0] * polygon[0, j] + rule[r, 1] * polygon[k, j] + rule[r, 2] * polygon[k + 1, j]
+                )
+            points[m, 3] = rule[r, 3] * area
+            m += 1
+    return m

@@ -1,0 +1,247 @@
+"""Faces: the rows of the matrix, out of a scene, a mesh, or arrays, checked before any work begins."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.bvh import build_bvh
+from glpath.errors import SceneError, UsageError
+from glpath.radiosity.view_factors.convex import CORNERS
+from glpath.radiosity.view_factors.facets import (
+    ROUNDING,
+    Outline,
+    convex_parts,
+    merged,
+    planar_regions,
+    polygons_of,
+)
+from glpath.radiosity.view_factors.rows import Polygons, Tree
+from glpath.scene import Scene, load_scene, path_traceable
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+#: How far out of its plane a corner of a face may lie, as a share of the face's size.
+_FLAT = 1e-4
+_LISTED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Flat polygons with a front, and the row of the matrix that each belongs to.
+
+    vertices : (V, 3) float64, scene units, all of them different
+    outlines : of each face the numbers of its corners, counter-clockwise seen from the front
+    rows     : (F,) int64
+    names    : of the rows; empty where they are the faces, in their order
+    source   : what errors call it
+    """
+
+    vertices: Float64
+    outlines: tuple[Outline, ...]
+    rows: Int64
+    names: tuple[str, ...] = ()
+    source: str = "faces"
+
+    @property
+    def row_count(self) -> int:
+        return len(self.names) or len(self.outlines)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 (hex) of all that the matrix depends on."""
+        flat = np.array([v for outline in self.outlines for v in (*outline, -1)], np.int64)
+        parts = (self.vertices, flat, self.rows)
+        return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
+
+def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:
+    """What `glpath.view_factors` takes, as faces. Raises SceneError and UsageError."""
+    shape_of: Int64 | None = None
+    shape_names: list[str] = []
+    if isinstance(given, np.ndarray) or (isinstance(given, list) and given and not isinstance(given[0], str)):
+        corners = np.asarray(given, np.float64)
+        if corners.ndim != 3 or corners.shape[2] != 3 or corners.shape[1] < 3:
+            raise UsageError(
+                f"view_factors: an array of shape {corners.shape}; allowed is (N, k, 3): N faces, k >= 3.",
+                "Faces with different numbers of corners are (vertices, faces), a list of numbers for each.",
+            )
+        source, n, k = "faces", *corners.shape[:2]
+        vertices = corners.reshape(-1, 3)
+        outlines: list[Any] = np.arange(n * k).reshape(n, k).tolist()
+    elif isinstance(given, tuple) and len(given) == 2:
+        source = "faces"
+        vertices, outlines = np.asarray(given[0], np.float64), [list(map(int, face)) for face in given[1]]
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise UsageError(f"view_factors: vertices of shape {vertices.shape}; allowed is (V, 3).")
+    elif hasattr(given, "vertices") and hasattr(given, "faces") and not isinstance(given, Scene):
+        source = "mesh"
+        vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
+    else:
+        scene = path_traceable(given if isinstance(given, Scene) else load_scene(given))
+        source = scene.source or scene.name
+        vertices = scene.triangles.reshape(-1, 3)
+        outlines = np.arange(len(vertices)).reshape(-1, 3).tolist()
+        shape_of = np.asarray(scene.triangle_shape, np.int64)
+        shape_names = [shape.name or f"shape {i}" for i, shape in enumerate(scene.shapes)]
+    if flip:
+        outlines = [outline[::-1] for outline in outlines]
+    checked = _checked(np.asarray(vertices, np.float64), outlines, source)
+    rows, names = _rows(checked, groups, shape_of, shape_names)
+    return Faces(checked.vertices, checked.outlines, rows, names, source)
+
+
+def _rows(
+    faces: Faces, groups: str | ArrayLike, shape_of: Int64 | None, shape_names: list[str]
+) -> tuple[Int64, tuple[str, ...]]:
+    count = len(faces.outlines)
+    if isinstance(groups, str):
+        if groups == "faces":
+            return np.arange(count), ()
+        if groups == "planar":
+            labels = planar_regions(faces.vertices, faces.outlines, _size(faces.vertices))
+            return labels, tuple(f"plane {i}" for i in range(int(labels.max()) + 1))
+        if groups == "shapes":
+            if shape_of is None:
+                raise UsageError(
+                    "view_factors: groups is shapes, but arrays and meshes have none.",
+                    "Give a label for each face instead, or a scene.",
+                )
+            used, labels = np.unique(shape_of, return_inverse=True)
+            return labels.astype(np.int64), _distinct([shape_names[i] for i in used])
+        raise UsageError(
+            f"view_factors: groups is {groups!r}; allowed are faces, planar, shapes, or a label for each face."
+        )
+    given = np.asarray(groups)
+    if given.shape != (count,):
+        raise UsageError(
+            f"view_factors: groups of shape {given.shape}, but there are {count} faces: a label for each."
+        )
+    used_labels, labels = np.unique(given, return_inverse=True)
+    return labels.astype(np.int64), tuple(map(str, used_labels.tolist()))
+
+
+def _distinct(names: list[str]) -> tuple[str, ...]:
+    """A number behind those that are there more than once."""
+    return tuple(
+        f"{name} {names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)
+    )
+
+
+def _size(vertices: Float64) -> float:
+    return float(np.ptp(vertices, axis=0).max()) / 2
+
+
+def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces:
+    if not outlines:
+        raise SceneError(f"{source}: there are no faces; view factors are between two at least.")
+    for i, outline in enumerate(outlines):
+        wrong = [v for v in outline if not 0 <= v < len(vertices)]
+        if len(outline) < 3 or wrong:
+            found = f"names vertex {wrong[0]}" if wrong else f"has {len(outline)} corners"
+            raise SceneError(
+                f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
+            )
+    used = np.zeros(len(vertices), np.bool_)
+    used[[v for outline in outlines for v in outline]] = True
+    if (bad := np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))).size:
+        at = int(bad[0])
+        face = next(i for i, outline in enumerate(outlines) if at in outline)
+        raise SceneError(
+            f"{source}: faces[{face}]: vertex {at} is {vertices[at].tolist()}; coordinates must be finite numbers.",
+            f"{len(bad)} vertices of faces are not." if len(bad) > 1 else "",
+        )
+    # Those that are equal but for rounding become one, or neighbours would not know of each other.
+    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+    step = max(float((high - low).max()), np.finfo(float).tiny) * 1e-12
+    keys = np.round((np.where(used[:, None], vertices, low) - low) / step).astype(np.int64)
+    _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    unique, number = vertices[first], number.ravel()
+    size = _size(unique)
+    kept = tuple(_without_repeats([int(number[v]) for v in outline]) for outline in outlines)
+    degenerate, bent = [], []
+    for i, corner_numbers in enumerate(kept):
+        corners = unique[list(corner_numbers)] if corner_numbers else np.zeros((1, 3))
+        centred = corners - corners.mean(axis=0)
+        normal = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+        area, extent = float(np.linalg.norm(normal)), float(np.abs(centred).max())
+        if len(corner_numbers) < 3 or area <= 1e-9 * extent * extent or extent <= ROUNDING * size:
+            degenerate.append(i)
+        elif len(corner_numbers) > 3 and float(np.abs(centred @ (normal / area)).max()) > _FLAT * extent:
+            bent.append(i)
+    for which, what, remedy in (
+        (
+            degenerate,
+            "has no area",
+            "Leave such faces out; `trimesh` drops them by update_faces(nondegenerate_faces()).",
+        ),
+        (
+            bent,
+            f"is not flat: a corner is more than {_FLAT:g} of its size out of its plane",
+            "Split it in triangles.",
+        ),
+    ):
+        if which:
+            listed = ", ".join(map(str, which[:_LISTED])) + (" ..." if len(which) > _LISTED else "")
+            more = f"{len(which)} faces are so: {listed}. " if len(which) > 1 else ""
+            raise SceneError(f"{source}: faces[{which[0]}] {what}.", more + remedy)
+    return Faces(unique, kept, np.arange(len(kept)), (), source)
+
+
+def _without_repeats(outline: list[int]) -> Outline:
+    return tuple(v for k, v in enumerate(outline) if v != outline[k - 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What the kernels work on: facets in the order of a BVH, and occluders.
+
+    row : (n,) int64, the row of the matrix of each facet
+    eps : length below which a distance is rounding
+    """
+
+    facets: Polygons
+    row: Int64
+    tree: Tree
+    occluders: Polygons
+    depth: int
+    eps: float
+    areas: Float64
+
+    @classmethod
+    def of(cls, faces: Faces) -> Geometry:
+        vertices = faces.vertices - 0.5 * (faces.vertices.min(axis=0) + faces.vertices.max(axis=0))
+        size = _size(vertices)
+        outlines: list[Outline] = []
+        rows: list[int] = []
+        for row, outline in zip(faces.rows.tolist(), faces.outlines, strict=True):
+            for part in convex_parts(vertices, outline, CORNERS):
+                outlines.append(part)
+                rows.append(row)
+        if faces.names or len(outlines) > len(faces.outlines):
+            found, first = merged(vertices, outlines, rows, size)
+            joined = [tuple(outline) for outline in found]
+            of_row = np.array(rows)[first]
+        else:
+            joined, of_row = outlines, np.array(rows)
+        walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
+        plain = polygons_of([vertices[list(outline)] for outline in joined])
+        bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
+        facets = plain.taken(bvh.order)
+        row = of_row[bvh.order].astype(np.int64)
+        areas = np.bincount(row, facets.areas, faces.row_count).astype(np.float64)
+        return cls(
+            facets,
+            row,
+            Tree.of(bvh),
+            polygons_of([vertices[list(outline)] for outline in walls]),
+            bvh.depth,
+            ROUNDING * size,
+            areas,
+        )

@@ -1,0 +1,234 @@
+"""Facets: convex polygons out of the faces that a user has, and the occluders that they make together.
+
+A face may be any flat polygon; one that is not convex becomes several facets, and neighbours in one plane that are
+of one row of the matrix become one. Occluders are merged whatever they belong to: a wall of a thousand faces hides
+what is behind it as one rectangle.
+
+Cost:     merging takes some 20 microseconds a face.
+Poor at:  merging faces whose edges meet in T-junctions, which stay apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.radiosity.view_factors.convex import CORNERS
+from glpath.radiosity.view_factors.rows import Polygons
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Outline = tuple[int, ...]
+
+#: Share of the size of the scene below which a distance is rounding, as of coordinates of 32 bits.
+ROUNDING = 5e-7
+#: Sine of an angle below which three corners are in line.
+_STRAIGHT = 1e-6
+
+
+def polygons_of(outlines: Sequence[Float64]) -> Polygons:
+    """For the kernels, of convex outlines (n, 3) each with at most `CORNERS` corners."""
+    total = len(outlines)
+    corners = np.zeros((total, CORNERS, 3))
+    count = np.array([len(outline) for outline in outlines], np.int64)
+    for i, outline in enumerate(outlines):
+        corners[i, : len(outline)] = outline
+        corners[i, len(outline) :] = outline[0]
+    # A corner that is there more than once adds nothing.
+    following = np.roll(corners, -1, axis=1)
+    area_vectors = 0.5 * np.cross(corners - corners[:, :1], following - corners[:, :1]).sum(axis=1)
+    areas = np.linalg.norm(area_vectors, axis=1)
+    normals = area_vectors / np.maximum(areas, np.finfo(float).tiny)[:, None]
+    inside = np.arange(CORNERS)[None, :] < count[:, None]
+    centres = (corners * inside[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]
+    planes = np.column_stack([normals, -(normals * centres).sum(axis=1)])
+    # The last edge goes back to corner 0, which is what stands behind the last corner.
+    along = np.where(inside[..., None], following - corners, 0.0)
+    inward = np.cross(normals[:, None], along)
+    inward /= np.maximum(np.linalg.norm(inward, axis=2, keepdims=True), np.finfo(float).tiny)
+    edges = np.concatenate([inward, -(inward * corners).sum(axis=2, keepdims=True)], axis=2)
+    boxes = np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    return Polygons(corners, count, planes, np.ascontiguousarray(edges), boxes, areas)
+
+
+def merged(
+    vertices: Float64, outlines: Sequence[Sequence[int]], labels: Sequence[int], size: float
+) -> tuple[list[list[int]], list[int]]:
+    """Neighbours of one label in one plane put together, where what comes of it is convex.
+
+    vertices : (V, 3); equal ones must be one
+    outlines : numbers of vertices of convex polygons
+    size     : of the scene, which rounding is measured by
+
+    Returns outlines and the first polygon of each. The longest common edges go first, so that the two triangles of
+    a quad find each other.
+    """
+    shapes: list[list[int] | None] = [list(outline) for outline in outlines]
+    points = [tuple(map(float, v)) for v in vertices]
+    normals = [_normal(points, shape) for shape in shapes if shape is not None]
+    labels = list(labels)
+    eps = ROUNDING * size
+    sides: dict[tuple[int, int], int] = {}
+    for number, shape in enumerate(shapes):
+        assert shape is not None
+        for edge in _edges(shape):
+            sides[edge] = number
+    changed = True
+    while changed:
+        changed = False
+        for number in range(len(shapes)):
+            # One grows as far as it goes before the next begins, or a grid of squares would end in pinwheels.
+            while (shape := shapes[number]) is not None:
+                edges = sorted(
+                    _edges(shape), key=lambda edge: -round(_distance2(points[edge[0]], points[edge[1]]), 12)
+                )
+                for a, b in edges:
+                    other = sides.get((b, a), number)
+                    two = shapes[other]
+                    if other == number or two is None or labels[other] != labels[number]:
+                        continue
+                    union = _union(points, shape, two, a, b, normals[number], normals[other], eps)
+                    if union is not None:
+                        break
+                else:
+                    break
+                for edge in (*_edges(shape), *_edges(two)):
+                    sides.pop(edge, None)
+                for edge in _edges(union):
+                    sides[edge] = number
+                shapes[number], shapes[other] = union, None
+                normals[number] = _normal(points, union)
+                changed = True
+    kept = [i for i, shape in enumerate(shapes) if shape is not None]
+    return [shape for shape in shapes if shape is not None], kept
+
+
+def _edges(outline: list[int]) -> list[tuple[int, int]]:
+    return list(zip(outline, [*outline[1:], outline[0]], strict=True))
+
+
+def _union(
+    points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, normal_two: Any, eps: float
+) -> list[int] | None:
+    """Two polygons that share the edge from a to b of the first as one; None where that is not flat and convex."""
+    if _dot(normal, normal_two) < 1 - 1e-9:
+        return None
+    origin = points[a]
+    if any(abs(_dot(normal, _minus(points[v], origin))) > eps for v in two):
+        return None
+    i, j = one.index(b), two.index(a)
+    outline = [*one[i:], *one[:i]]  # from b round to a
+    outline += [*two[j:], *two[:j]][1:-1]  # what comes after a, up to before b
+    if len(set(outline)) != len(outline):
+        return None
+    kept = []
+    n = len(outline)
+    for k in range(n):
+        p, q, r = points[outline[k - 1]], points[outline[k]], points[outline[(k + 1) % n]]
+        u, v = _minus(q, p), _minus(r, q)
+        turn = _dot(normal, _cross(u, v))
+        straight = _STRAIGHT * (_dot(u, u) * _dot(v, v)) ** 0.5
+        if turn < -straight or (abs(turn) <= straight and _dot(u, v) < 0):
+            return None
+        if turn > straight:
+            kept.append(outline[k])
+    return kept if 3 <= len(kept) <= CORNERS else None
+
+
+def _normal(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
+    x = y = z = 0.0
+    origin = points[outline[0]]
+    for p, q in pairwise(outline[1:]):
+        n = _cross(_minus(points[p], origin), _minus(points[q], origin))
+        x, y, z = x + n[0], y + n[1], z + n[2]
+    length = (x * x + y * y + z * z) ** 0.5 or 1.0
+    return x / length, y / length, z / length
+
+
+def _minus(a: Any, b: Any) -> tuple[float, float, float]:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _cross(a: Any, b: Any) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Any, b: Any) -> float:
+    result: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return result
+
+
+def _distance2(a: Any, b: Any) -> float:
+    d = _minus(a, b)
+    return _dot(d, d)
+
+
+def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) -> Int64:
+    """(F,) int64, a number for each region of faces in one plane that share edges, in order of appearance."""
+    points = [tuple(map(float, v)) for v in vertices]
+    normals = [_normal(points, outline) for outline in outlines]
+    sides: dict[tuple[int, int], int] = {}
+    leader = list(range(len(outlines)))
+
+    def found(i: int) -> int:
+        while leader[i] != i:
+            leader[i] = leader[leader[i]]
+            i = leader[i]
+        return i
+
+    eps = ROUNDING * size
+    for number, outline in enumerate(outlines):
+        for a, b in _edges(list(outline)):
+            other = sides.get((b, a))
+            # By the normals of the two alone a fine enough cylinder would be flat: the corners must be, too.
+            if other is not None and _dot(normals[number], normals[other]) > 1 - 1e-9:
+                origin = points[outlines[found(other)][0]]
+                normal = normals[found(other)]
+                if all(abs(_dot(normal, _minus(points[v], origin))) <= eps for v in outline):
+                    one, two = sorted((found(number), found(other)))
+                    leader[two] = one
+            sides[a, b] = number
+    _, first, labels = np.unique([found(i) for i in range(len(outlines))], return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    return np.asarray(order[labels], np.int64)
+
+
+def convex_parts(vertices: Float64, outline: Outline, most: int) -> list[Outline]:
+    """A flat polygon as convex ones of at most so many corners; itself where it is one.
+
+    By cutting off ears: the first corner that turns inward and whose triangle holds no other corner.
+    """
+    if len(outline) == 3:
+        return [outline]
+    points = {v: tuple(map(float, vertices[v])) for v in outline}
+    normal = _normal(points, outline)
+
+    def turn(a: int, b: int, c: int) -> float:
+        return _dot(normal, _cross(_minus(points[b], points[a]), _minus(points[c], points[b])))
+
+    n = len(outline)
+    # A quad whose area is right but that crosses itself, or a star, turns outward somewhere or goes round twice.
+    if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
+        step = most - 2
+        return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]
+    left = list(outline)
+    parts: list[Outline] = []
+    while len(left) > 3:
+        for k in range(len(left)):
+            a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+            if turn(a, b, c) <= 0:
+                continue
+            others = (v for v in left if v not in (a, b, c))
+            if not any(turn(a, b, v) >= 0 and turn(b, c, v) >= 0 and turn(c, a, v) >= 0 for v in others):
+                parts.append((a, b, c))
+                del left[k]
+                break
+        else:
+            break  # corners in line only are left
+    if len(left) == 3:
+        parts.append((left[0], left[1], left[2]))
+    return parts

@@ -1,0 +1,219 @@
+"""`ViewFactors`: the matrix, what is known of its errors, and its files.
+
+Sources: Vercammen & Froment 1980 and Larsen & Howell 1986 for the least squares that enforce closure.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+
+from glpath.errors import ImageError, UsageError
+from glpath.files import whole_file
+from glpath.npz import open_npz
+
+Float64 = NDArray[np.float64]
+
+#: Of the file: another number is another layout.
+FORMAT = 1
+SUFFIXES = (".npz", ".csv", ".inp")
+#: What a row of a closed room may lack of 1, or have too much, before it is enforced.
+_OPEN = 0.02
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewFactors:
+    """View factors between N faces or groups of faces, and to what is around them.
+
+    matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
+                 arrives at the front of j without being stopped on its way
+    areas      : (N,) float64, scene units squared
+    error      : (N,) float64, estimate of the error of each row's sum: the sum of those of its factors, so that it
+                 is rather too large
+    names      : of the groups; empty where the rows are the faces, in their order
+    statistics : what it took, and what was enforced, as JSON has values
+
+    >>> import glpath
+    >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
+    >>> walls = [[0,1,3,2],[4,6,7,5],[0,4,5,1],[2,3,7,6],[0,2,6,4],[1,5,7,3]]
+    >>> round(float(glpath.view_factors((cube, walls)).matrix[0, 1]), 5)  # floor to ceiling
+    0.19982
+    """
+
+    matrix: Any
+    areas: Float64
+    error: Float64
+    names: tuple[str, ...] = ()
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+    @cached_property
+    def row_sums(self) -> Float64:
+        """(N,): the share that arrives at any face."""
+        return np.asarray(self.matrix.sum(axis=1), np.float64).ravel()
+
+    @property
+    def enclosure(self) -> Float64:
+        """(N,): what is left to 1 and passes all faces, to the sky or surroundings; 0 but for errors in a room."""
+        return np.asarray(1 - self.row_sums)
+
+    @property
+    def closure_error(self) -> float:
+        """The farthest that a row's sum is from 1. Of an open scene, how open it is."""
+        return float(np.abs(self.enclosure).max(initial=0.0))
+
+    @property
+    def reciprocity_error(self) -> float:
+        """The largest of sum_j |F_ij - F_ji A_j / A_i| over the rows: rounding, as pairs are computed once."""
+        exchange = sparse.diags_array(self.areas) @ self.matrix
+        off = np.asarray(abs(exchange - exchange.T).sum(axis=1)).ravel()
+        return float((off / self.areas).max(initial=0.0))
+
+    def enforced(self, *, reciprocity: bool = True, closure: bool = False) -> ViewFactors:
+        """With A_i F_ij = A_j F_ji, and with rows that add up to 1, exactly but for rounding.
+
+        Closure is by least squares: of all symmetric exchange areas with these sums, those with the smallest sum of
+        squared relative changes; none becomes negative. It spreads the errors, and cannot know where they were: a
+        smaller `error` is better. Both are reported in `statistics`, before and after.
+
+        Raises UsageError where a row is farther from 1 than errors are: closure is for rooms that are closed.
+        """
+        before = {"reciprocity": self.reciprocity_error, "closure": self.closure_error}
+        exchange = sparse.diags_array(self.areas) @ self.matrix
+        if reciprocity or closure:
+            exchange = 0.5 * (exchange + exchange.T)
+        if closure:
+            self._check_closed()
+            exchange = _closed(sparse.csr_array(exchange), self.areas)
+        matrix = sparse.csr_array(sparse.diags_array(1 / self.areas) @ exchange)
+        words = [word for word, wanted in (("reciprocity", reciprocity), ("closure", closure)) if wanted]
+        done = replace(self, matrix=matrix)
+        after = {"reciprocity": done.reciprocity_error, "closure": done.closure_error}
+        record = {"enforced": words, "before": before, "after": after}
+        return replace(done, statistics={**self.statistics, **record})
+
+    def _check_closed(self) -> None:
+        allowed = np.maximum(_OPEN, 3 * self.error)
+        if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
+            i = int(far[np.argmax(np.abs(self.enclosure[far]))])
+            name = f" ({self.names[i]})" if self.names else ""
+            raise UsageError(
+                f"closure: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows "
+                "are farther from 1 than errors are: this is not a closed room, or some fronts face outward.",
+                "Leave closure away: what is missing goes to the sky (`enclosure`). Or turn the faces (flip).",
+            )
+
+    def save(self, path: str | Path) -> None:
+        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another suffix.
+
+        .npz : what `scipy.sparse.load_npz` reads, with areas, error, names and statistics beside; see `load`
+        .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names
+        .inp : uDALES's sparse list (vfsparse.inp): "i j F" for each factor, counted from 1
+        """
+        target = Path(path)
+        check_suffix(target)
+        with whole_file(target) as temporary:
+            if target.suffix.lower() == ".npz":
+                self._save_npz(temporary)
+            else:
+                self._save_text(temporary, target.suffix.lower() == ".csv")
+
+    def _save_npz(self, path: Path) -> None:
+        m = sparse.csr_array(self.matrix)
+        with open(path, "wb") as file:
+            np.savez_compressed(
+                file,
+                format=np.array(b"csr"), shape=np.array(m.shape), data=m.data, indices=m.indices, indptr=m.indptr,
+                _is_array=np.array(True), areas=self.areas, error=self.error, names=np.array(self.names, np.str_),
+                statistics=np.array(json.dumps(dict(self.statistics))), glpath_view_factors=np.array(FORMAT),
+            )  # fmt: skip
+
+    def _save_text(self, path: Path, csv: bool) -> None:
+        m = sparse.coo_array(self.matrix)
+        i, j = m.coords
+        with open(path, "w", encoding="utf-8") as file:
+            if csv:
+                file.write("i,j,F\n")
+            first, separator = (0, ",") if csv else (1, " ")
+            for begin in range(0, m.nnz, 1 << 16):
+                part = slice(begin, begin + (1 << 16))
+                rows, columns, values = (each[part].tolist() for each in (i, j, m.data))
+                file.writelines(
+                    f"{r + first}{separator}{c + first}{separator}{v:.9g}\n"
+                    for r, c, v in zip(rows, columns, values, strict=True)
+                )
+
+    @classmethod
+    def load(cls, path: str | Path) -> ViewFactors:
+        """What `save` wrote as .npz. Raises ImageError for anything else."""
+        with open_npz(path, "view factors", "Files of `glpath viewfactors` with .npz are.") as arrays:
+            if int(arrays.read("glpath_view_factors", "iu", ())) != FORMAT:
+                raise ImageError(f"{path}: is of another version of glpath.", "Compute the view factors again.")
+            n = int(arrays.read("shape", "iu", (2,))[0])
+            data = arrays.read("data", "f", (None,))
+            parts = data, arrays.read("indices", "iu", (len(data),)), arrays.read("indptr", "iu", (n + 1,))
+            matrix = sparse.csr_array(parts, shape=(n, n))
+            matrix.check_format()
+            areas, error = arrays.read("areas", "f", (n,)), arrays.read("error", "f", (n,))
+            if not (np.isfinite(data).all() and np.isfinite(areas).all() and (areas > 0).all()):
+                raise ValueError("it holds values that are not finite")
+            names = tuple(map(str, arrays.read("names", "U", (None,)).tolist()))
+            return cls(matrix, areas, error, names, json.loads(str(arrays.read("statistics", "U", ()))))
+
+    def __repr__(self) -> str:
+        what = "groups" if self.names else "faces"
+        return (
+            f"<ViewFactors of {len(self):,} {what}: {self.matrix.nnz:,} factors, rows to {self.error.max():.1g}, "
+            f"enclosure {self.enclosure.min():.3g} to {self.enclosure.max():.3g}>"
+        )
+
+
+def check_suffix(path: str | Path) -> None:
+    """Raises UsageError where a file of that name could not be written."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError(
+            f"{path}: cannot be written as {suffix or 'what has no suffix'}; allowed are {', '.join(SUFFIXES)}.",
+            ".npz is for scipy and keeps everything, .csv for everybody, .inp is uDALES's list of factors.",
+        )
+
+
+def _closed(exchange: Any, areas: Float64) -> Any:
+    """Symmetric exchange areas whose rows add up to the areas."""
+    for _ in range(_ROUNDS):
+        missing = areas - np.asarray(exchange.sum(axis=1)).ravel()
+        if np.abs(missing / areas).max(initial=0.0) < 1e-13:
+            break
+        # Least squares, with Lagrange's multipliers: d_ij = G_ij^2 (l_i + l_j), and their sums are what is missing.
+        weights = sparse.csr_array(exchange.multiply(exchange))
+        sums = np.asarray(weights.sum(axis=1)).ravel()
+        empty = sums <= 0
+        diagonal = np.where(empty, 1.0, sums)
+
+        def times(x: Float64, weights: Any = weights, diagonal: Float64 = diagonal) -> Float64:
+            return np.asarray(diagonal * x + weights @ x)
+
+        # Scaled to a diagonal of ones; it is singular, but consistent, where the faces fall in two sets.
+        root = np.sqrt(diagonal)
+        n = len(areas)
+        scaled = LinearOperator((n, n), lambda y, times=times, root=root: times(y / root) / root, dtype=np.float64)
+        y, _ = cg(scaled, missing / root, rtol=1e-13, maxiter=2000)
+        multipliers = y / root
+        rows = np.repeat(np.arange(n), np.diff(exchange.indptr))
+        change = 1 + exchange.data * (multipliers[rows] + multipliers[exchange.indices])
+        exchange = sparse.csr_array(
+            (exchange.data * np.maximum(change, 0.0), exchange.indices, exchange.indptr), shape=exchange.shape
+        )
+    return exchange

@@ -1,0 +1,499 @@
+"""Rows of exchange areas: from one facet through a BVH of all others, with the occluders of its shafts [SC].
+
+On the way down, the list of occluders of a node is what is left of its parent's in the shaft between the facet and
+the node's box. Where one of them hides all of the box, the whole branch is left out; where the list is empty, all
+below is seen, and no occluder is looked for again.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bvh_nodes import Bvh
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
+from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
+from glpath.radiosity.view_factors.exchange import FAR, FEW, MIDDLE, MORE, far_exchange, near_exchange
+from glpath.radiosity.view_factors.hidden import COARSE, PARTS, hides_all, seen_share
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+
+#: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of a row's errors
+#: then add up to less than that of the row, as the factors do to 1.
+_SHARE = 0.3
+#: Occluders between two polygons beyond which the larger one is halved, how often, and those that count then.
+_FEW_SHADES, DEEPEST, MOST_SHADES = 6, 14, 256
+
+# Where each stands in the counts.
+PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
+#: Pairs of facets looked at, and that face each other; branches of the BVH and pairs that one occluder hides; pairs
+#: proven to see all of each other, and those that something may hide; points for these; pairs with more occluders
+#: than `MOST_SHADES`.
+COUNT_NAMES = (
+    "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
+)  # fmt: skip
+
+
+class Polygons(NamedTuple):
+    """Convex polygons, facets or occluders.
+
+    corners : (N, CORNERS, 3) float64, counter-clockwise from the front
+    sides   : (N,) int64, how many corners
+    planes  : (N, 4) float64, unit normal out of the front and distance
+    edges   : (N, CORNERS, 4) float64, of each edge the plane that it and the normal span, its normal inward
+    boxes   : (N, 6) float64, lower and upper corner
+    areas   : (N,) float64
+    """
+
+    corners: Float64
+    sides: Int64
+    planes: Float64
+    edges: Float64
+    boxes: Float64
+    areas: Float64
+
+    def taken(self, which: NDArray[np.integer]) -> Polygons:
+        """Some of them, in that order."""
+        return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
+
+
+class Tree(NamedTuple):
+    """A BVH over the facets, which are numbered in its order, a leaf for each.
+
+    boxes : (M, 6) float64
+    skip  : (M,) int64
+    first : (M + 1,) int64; the facets below a node are first[node] to first[skip[node]]
+    leaf  : (M,) bool
+    """
+
+    boxes: Float64
+    skip: Int64
+    first: Int64
+    leaf: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, bvh: Bvh) -> Tree:
+        first = np.append(bvh.first, len(bvh.order)).astype(np.int64)
+        boxes = np.concatenate([bvh.lower, bvh.upper], axis=1)
+        return cls(boxes, bvh.skip.astype(np.int64), first, bvh.count > 0)
+
+
+class Work(NamedTuple):
+    """Room for one thread; see where each is used."""
+
+    eps: float
+    a: Float64
+    b: Float64
+    spare: Float64
+    box: Float64
+    centre_a: Float64
+    centre_b: Float64
+    points_a: Float64
+    points_b: Float64
+    halves: Float64
+    few: Float64
+    more: Float64
+    pairs: Int64
+    pending: Int64
+    lists: Int32
+    shaft: Float64
+    near: Int64
+    extent: Float64
+    hull: Float64
+    at_a: Float64
+    at_b: Float64
+    shades: Float64
+    shade_count: Int64
+    shade_plane: Int64
+    pyramid: Float64
+    sides: Int64
+    parts: Float64
+    part_corners: Int64
+    following: Int64
+    triangles: Float64
+    values: Float64
+
+    @classmethod
+    def of(cls, eps: float, occluders: int, depth: int) -> Work:
+        shaft, near, extent = empty_shaft()
+        points = 6 * ROOM
+        return cls(
+            eps=eps,
+            a=np.empty((DEEPEST + 2, ROOM, 3)),
+            b=np.empty((DEEPEST + 2, ROOM, 3)),
+            spare=np.empty((ROOM, 3)),
+            box=np.empty((8, 3)),
+            centre_a=np.empty(3),
+            centre_b=np.empty(3),
+            points_a=np.empty((points, 4)),
+            points_b=np.empty((points, 4)),
+            halves=np.empty((64, 3)),
+            few=FEW,
+            more=MORE,
+            pairs=np.empty((DEEPEST + 2, 5), np.int64),
+            pending=np.empty((2 * depth + 4, 3), np.int64),
+            lists=np.empty((depth + DEEPEST + 4) * occluders, np.int32),
+            shaft=shaft,
+            near=near,
+            extent=extent,
+            hull=np.empty((4 * ROOM, 4)),
+            at_a=np.empty(ROOM),
+            at_b=np.empty(ROOM),
+            shades=np.empty((MOST_SHADES, ROOM, 3)),
+            shade_count=np.empty(MOST_SHADES, np.int64),
+            shade_plane=np.empty(MOST_SHADES, np.int64),
+            pyramid=np.empty((MOST_SHADES, ROOM, 3)),
+            sides=np.empty(MOST_SHADES, np.int64),
+            parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
+            part_corners=np.empty(PARTS + 2, np.int64),
+            following=np.empty(PARTS + 2, np.int64),
+            triangles=np.empty((64 + ROOM, 3, 3)),
+            values=np.empty((64 + ROOM, 4)),
+        )
+
+
+@inner_kernel
+def _in_reach(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
+    """0 where occluder o cannot stand between a[:n] and a box, as neither reaches across its plane; 2 where its
+    plane parts them, and nothing in the box lies in it; else 1."""
+    p = occluders.planes
+    low_a, high_a = np.inf, -np.inf
+    for k in range(n):
+        h = height(p, o, a[k, 0], a[k, 1], a[k, 2])
+        low_a, high_a = min(low_a, h), max(high_a, h)
+    low_b = high_b = p[o, 3]
+    for k in range(3):
+        f = p[o, k]
+        low_b += f * (box[k] if f > 0 else box[k + 3])
+        high_b += f * (box[k + 3] if f > 0 else box[k])
+    parted = _parted(low_a, high_a, low_b, high_b, eps)
+    # What lies in the plane, as the neighbours of the occluder do, is not hidden by it.
+    return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
+
+
+@inner_kernel
+def _parted(low_a, high_a, low_b, high_b, eps):  # type: ignore[no-untyped-def]
+    if (low_a >= -eps and low_b >= -eps) or (high_a <= eps and high_b <= eps):
+        return 0
+    if (low_a >= -eps and high_a <= eps) or (low_b >= -eps and high_b <= eps):
+        return 0
+    return 2 if (low_a >= -eps and high_b <= eps) or (high_a <= eps and low_b >= -eps) else 1
+
+
+@inner_kernel
+def _supports(a, n, b, m, count, work):  # type: ignore[no-untyped-def]
+    """Append to work.hull planes through an edge of a and a corner of b that have both in front; how many then."""
+    hull, eps = work.hull, work.eps
+    for k in range(n):
+        j = k + 1 if k + 1 < n else 0
+        ex, ey, ez = a[j, 0] - a[k, 0], a[j, 1] - a[k, 1], a[j, 2] - a[k, 2]
+        for i in range(m):
+            dx, dy, dz = b[i, 0] - a[k, 0], b[i, 1] - a[k, 1], b[i, 2] - a[k, 2]
+            x, y, z = ey * dz - ez * dy, ez * dx - ex * dz, ex * dy - ey * dx
+            length = np.sqrt(x * x + y * y + z * z)
+            # Through a corner that is all but on the edge's line, a plane could be any.
+            if length * length <= 1e-12 * (ex * ex + ey * ey + ez * ez) * (dx * dx + dy * dy + dz * dz):
+                continue
+            x, y, z = x / length, y / length, z / length
+            w = -(x * a[k, 0] + y * a[k, 1] + z * a[k, 2])
+            low = high = 0.0
+            for t in range(n):
+                h = x * a[t, 0] + y * a[t, 1] + z * a[t, 2] + w
+                low, high = min(low, h), max(high, h)
+            if low < -eps and high > eps:
+                continue
+            for t in range(m):
+                h = x * b[t, 0] + y * b[t, 1] + z * b[t, 2] + w
+                low, high = min(low, h), max(high, h)
+            if low < -eps and high > eps:
+                continue
+            sign = 1.0 if high > eps else -1.0
+            hull[count, 0], hull[count, 1], hull[count, 2], hull[count, 3] = sign * x, sign * y, sign * z, sign * w
+            count += 1
+            break
+    return count
+
+
+@inner_kernel
+def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
+    """Whether occluder o lies behind one of the planes of work.hull[:count]."""
+    hull, corners = work.hull, occluders.corners
+    for p in range(count):
+        outside = True
+        for k in range(occluders.sides[o]):
+            if height(hull, p, corners[o, k, 0], corners[o, k, 1], corners[o, k, 2]) > work.eps:
+                outside = False
+                break
+        if outside:
+            return True
+    return False
+
+
+@inner_kernel
+def _unhidden(a, n, b, m, i, j, facets, tolerance, work):  # type: ignore[no-untyped-def]
+    """Exchange area of polygons a[:n] and b[:m], of facets i and j, without occluders, and its error, estimated.
+
+    tolerance : of what is near and has no other; what is far is good to 1e-5
+    """
+    _, radius_a = measure(a, n, work.centre_a)
+    _, radius_b = measure(b, m, work.centre_b)
+    square = 0.0
+    for k in range(3):
+        square += (work.centre_a[k] - work.centre_b[k]) ** 2
+    apart = np.sqrt(square) / (radius_a + radius_b)
+    if apart >= MIDDLE:
+        na, nb = facets.planes[i], facets.planes[j]
+        rule = work.few if apart >= FAR else work.more
+        whole = max(far_exchange(a, n, b, m, na, nb, rule, work.points_a, work.points_b), 0.0)
+        return whole, 1e-5 * whole
+    if radius_a <= radius_b:
+        whole, off = near_exchange(a, n, b, m, tolerance, work.halves)
+    else:
+        whole, off = near_exchange(b, m, a, n, tolerance, work.halves)
+    return max(whole, 0.0), off
+
+
+@inner_kernel
+def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
+    """Exchange area of facets i and j, and an estimate of its error; candidates are work.lists[begin:end].
+
+    Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
+    """
+    eps, lists, pairs = work.eps, work.lists, work.pairs
+    counts[FACING] += 1
+    n = clip(facets.corners[i], facets.sides[i], facets.planes, j, eps, work.a[0])
+    m = clip(facets.corners[j], facets.sides[j], facets.planes, i, eps, work.b[0])
+    if n == 0 or m == 0:
+        return 0.0, 0.0
+    pairs[0, 0], pairs[0, 1], pairs[0, 2], pairs[0, 3], pairs[0, 4] = n, m, begin, end, 0
+    top = 1
+    value = off = 0.0
+    tolerance = -1.0
+    while top:
+        top -= 1
+        a, b = work.a[top], work.b[top]
+        n, m, begin, end, depth = pairs[top, 0], pairs[top, 1], pairs[top, 2], pairs[top, 3], pairs[top, 4]
+        put = end
+        hidden = False
+        if end > begin:
+            planes = _supports(a, n, b, m, 0, work)
+            planes = _supports(b, m, a, n, planes, work)
+            for c in range(begin, end):
+                o = np.int64(lists[c])
+                parted = _apart(o, occluders, a, n, b, m, eps)
+                if parted == 0 or _outside_hull(occluders, o, planes, work):
+                    continue
+                if parted == 2 and hides_all(a, n, b, m, occluders, o, eps, work.at_a, work.at_b):
+                    hidden = True
+                    break
+                lists[put] = o
+                put += 1
+        if hidden:
+            if depth == 0:
+                counts[HIDDEN] += 1
+            continue
+        part = max(tolerance, 0.0) * 0.7**depth
+        whole, wrong = _unhidden(a, n, b, m, i, j, facets, max(0.01 * floor, 0.1 * part), work)
+        if put == end:
+            if depth == 0:
+                counts[FREE] += 1
+            value += whole
+            off += wrong
+            continue
+        if depth == 0:
+            counts[PARTIAL] += 1
+            part = tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+        if put - end > _FEW_SHADES and depth < DEEPEST and whole > COARSE * part and _halve(a, n, b, m, top, work):
+            for t in (top, top + 1):
+                pairs[t, 2], pairs[t, 3], pairs[t, 4] = end, put, depth + 1
+            top += 2
+            continue
+        shades = 0
+        for c in range(end, put):
+            o = np.int64(lists[c])
+            if shades == MOST_SHADES:
+                counts[CROWDED] += 1
+                break
+            k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
+            k = clip(work.spare, k, facets.planes, j, eps, work.shades[shades]) if k else 0
+            if k:
+                work.shade_count[shades], work.shade_plane[shades] = k, o
+                shades += 1
+        area_a, radius_a = measure(a, n, work.centre_a)
+        area_b, radius_b = measure(b, m, work.centre_b)
+        if radius_a <= radius_b:
+            normal = facets.planes[i]
+            share, uncertain, points = seen_share(
+                a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, shades, occluders.planes, work
+            )  # fmt: skip
+        else:
+            normal = facets.planes[j]
+            share, uncertain, points = seen_share(
+                b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, shades, occluders.planes, work
+            )  # fmt: skip
+        counts[POINTS] += points
+        value += whole * share
+        off += wrong + whole * uncertain
+    return value, off
+
+
+@inner_kernel
+def _apart(o, occluders, a, n, b, m, eps):  # type: ignore[no-untyped-def]
+    """As `_in_reach`, for two polygons."""
+    low_a, high_a, low_b, high_b = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(n):
+        h = height(occluders.planes, o, a[k, 0], a[k, 1], a[k, 2])
+        low_a, high_a = min(low_a, h), max(high_a, h)
+    for k in range(m):
+        h = height(occluders.planes, o, b[k, 0], b[k, 1], b[k, 2])
+        low_b, high_b = min(low_b, h), max(high_b, h)
+    return _parted(low_a, high_a, low_b, high_b, eps)
+
+
+@inner_kernel
+def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
+    """Put the two halves of the larger polygon, each with the other polygon, at `top` and above it; False where it
+    has too many corners to be cut."""
+    _, radius_a = measure(a, n, work.centre_a)
+    _, radius_b = measure(b, m, work.centre_b)
+    first = radius_a >= radius_b
+    source, count = (a, n) if first else (b, m)
+    centre = work.centre_a if first else work.centre_b
+    if count > ROOM - 3:
+        return False
+    # Across the line from the centre to the farthest corner.
+    farthest, at = -1.0, 0
+    for k in range(count):
+        square = 0.0
+        for j in range(3):
+            square += (source[k, j] - centre[j]) ** 2
+        if square > farthest:
+            farthest, at = square, k
+    length = np.sqrt(farthest)
+    cut = work.hull
+    for side in range(2):
+        cut[side, 3] = 0.0
+        for j in range(3):
+            cut[side, j] = (source[at, j] - centre[j]) / length * (1 - 2 * side)
+            cut[side, 3] -= cut[side, j] * centre[j]
+    one = clip(source, count, cut, 0, work.eps, work.spare)
+    other = work.a[top + 1] if first else work.b[top + 1]
+    two = clip(source, count, cut, 1, work.eps, other)
+    if one == 0 or two == 0:
+        return False
+    still, still_count = (b, m) if first else (a, n)
+    copy = work.b[top + 1] if first else work.a[top + 1]
+    for j in range(3):
+        for k in range(still_count):
+            copy[k, j] = still[k, j]
+        for k in range(one):
+            source[k, j] = work.spare[k, j]
+    work.pairs[top, 0], work.pairs[top, 1] = (one, m) if first else (n, one)
+    work.pairs[top + 1, 0], work.pairs[top + 1, 1] = (two, m) if first else (n, two)
+    return True
+
+
+@kernel
+def exchange_rows(  # type: ignore[no-untyped-def]
+    first, last, facets, tree, occluders, error, work, columns, values, errors, ends, counts
+):
+    """Exchange areas of facets from `first` to `last` with all that follow them.
+
+    error   : wanted of the sum of a row of view factors
+    columns, values, errors : (C,) where they go, row after row
+    ends    : (last - first,) where each row ends there
+
+    Returns the row that there was no room for, or `last`.
+    """
+    pending, lists, eps = work.pending, work.lists, work.eps
+    boxes, skip = tree.boxes, tree.skip
+    total = len(facets.sides)
+    size = 0
+    for i in range(first, last):
+        if size + total - i > len(columns):
+            return i
+        n = facets.sides[i]
+        own = facets.corners[i]
+        own_box = facets.boxes[i]
+        # All occluders that reach before the facet.
+        count = 0
+        for o in range(len(occluders.sides)):
+            before = False
+            for k in range(occluders.sides[o]):
+                if height(facets.planes, i, occluders.corners[o, k, 0], occluders.corners[o, k, 1],
+                          occluders.corners[o, k, 2]) > eps:  # fmt: skip
+                    before = True
+                    break
+            if before:
+                lists[count] = o
+                count += 1
+        pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, count
+        top = 1
+        while top:
+            top -= 1
+            node, begin, end = pending[top, 0], pending[top, 1], pending[top, 2]
+            if tree.first[skip[node]] <= i + 1:
+                continue
+            highest = facets.planes[i, 3]
+            for k in range(3):
+                f = facets.planes[i, k]
+                highest += f * (boxes[node, k + 3] if f > 0 else boxes[node, k])
+            if highest <= eps:
+                continue
+            leaf = tree.leaf[node]
+            j = tree.first[node]
+            if leaf:
+                counts[PAIRS] += 1
+                facing = False
+                for k in range(n):
+                    if height(facets.planes, j, own[k, 0], own[k, 1], own[k, 2]) > eps:
+                        facing = True
+                        break
+                if not facing:
+                    continue
+            put = end
+            if end > begin:
+                box = boxes[node]
+                planes = form_shaft(own_box, box, eps, -1.0, work.shaft, work.near, work.extent)
+                hidden = False
+                for c in range(begin, end):
+                    hider = np.int64(lists[c])
+                    if place_box(
+                        occluders.boxes, hider, -1, own_box, box, work.extent, work.shaft, work.near, planes, False
+                    ) == 0:  # fmt: skip
+                        continue
+                    parted = _in_reach(hider, occluders, own, n, box, eps)
+                    if parted == 0:
+                        continue
+                    if parted == 2 and not leaf:
+                        for k in range(8):
+                            work.box[k, 0] = box[3 * (k & 1)]
+                            work.box[k, 1] = box[1 + 3 * (k >> 1 & 1)]
+                            work.box[k, 2] = box[2 + 3 * (k >> 2)]
+                        if hides_all(own, n, work.box, 8, occluders, hider, eps, work.at_a, work.at_b):
+                            hidden = True
+                            break
+                    lists[put] = hider
+                    put += 1
+                if hidden:
+                    counts[BRANCHES] += 1
+                    continue
+            if leaf:
+                floor = 0.5 * error * min(facets.areas[i], facets.areas[j]) / total
+                value, off = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
+                if value > 0:
+                    columns[size], values[size], errors[size] = j, value, off
+                    size += 1
+                continue
+            child = node + 1
+            while child < skip[node]:
+                pending[top, 0], pending[top, 1], pending[top, 2] = child, end, put
+                top += 1
+                child = skip[child]
+        ends[i - first] = size
+    return last

@@ -1,0 +1,286 @@
+"""View factors: against closed forms, a Monte Carlo in numpy, and the sums that rows of closed rooms have."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from typer.testing import CliRunner
+
+import glpath
+from glpath.cli.main import app
+from glpath.errors import GlpathError, SceneError, UsageError
+from glpath.experiments.view_factor_scenes import (
+    CLOSED_FORMS,
+    block_in_a_room,
+    box_faces,
+    city,
+    room_of_outline,
+)
+
+Float64 = NDArray[np.float64]
+L_SHAPE = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]
+FLOOR = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+LAMP = [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]]
+
+
+@pytest.mark.parametrize("case", CLOSED_FORMS, ids=lambda case: case.name)
+def test_closed_forms(case) -> None:  # type: ignore[no-untyped-def]
+    found = glpath.view_factors(case.faces, groups=case.groups)
+    assert found.matrix[0, 1] == pytest.approx(case.factor, rel=0.005)
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("triangles", [False, True])
+def test_rows_of_a_box_add_up_to_one(cells: int, triangles: bool) -> None:
+    found = glpath.view_factors(box_faces([0, 0, 0], [3, 2, 1], cells, inward=True, triangles=triangles))
+    assert found.closure_error < 1e-5
+    assert found.statistics["partial_pairs"] == 0  # convex: no ray, no point
+
+
+def test_rows_of_an_l_shaped_room_add_up_to_one() -> None:
+    """Its floor is no convex polygon, and its corner hides walls from each other."""
+    found = glpath.view_factors(room_of_outline(L_SHAPE, 1.0))
+    assert found.statistics["partial_pairs"] > 0
+    assert found.closure_error < 1e-4
+
+
+def test_rows_of_a_room_with_a_block_add_up_to_one_within_the_error() -> None:
+    coarse, fine = (glpath.view_factors(block_in_a_room(6), error=e) for e in (1e-2, 1e-4))
+    assert coarse.closure_error < 2e-3
+    assert fine.closure_error < 2e-4
+    assert np.all(np.abs(fine.enclosure) <= 10 * fine.error + 1e-5)
+
+
+def test_a_pair_is_the_same_from_either_side() -> None:
+    """Pairs are computed once, so the order of faces decides which of the two has the points."""
+    vertices, faces = block_in_a_room(4)
+    there = glpath.view_factors((vertices, faces)).matrix.toarray()
+    back = glpath.view_factors((vertices[:, [1, 2, 0]] * 3.7 - 5, faces[::-1])).matrix.toarray()[::-1, ::-1]
+    assert np.abs(there - back).max() < 1e-3
+    assert np.abs(there - back).mean() < 1e-6
+
+
+def seen_by_numbers(a: Float64, b: Float64, lower: Float64, upper: Float64, n: int) -> tuple[float, float]:
+    """Between two parallelograms past a box: mean and standard error of n random pairs of points."""
+    rng = np.random.default_rng(7)
+
+    def points(q: Float64) -> Float64:
+        u, v = rng.random((2, n, 1))
+        return np.asarray(q[0] + u * (q[1] - q[0]) + v * (q[3] - q[0]))
+
+    def normal(q: Float64) -> Float64:
+        return np.cross(q[1] - q[0], q[3] - q[0])
+
+    x, y = points(a), points(b)
+    d = y - x
+    square = (d * d).sum(axis=1)
+    kernel = np.maximum(d @ normal(a), 0) * np.maximum(-d @ normal(b), 0) / (np.pi * square**2)
+    kernel /= np.linalg.norm(normal(a))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t0, t1 = (lower - x) / d, (upper - x) / d
+    hidden = np.maximum(np.minimum(t0, t1).max(axis=1), 0) < np.minimum(np.maximum(t0, t1).min(axis=1), 1)
+    values = kernel * ~hidden
+    return float(values.mean()), float(values.std() / np.sqrt(n))
+
+
+@pytest.mark.parametrize(
+    "target",
+    [LAMP, [[2, 0, 0], [2, 0, 1], [2, 1, 1], [2, 1, 0]], [[0.2, 2, 0.5], [1, 2, 0.5], [1, 2.4, 2], [0.2, 2.4, 2]]],
+    ids=["opposite", "beside", "askew"],
+)
+def test_occlusion_agrees_with_monte_carlo(target: list[list[float]]) -> None:
+    lower, upper = np.array([0.4, 0.3, 0.2]), np.array([1.6, 1.4, 0.6])
+    block_vertices, block = box_faces(lower, upper, 1, inward=False)
+    a, b = np.array(FLOOR, float), np.array(target, float)
+    faces = [[0, 1, 2, 3], [4, 5, 6, 7], *([v + 8 for v in face] for face in block)]
+    found = glpath.view_factors((np.concatenate([a, b, block_vertices]), faces), error=1e-4).matrix[0, 1]
+    expected, error = seen_by_numbers(a, b, lower, upper, 1_000_000)
+    assert expected > 10 * error
+    assert found == pytest.approx(expected, abs=4 * error)
+
+
+def test_groups_are_sums_of_faces() -> None:
+    vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 3, inward=True, triangles=True)
+    each = glpath.view_factors((vertices, faces))
+    planar = glpath.view_factors((vertices, faces), groups="planar")
+    assert len(planar) == 6
+    assert planar.statistics["facets"] == 6  # put together, not summed
+    assert planar.matrix[0, 1] == pytest.approx(0.199825, abs=1e-5)
+    labels = np.arange(len(faces)) // 18
+    member = sparse.csr_array((each.areas, (labels, np.arange(len(faces)))))
+    summed = (member @ each.matrix @ (member > 0).astype(float).T).toarray() / planar.areas[:, None]
+    assert np.abs(summed - planar.matrix.toarray()).max() < 1e-5
+    named = glpath.view_factors((vertices, faces), groups=np.where(labels < 2, "ends", "walls"))
+    assert named.names == ("ends", "walls")
+    assert named.row_sums == pytest.approx([1, 1], abs=1e-5)
+
+
+def test_a_scene_has_its_shapes_as_groups() -> None:
+    found = glpath.view_factors("cornell-box-36", groups="shapes")
+    assert len(set(found.names)) == len(found.names) == len(found)
+    assert (found.enclosure > -1e-3).all()
+
+
+def test_closure_is_enforced_without_losing_reciprocity_or_sign() -> None:
+    found = glpath.view_factors(block_in_a_room(3), error=1e-2)
+    exact = found.enforced(closure=True)
+    assert exact.statistics["before"]["closure"] > 1e-6
+    assert exact.closure_error < 1e-12
+    assert exact.reciprocity_error < 1e-12
+    assert exact.matrix.data.min() >= 0
+    assert abs(exact.matrix - found.matrix).max() < 2e-3
+
+
+def test_closure_of_what_is_open_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"row 0 adds up to 0\.1998.*not a closed room"):
+        glpath.view_factors(np.array([FLOOR, LAMP], float), enforce=["closure"])
+
+
+def test_the_sky_sees_what_no_face_does() -> None:
+    found = glpath.view_factors(city(2))
+    assert (found.enclosure > -1e-3).all()
+    assert found.enclosure.max() == 1  # a roof above all others
+
+
+def test_back_faces_see_nothing() -> None:
+    """Two faces back to back, behind each other's planes, and turned."""
+    both = np.array([FLOOR, LAMP], float)
+    assert glpath.view_factors(both[:, ::-1]).matrix.nnz == 0
+    assert glpath.view_factors(both[:, ::-1], flip=True).matrix[0, 1] == pytest.approx(0.199825, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), r"faces\[0\] has no area"),
+        (([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], [[0, 1, 2, 3]]), r"faces\[0\] is not flat"),
+        (([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]]), r"vertex 2 is \[nan"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], []), "there are no faces"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 7]]), r"faces\[0\] names vertex 7"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1]]), r"faces\[0\] has 2 corners"),
+        (np.zeros((3, 2, 3)), r"shape \(3, 2, 3\)"),
+        ({"shapes": [{"type": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}]}, "plane"),
+    ],
+    ids=["no area", "bent", "nan", "empty", "no vertex", "two corners", "array", "endless"],
+)
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")  # of a scene without a camera
+def test_wrong_faces_are_explained(faces, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(GlpathError, match=message):
+        glpath.view_factors(faces)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"error": 0.0}, "error is 0"),
+        ({"groups": "walls"}, "groups is 'walls'"),
+        ({"groups": [1, 2, 3]}, "a label for each"),
+        ({"groups": "shapes"}, "arrays and meshes have none"),
+        ({"enforce": ["beauty"]}, "enforce 'beauty'"),
+        ({"threads": 0}, "threads is 0"),
+    ],
+)
+def test_wrong_options_are_explained(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(UsageError, match=message):
+        glpath.view_factors(np.array([FLOOR, LAMP], float), **options)
+
+
+def test_what_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.radiosity.memory.available_bytes", lambda: 100_000)
+    with pytest.raises(UsageError, match=r"a matrix of about .* factors would need about"):
+        glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True))
+
+
+def test_an_interrupted_matrix_goes_on(tmp_path: Path) -> None:
+    faces, part = block_in_a_room(5), tmp_path / "rows.part"
+    whole = glpath.view_factors(faces)
+
+    class StopError(Exception):
+        pass
+
+    def stop(progress: glpath.ViewFactorProgress) -> None:
+        if progress.done > 60:
+            raise StopError
+
+    with pytest.raises(StopError):
+        glpath.view_factors(faces, resume=part, on_progress=stop)
+    assert part.exists()
+    seen = []
+    resumed = glpath.view_factors(faces, resume=part, on_progress=lambda p: seen.append((p.stage, p.done)))
+    assert next(done for stage, done in seen if stage == "rows") > 60
+    assert not part.exists()
+    assert np.array_equal(resumed.matrix.toarray(), whole.matrix.toarray())
+    with pytest.raises(StopError):
+        glpath.view_factors(faces, resume=part, on_progress=stop)
+    with pytest.raises(GlpathError, match="rows of other faces"):
+        glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
+
+
+def test_files(tmp_path: Path) -> None:
+    found = glpath.view_factors(np.array([FLOOR, LAMP], float))
+    for suffix in ("npz", "csv", "inp"):
+        found.save(tmp_path / f"f.{suffix}")
+    assert sparse.load_npz(tmp_path / "f.npz").toarray() == pytest.approx(found.matrix.toarray())
+    again = glpath.ViewFactors.load(tmp_path / "f.npz")
+    assert np.array_equal(again.matrix.toarray(), found.matrix.toarray())
+    assert again.statistics["facets"] == 2
+    assert (tmp_path / "f.csv").read_text().splitlines() == ["i,j,F", "0,1,0.199824895", "1,0,0.199824895"]
+    assert (tmp_path / "f.inp").read_text().splitlines() == ["1 2 0.199824895", "2 1 0.199824895"]
+    with pytest.raises(UsageError, match=r"allowed are \.npz, \.csv, \.inp"):
+        found.save(tmp_path / "f.txt")
+    (tmp_path / "g.npz").write_bytes((tmp_path / "f.npz").read_bytes()[:300])
+    with pytest.raises(GlpathError, match="cannot be read as view factors"):
+        glpath.ViewFactors.load(tmp_path / "g.npz")
+
+
+def stl(path: Path) -> Path:
+    vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 1, inward=False, triangles=True)
+    lines = ["solid box"]
+    for face in faces:
+        corners = "".join("vertex {} {} {}\n".format(*vertices[v]) for v in face)
+        lines.append(f"facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet")
+    path.write_text("\n".join([*lines, "endsolid box\n"]))
+    return path
+
+
+def test_the_command_writes_the_inside_of_a_model(tmp_path: Path) -> None:
+    model, out = stl(tmp_path / "model.stl"), tmp_path / "F.npz"
+    options = ["--groups", "planar", "--flip", "--enforce", "reciprocity,closure", "--resume"]
+    done = CliRunner().invoke(app, ["viewfactors", str(model), "-o", str(out), *options])
+    assert done.exit_code == 0, done.stderr
+    assert "6 groups, 30 factors" in done.stderr
+    assert "closure: off by" in done.stderr
+    assert glpath.ViewFactors.load(out).row_sums == pytest.approx(np.ones(6))
+    assert not (tmp_path / "F.npz.part").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-o", "f.txt"], "allowed are .npz, .csv, .inp"),
+        (["-o", "f.npz", "--groups", "walls"], "--groups walls: there is no such choice"),
+        (["-o", "f.npz", "--enforce", "beauty"], "--enforce beauty: there is no such choice"),
+        (["-o", "f.npz", "--error", "2"], "--error 2: must be from 1e-7 to 0.1"),
+    ],
+)
+def test_wrong_usage_is_one_block(arguments: list[str], message: str) -> None:
+    done = CliRunner().invoke(app, ["viewfactors", "cornell-box", *arguments])
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_without_faces_it_is_a_scene_error() -> None:
+    with pytest.raises(SceneError):
+        glpath.view_factors((np.zeros((0, 3)), []))
+
+
+def test_importing_glpath_imports_no_scipy() -> None:
+    code = "import sys, glpath; glpath.__all__; assert 'scipy' not in sys.modules and 'numba' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
