@@ -205,7 +205,7 @@ def test_textures_beyond_what_the_device_may_take_name_the_largest(monkeypatch: 
     small, large = Texture("small", random_image(2, 2)), Texture("large", random_image(9, 9).astype(np.float32))
     materials = [replace(WHITE, texture=TextureSlot(i)) for i in range(2)]
     scene = scene_of(
-        [Shape("a", quad(FRONT), 0), Shape("b", level(0.0), 1)],
+        [Shape("a", quad(FRONT), 0), Shape("b", level(-0.5), 1)],
         materials,
         camera([0, 0, 1]),
         (small, large),
