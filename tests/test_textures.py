@@ -211,7 +211,7 @@ def test_textures_beyond_what_the_device_may_take_name_the_largest(monkeypatch: 
         (small, large),
         sky=SKY,
     )
-    with pytest.raises(SceneError, match=r'2 textures of .* the largest is "large", 9 x 9 .*8 bits'):
+    with pytest.raises(SceneError, match=r'2 textures of .* the largest is "large", 9 x 9 texels'):
         glpath.render(scene, spp=1)
 
 
