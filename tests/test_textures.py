@@ -217,8 +217,13 @@ def test_textures_beyond_what_the_device_may_take_name_the_largest(monkeypatch: 
 
 def test_exact_spheres_have_one_set_of_texture_coordinates() -> None:
     material = replace(WHITE, texture=TextureSlot(0, uv_set=1))
+    scene = scene_of(
+        [Shape("ball", "sphere", 0)], [material], camera([0, 0, 3]), (Texture("t", random_image()),), sky=SKY
+    )
     with pytest.raises(SceneError, match=r'"ball" is an exact sphere, which has one set'):
-        scene_of([Shape("ball", "sphere", 0)], [material], camera([0, 0, 3]), (Texture("t", random_image()),))
+        glpath.render(scene, integrator="t-buffer", spp=1)
+    with pytest.raises(SceneError, match=r"no texture coordinates `uv1`"):
+        glpath.render(scene, spp=1)
 
 
 def test_a_preview_looks_through_what_is_mostly_clear_and_sees_colours_of_vertices() -> None:

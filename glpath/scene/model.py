@@ -92,15 +92,9 @@ class Scene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
         for shape in self.shapes:
-            material = self.materials[shape.material]
-            if not isinstance(shape.geometry, Mesh) and any(slot.uv_set for slot in material.slots.values()):
-                raise SceneError(
-                    f'{self.source or self.name}: the shape "{shape.name}" is an exact {shape.geometry}, which has '
-                    f'one set of texture coordinates; its material "{material.name}" looks a texture up by `uv1`.',
-                    "Take the first set, or a mesh.",
-                )
             if not isinstance(shape.geometry, Mesh) or not shape.count:
                 continue
+            material = self.materials[shape.material]
             for uv_set in {slot.uv_set for slot in material.slots.values()}:
                 field_name = ("uv", "uv1")[uv_set]
                 if getattr(shape.geometry, field_name) is None:

@@ -159,7 +159,7 @@ def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use
         if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
         if not use.alpha:
-            image = np.ascontiguousarray(image[..., :3])
+            image = image[..., :3].copy()
         wrap = (given.wrap, given.wrap)
         return Texture(name, image, (u, v), given.filter, srgb=bytes_ and use.colour, wrap=wrap)
     colors = place.field("colors")
