@@ -235,3 +235,14 @@ def test_a_preview_looks_through_what_is_mostly_clear_and_sees_colours_of_vertic
         middle = scene.preview(PIXELS)[PIXELS // 2, PIXELS // 2]
         assert (middle[1] > 0) == bool(green)
         assert middle[0] > 0
+
+
+def test_what_is_unlit_shows_its_emission_times_its_colours_and_reflects_nothing() -> None:
+    colours = np.tile([0.25, 0.5, 1.0, 1.0], (4, 1))
+    mesh = replace(quad(FRONT), colours=colours)
+    scene = front(replace(WHITE, unlit=True), mesh=mesh)
+    glowing = replace(scene, shapes=(replace(scene.shapes[0], emission=np.array([2.0, 2.0, 4.0])),))
+    assert not picture(scene, spp=4).any()
+    np.testing.assert_allclose(
+        picture(glowing, spp=4), np.broadcast_to([0.5, 1.0, 4.0], (PIXELS, PIXELS, 3)), rtol=1e-5
+    )
