@@ -233,6 +233,27 @@ def read_image(path: str | Path) -> Float64:
         return _three_channels(_READERS[suffix](path))
 
 
+def read_eight_bits(path: str | Path) -> UInt8 | None:
+    """(H, W, 3) or, with alpha, (H, W, 4) of a .png or .jpg as it is stored, row 0 at the top.
+
+    None of what has other than 8 bits, or is no such file. Raises ImageError as `read_image` does.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".jpg", ".jpeg"):
+        return None
+    with reading(path, suffix):
+        from PIL.JpegImagePlugin import JpegImageFile
+        from PIL.PngImagePlugin import PngImageFile
+
+        _check_pillow(path, suffix)
+        with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+            if opened.mode.startswith(("I", "F")):
+                return None
+            alpha = "A" in opened.getbands() or "transparency" in opened.info
+            return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+
+
 def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
     with reading(path, ".exr"):

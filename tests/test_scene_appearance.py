@@ -83,8 +83,8 @@ def textured(file: str, folder: Path, more: str = "") -> Scene:
 def test_a_png_is_srgb(tmp_path: Path):
     iio.imwrite(tmp_path / "a.png", PICTURE)
     (texture,) = textured("a.png", tmp_path).textures
-    assert texture.image.dtype == np.float32
-    assert np.allclose(texture.image, decode_srgb(PICTURE / 255))
+    assert texture.image.dtype == np.uint8  # a quarter of what floats take on the device
+    assert np.allclose(texture.linear(), decode_srgb(PICTURE / 255))
     assert (texture.scale, texture.filter) == ((1, 1), "linear")
     (other,) = textured("a.png", tmp_path, ', scale = 3, filter = "nearest"').textures
     assert (other.scale, other.filter) == ((3, 3), "nearest")
@@ -93,7 +93,7 @@ def test_a_png_is_srgb(tmp_path: Path):
 def test_a_jpeg_is_srgb(tmp_path: Path):
     iio.imwrite(tmp_path / "a.jpeg", np.full((8, 8, 3), 188, np.uint8))
     (texture,) = textured("a.jpeg", tmp_path).textures
-    assert np.allclose(texture.image, decode_srgb(np.array(188 / 255)), atol=0.01)
+    assert np.allclose(texture.linear(), decode_srgb(np.array(188 / 255)), atol=0.01)
 
 
 def test_an_exr_is_linear_and_clipped_with_a_warning(tmp_path: Path):
@@ -108,10 +108,23 @@ def test_an_exr_is_linear_and_clipped_with_a_warning(tmp_path: Path):
     assert np.allclose(clipped, np.clip(1.5 * linear - 0.1, 0, 1))
 
 
+def test_what_only_shines_may_be_brighter_than_white(tmp_path: Path):
+    write_exr(tmp_path / "a.exr", np.full((2, 2, 3), 7.5))
+    text = """
+    [materials.lamp]
+    emission_texture = "a"
+    [textures]
+    a = { type = "image", file = "a.exr" }
+    """
+    assert scene(text, tmp_path).textures[0].image.max() == 7.5
+    with pytest.warns(SceneWarning, match="up to 7.5; they were clipped"):
+        scene(text.replace("emission_texture", 'texture = "a"\nemission_texture'), tmp_path)
+
+
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 4)])
 def test_grey_and_transparent_pictures_have_three_channels(tmp_path: Path, shape: tuple[int, ...]):
     iio.imwrite(tmp_path / "a.png", np.full(shape, 255, np.uint8))
-    assert textured("a.png", tmp_path).textures[0].image.tolist() == np.ones((5, 7, 3)).tolist()
+    assert textured("a.png", tmp_path).textures[0].linear().tolist() == np.ones((5, 7, 3)).tolist()
 
 
 def png_header(width: int, height: int) -> bytes:
@@ -199,10 +212,10 @@ def test_a_material_names_its_maps_and_its_alpha(tmp_path: Path):
         "emission_texture": "glow",
     }
     assert named["texture"].wrap == ("clamp", "clamp")
-    assert np.allclose(named["texture"].image[..., 3], stored[..., 3] / 255)
+    assert np.array_equal(named["texture"].image, stored)
     # What is no colour is as it is stored; the same file as a colour is sRGB.
-    assert np.allclose(named["normal_texture"].image, PICTURE / 255, atol=1e-6)
-    assert np.allclose(named["emission_texture"].image, decode_srgb(PICTURE / 255))
+    assert np.allclose(named["normal_texture"].linear(), PICTURE / 255, atol=1e-6)
+    assert np.allclose(named["emission_texture"].linear(), decode_srgb(PICTURE / 255))
 
 
 @pytest.mark.parametrize(

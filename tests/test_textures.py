@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.errors import SceneError
 from glpath.image import decode_srgb
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.mesh.sides import Sides, side_reflectance
@@ -197,3 +198,51 @@ def test_a_solver_knows_what_each_triangle_reflects_and_each_element_sends() -> 
     sides = Sides.of(scene, elements)
     areas = scene.areas[elements.triangle[sides.element]] / 16
     assert (sides.emission[:, 0] * areas).sum() == pytest.approx(np.pi * 5 * 0.4 * 4, rel=0.01)
+
+
+def test_textures_beyond_what_the_device_may_take_name_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.gl.texture_images.MAX_TEXTURE_BYTES", 1000)
+    small, large = Texture("small", random_image(2, 2)), Texture("large", random_image(9, 9).astype(np.float32))
+    materials = [replace(WHITE, texture=TextureSlot(i)) for i in range(2)]
+    scene = scene_of(
+        [Shape("a", quad(FRONT), 0), Shape("b", level(-0.5), 1)],
+        materials,
+        camera([0, 0, 1]),
+        (small, large),
+        sky=SKY,
+    )
+    with pytest.raises(SceneError, match=r'2 textures of .* the largest is "large", 9 x 9 texels'):
+        glpath.render(scene, spp=1)
+
+
+def test_exact_spheres_have_one_set_of_texture_coordinates() -> None:
+    material = replace(WHITE, texture=TextureSlot(0, uv_set=1))
+    scene = scene_of(
+        [Shape("ball", "sphere", 0)], [material], camera([0, 0, 3]), (Texture("t", random_image()),), sky=SKY
+    )
+    with pytest.raises(SceneError, match=r'"ball" is an exact sphere, which has one set'):
+        glpath.render(scene, integrator="t-buffer", spp=1)
+    with pytest.raises(SceneError, match=r"no texture coordinates `uv1`"):
+        glpath.render(scene, spp=1)
+
+
+def test_a_preview_looks_through_what_is_mostly_clear_and_sees_colours_of_vertices() -> None:
+    red = replace(quad(FRONT), colours=np.tile([1.0, 0.0, 0.0, 1.0], (4, 1)))
+    veil = Shape("veil", quad(0.5 * FRONT + [0, 0, 0.3]), 1)
+    for opacity, green in ((0.2, 0), (0.9, 1)):
+        materials = [WHITE, replace(GREY, alpha="blend", opacity=opacity)]
+        scene = scene_of([Shape("back", red, 0), veil], materials, camera([0, 0, 1], fov=90, pixels=PIXELS))
+        middle = scene.preview(PIXELS)[PIXELS // 2, PIXELS // 2]
+        assert (middle[1] > 0) == bool(green)
+        assert middle[0] > 0
+
+
+def test_what_is_unlit_shows_its_emission_times_its_colours_and_reflects_nothing() -> None:
+    colours = np.tile([0.25, 0.5, 1.0, 1.0], (4, 1))
+    mesh = replace(quad(FRONT), colours=colours)
+    scene = front(replace(WHITE, unlit=True), mesh=mesh)
+    glowing = replace(scene, shapes=(replace(scene.shapes[0], emission=np.array([2.0, 2.0, 4.0])),))
+    assert not picture(scene, spp=4).any()
+    np.testing.assert_allclose(
+        picture(glowing, spp=4), np.broadcast_to([0.5, 1.0, 4.0], (PIXELS, PIXELS, 3)), rtol=1e-5
+    )

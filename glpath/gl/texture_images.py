@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 from glpath.gl.texel_store import WIDTH
+from glpath.scene.geometry import Mesh
 from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
 
@@ -42,11 +43,12 @@ class TextureImages:
     floats       : (texels, 1, 4) float32, section "image"
     defines      : for `load_program`
 
-    Raises SceneError for more than MAX_TEXTURE_BYTES.
+    Raises SceneError for more than MAX_TEXTURE_BYTES, and for `uv1` of exact spheres and planes.
     """
 
     def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
         self._gl = gl
+        _check_sets(scene)
         used = {shape.material for shape in scene.shapes}
         shown = [
             (number, name, slot)
@@ -146,6 +148,17 @@ def texture_bytes(texture: Texture) -> int:
     """Bytes that a texture takes on the device."""
     height, width = texture.image.shape[:2]
     return int(height * width * (4 if texture.image.dtype == np.uint8 else 16))
+
+
+def _check_sets(scene: Scene) -> None:
+    for shape in scene.shapes:
+        material = scene.materials[shape.material]
+        if not isinstance(shape.geometry, Mesh) and any(slot.uv_set for slot in material.slots.values()):
+            raise SceneError(
+                f'{scene.source or scene.name}: the shape "{shape.name}" is an exact {shape.geometry}, which has '
+                f'one set of texture coordinates; its material "{material.name}" looks a texture up by `uv1`.',
+                "Take the first set, or a mesh.",
+            )
 
 
 def _check_budget(scene: Scene, textures: list[Texture]) -> None:

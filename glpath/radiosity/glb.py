@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glpath.errors import UsageError
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene
+from glpath.scene.appearance import Appearance
 from glpath.scene.export.glb import Glb
 from glpath.scene.model import Float64
 
@@ -66,7 +67,9 @@ def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: in
     shape = scene.shapes[number]
     material = scene.materials[shape.material]
     part = scene.shapes.ranges[number]
-    points, faces = _lattices(solution, scene, range(part.start, part.stop))
+    points, faces, triangle, b = _lattices(solution, scene, range(part.start, part.stop))
+    appearance = Appearance(scene)
+    reflectance, emission = appearance.reflectance(triangle, b), appearance.emission(triangle, b)
     first = int(solution.first_vertex[part.start])
     position = file.add_array(points.astype(np.float32), bounds=True)
     found = []
@@ -76,9 +79,9 @@ def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: in
         if not (emits or reflects):
             continue
         irradiance = solution.vertices[:, back, first : first + len(points)].sum(axis=0)
-        radiance = material.reflectance * irradiance / np.pi if reflects else np.zeros((len(points), 3))
+        radiance = reflectance * irradiance / np.pi if reflects else np.zeros((len(points), 3))
         if emits:
-            radiance = radiance + shape.emission
+            radiance = radiance + emission
         colour = np.clip(radiance * 2.0**exposure, 0.0, 1.0).astype(np.float32)
         corners = faces[:, ::-1] if back else faces
         found.append(
@@ -91,14 +94,21 @@ def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: in
     return found
 
 
-def _lattices(solution: RadiositySolution, scene: Scene, triangles: range) -> tuple[Float64, NDArray[np.int64]]:
-    """Vertices (V, 3) of some triangles' lattices and their elements (E, 3)."""
-    points, faces, first = [], [], 0
+def _lattices(
+    solution: RadiositySolution, scene: Scene, triangles: range
+) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64], Float64]:
+    """Vertices (V, 3) of some triangles' lattices and their elements (E, 3).
+
+    Beside them the triangle (V,) of each vertex and its barycentric coordinates there (V, 2).
+    """
+    points, faces, places, first = [], [], [], 0
     for t in triangles:
         n = int(solution.divisions[t])
         corners = scene.triangles[t]
         b = lattice.vertex_barycentrics(n)
+        places.append(b)
         points.append(corners[0] + b @ (corners[1:] - corners[0]))
         faces.append(first + lattice.element_vertices(n))
         first += len(b)
-    return np.concatenate(points), np.concatenate(faces)
+    triangle = np.repeat(np.array(triangles, np.int64), [len(b) for b in places])
+    return np.concatenate(points), np.concatenate(faces), triangle, np.concatenate(places)

@@ -1,4 +1,7 @@
-"""A radiosity solution as the eye sees it, on the CPU: what its elements look like, before any gather."""
+"""A radiosity solution as the eye sees it, on the CPU: what its elements look like, before any gather.
+
+Masks and blended surfaces are seen as if they were opaque, reflecting what they do in the mean.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from glpath.radiosity.mesh import lattice
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import Lookup, RadiositySolution
 from glpath.scene import Scene, path_traceable
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 
 
@@ -62,13 +66,13 @@ class EyeHits:
         seen = self.triangle >= 0
         t, back = self.triangle[seen], self.back[seen]
         shapes = self.scene.shapes
-        emission = np.array([shape.emission for shape in shapes])
+        emission = Appearance(self.scene).emission(t, self.barycentric[seen])
         both = np.array([shape.emission_two_sided for shape in shapes])
         shape = self.scene.triangle_shape[t]
         shining = (back == 0) | both[shape]
         picture = np.zeros((*self.triangle.shape, 3))
         reflected = solution.lookup(self.scene, t, self.barycentric[seen], back, mode)
-        picture[seen] = reflected / np.pi + np.where(shining[:, None], emission[shape], 0)
+        picture[seen] = reflected / np.pi + np.where(shining[:, None], emission, 0)
         return np.asarray(picture.mean(axis=2))
 
     @property

@@ -188,15 +188,16 @@ class Appearance:
         constant: Callable[[Shape, Material], Float64 | float],
     ) -> Float64:
         what = of.__name__[1:]
-        found = np.empty((len(triangle), width))
         shape_of = self.scene.triangle_shape[triangle]
-        for number in np.unique(shape_of):
-            shape, material = self.scene.shapes[number], self._materials[number]
+        constants = np.zeros((len(self._materials), width))
+        for number, (shape, material) in enumerate(zip(self.scene.shapes, self._materials, strict=True)):
+            if what != "reflectance" or not material.unlit:
+                constants[number] = constant(shape, material)
+        found = constants[shape_of]
+        varying = self.varies(what)
+        for number in np.unique(shape_of[varying[shape_of]]):
             own = np.flatnonzero(shape_of == number)
-            if what not in _varying(shape, material):
-                found[own] = 0.0 if what == "reflectance" and material.unlit else constant(shape, material)
-            else:
-                found[own] = of(shape, material, triangle[own], b[own])
+            found[own] = of(self.scene.shapes[number], self._materials[number], triangle[own], b[own])
         return found
 
     def _means(

@@ -101,7 +101,8 @@ class Material:
     thin             : the glass is a pane that does not refract; False: the surface of a solid that does
     attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
     clearcoat        : in [0, 1], share that a varnish of index 1.5 covers, and clearcoat_roughness
-    unlit            : shows its emission alone, and is not lit
+    unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
+                       any emission does
     opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
     alpha            : what opacity does: nothing; all or nothing, from `cutoff` on; a share of the light
     texture              : colour and alpha, which reflectance and opacity are multiplied by

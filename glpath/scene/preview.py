@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.image import encode_png, encode_srgb
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Camera, Float64, Scene, sphere_extent
 
 #: Rows of a table; a scene can have thousands of shapes.
@@ -129,6 +130,9 @@ def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
     found = np.full(view.nearest.shape, -1)
     unit_from_world: Float64 = np.linalg.inv(scene.spheres[:, :, :3]).astype(np.float64)
     sides, volumes = _triangle_planes(scene.triangles - view.eye)
+    appearance = Appearance(scene)
+    if appearance.varies("opacity").any():
+        windows[: len(scene.triangles)][appearance.mean_opacity() < 0.5] = 0  # seen through as a whole
     across, down = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
     seen, small = (across > 0) & (down > 0), (across <= _SMALL) & (down <= _SMALL)
     _take_small(scene, sides, volumes, unit_from_world, view, windows, np.flatnonzero(seen & small), found)
@@ -244,7 +248,14 @@ def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
     for shape in scene.shapes:
         material = scene.materials[shape.material]
         colour = scene.mean_reflectance(material)
-        colours.append(shape.emission / shape.emission.max() if shape.emits else colour + 0.5 * material.mirror)
+        of_vertices = getattr(shape.geometry, "colours", None)
+        if of_vertices is not None:
+            colour = colour * of_vertices[:, :3].mean(axis=0)
+        light = shape.emission
+        if material.emission_texture is not None:
+            light = light * scene.textures[material.emission_texture.texture].mean
+        shines = light.max() > 0
+        colours.append(light / shape.emission.max() if shines else colour + 0.5 * material.mirror)
     return np.array(colours).reshape(-1, 3), np.array([shape.emits for shape in scene.shapes], bool)
 
 

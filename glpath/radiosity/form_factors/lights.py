@@ -4,6 +4,7 @@ What they send is cast to the points ray by ray, and what surfaces reflect of it
 
 Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
           many where that is an environment map, half of them as dense as its radiance.
+          Light passes through a triangle by its mean opacity.
 Poor at:  a sky that is seen through small openings, which few of a point's rays go through.
 """
 
@@ -20,6 +21,7 @@ from glpath.lighting import Lighting, incident
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Environment, Float64
 
 Int64 = NDArray[np.int64]
@@ -39,6 +41,7 @@ class DirectLight:
         self.scene = scene
         self.lighting = Lighting.of(scene)
         self._rays = rays_of(scene) if self else None
+        self._opacity = Appearance(scene).mean_opacity()
 
     def __bool__(self) -> bool:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
@@ -83,10 +86,11 @@ class DirectLight:
             total += np.pi * seen.mean(axis=1)
         return total
 
-    def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> NDArray[np.bool_]:
+    def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> Float64:
+        """(P, K): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
         end = distance * (1 - _NEAR_LIGHT)
-        free = np.empty(wi.shape[:2], np.bool_)
-        _free(self._rays, points, triangle, np.ascontiguousarray(wi), end, np.empty(3), free)
+        free = np.empty(wi.shape[:2])
+        _free(self._rays, self._opacity, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
         return free
 
 
@@ -124,9 +128,24 @@ def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
 
 
 @kernel
-def _free(rays, points, triangle, wi, end, found, free):  # type: ignore[no-untyped-def]
-    """Fill (P, K) bool: does nothing lie along rays wi (P, K, 3) from points of triangles, up to the end (P,)?"""
+def _free(rays, opacity, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
+    """Fill (P, K): what is left of light along rays wi (P, K, 3) from points of triangles, up to the end (P,).
+
+    work: (2, 3).
+    """
+    o, found = work[0], work[1]
     for p in range(len(points)):
         for k in range(wi.shape[1]):
-            hit = nearest(rays, points[p], wi[p, k], triangle[p], found)
-            free[p, k] = hit < 0 or found[0] >= end[p]
+            share, own, way = 1.0, triangle[p], end[p]
+            for c in range(3):
+                o[c] = points[p, c]
+            while share > 0:
+                hit = nearest(rays, o, wi[p, k], own, found)
+                if hit < 0 or found[0] >= way:
+                    break
+                share *= 1.0 - opacity[hit]
+                own = hit
+                way -= found[0]
+                for c in range(3):
+                    o[c] += found[0] * wi[p, k, c]
+            free[p, k] = share

@@ -88,9 +88,13 @@ def side_reflectance(scene: Scene) -> Float64:
     painted = np.flatnonzero(appearance.varies("reflectance")[shape])
     if len(painted):
         front[painted] = appearance.mean_reflectance(painted)
+        opacity = appearance.mean_opacity()
         for number in np.unique(shape[painted]):
             own = painted[shape[painted] == number]
-            front[own] = materials[number].hemispherical_reflectance(front[own])
+            # What is not there reflects nothing, not even as its layers do.
+            there = opacity[own, None]
+            base = front[own] / np.where(there > 0, there, 1.0)
+            front[own] = there * materials[number].hemispherical_reflectance(base)
     two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
     return np.stack([front, front * two_sided])
 

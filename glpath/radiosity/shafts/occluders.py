@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.bvh import Float64, Int32
 from glpath.errors import UsageError
 from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Scene
 
 #: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
@@ -30,6 +31,8 @@ _FARTHEST = 1e3
 PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
 #: Sine of the angle between a polygon's edges below which its coordinates round too badly.
 _THIN = 1e-3
+#: Mean opacity below which a polygon hides nothing.
+_CLEAR = 0.5
 
 
 class Polygons(NamedTuple):
@@ -56,16 +59,22 @@ class Occluders:
     parallelogram : (N,) bool; a triangle otherwise
     solid         : (N,) bool, part of a closed surface, so that whatever meets its back must have met a front
     shape         : (N,) int32, of the scene's shapes
+    clear         : (N,) bool, hides nothing; None: all hide what is behind them
     """
 
     corners: Float64
     parallelogram: NDArray[np.bool_]
     solid: NDArray[np.bool_]
     shape: Int32
+    clear: NDArray[np.bool_] | None = None
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Occluders:
-        """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes."""
+        """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes.
+
+        Visibility is all or nothing: of a surface with an opacity, a polygon hides what is behind it where half of
+        it or more is opaque.
+        """
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
         count = len(triangles)
@@ -75,7 +84,17 @@ class Occluders:
         closed = np.zeros(len(scene.shapes), bool)
         for i, part in enumerate(scene.shapes.ranges):
             closed[i] = scene.shapes[i].primitive == "triangle" and _closed(triangles[part])
-        return cls(corners, two, closed[shape[first]], shape[first])
+        clear = None
+        appearance = Appearance(scene)
+        see_through = appearance.varies("opacity")
+        if see_through.any():
+            opacity = appearance.mean_opacity()
+            clear = np.where(
+                two, 0.5 * (opacity[first] + opacity[np.minimum(first + 1, count - 1)]), opacity[first]
+            )
+            clear = clear < _CLEAR
+            closed &= ~see_through
+        return cls(corners, two, closed[shape[first]], shape[first], clear)
 
     @classmethod
     def of_triangles(cls, triangles: ArrayLike) -> Occluders:
@@ -123,12 +142,14 @@ class Occluders:
         normal = self._normals()
         square = np.einsum("ij,ij->i", normal, normal)
         proper = square > np.finfo(float).tiny * 2**52
+        if self.clear is not None:
+            proper &= ~self.clear
         over = np.where(proper, square, 1.0)[:, None]
         forms = np.zeros((len(self), 3, 4))
         for k, direction in enumerate((normal, np.cross(e2, normal) / over, np.cross(normal, e1) / over)):
             forms[:, k, :3] = direction
             forms[:, k, 3] = -np.einsum("ij,ij->i", direction, corner)
-        forms[~proper] = 0  # all heights 0: without area, it blocks nothing
+        forms[~proper] = 0  # all heights 0: without area, or clear, it blocks nothing
         outlines = self._outlines()
         wide = _WIDER * self.size
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)

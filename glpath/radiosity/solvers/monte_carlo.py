@@ -30,6 +30,7 @@ from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import DIRECT
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
@@ -37,10 +38,11 @@ BATCH = 1 << 14
 
 
 class _Surfaces(NamedTuple):
-    """What a particle meets: normals, reflectance (2, T, 3), and lattices, each of which begins at `begin`."""
+    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), and lattices, which begin at `begin`."""
 
     normals: Float64
     reflectance: Float64
+    opacity: Float64
     divisions: Int64
     begin: Int64
 
@@ -97,7 +99,11 @@ class Shooting:
         self.open_areas, self.lit = _open_and_lit(self.mesh)
         self._lamps = self._find_lamps(sides)
         self._surfaces = _Surfaces(
-            scene.normals, side_reflectance(scene), divisions, lattice.starts(lattice.element_count(divisions))
+            scene.normals,
+            side_reflectance(scene),
+            Appearance(scene).mean_opacity(),
+            divisions,
+            lattice.starts(lattice.element_count(divisions)),
         )
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
@@ -239,8 +245,10 @@ def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-
             o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
             w[k] = lamps.energy[which, k]
         part = lamps.part[which]  # direct, until it is reflected
+        leaves = True
         while True:
-            state = _leave(state, normals[triangle], back, d)
+            if leaves:
+                state = _leave(state, normals[triangle], back, d)
             hit = nearest(rays, o, d, triangle, found)
             if hit < 0:
                 break
@@ -262,11 +270,13 @@ def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-
                 flux[part, back, at, k] += w[k]
                 survival = max(survival, reflectance[back, triangle, k])
             state, u = _random(state)
-            if u >= survival:
-                break
-            part = 1
-            for k in range(3):
-                w[k] *= reflectance[back, triangle, k] / survival
+            leaves = u < survival
+            if leaves:
+                part = 1
+                for k in range(3):
+                    w[k] *= reflectance[back, triangle, k] / survival
+            elif u < surfaces.opacity[triangle]:
+                break  # absorbed; what it does not meet, it passes through, as it is
     return hits
 
 

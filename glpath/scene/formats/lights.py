@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import UnsetType
 
 from glpath.errors import SceneWarning
+from glpath.image import read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
 from glpath.scene.formats.scene_pictures import stored_picture
@@ -109,7 +110,7 @@ def sky(
 def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
     """The environment map of a file. Raises SceneError; warns of what it clips."""
     place, sky = place.field("file"), place
-    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place)
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:
         warnings.warn(

@@ -10,13 +10,14 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from glpath.errors import SceneWarning
-from glpath.image import encode_srgb
+from glpath.image import encode_srgb, read_eight_bits, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
     MAX_TEXTURE_PIXELS,
@@ -116,6 +117,14 @@ def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Plac
     return TextureSlot(texture_number[given])
 
 
+class _Use(NamedTuple):
+    """What materials do with a texture: look through its alpha; take it for colours; take it for light alone."""
+
+    alpha: bool
+    colour: bool
+    shines: bool
+
+
 def textures(
     given: Mapping[str, AnyTexture], used_by: Mapping[str, AnyMaterial], place: Place, folder: Path
 ) -> tuple[Texture, ...]:
@@ -126,6 +135,7 @@ def textures(
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
     values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS}
     colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
+    shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
     for name in given:
         if name in values and name in colours:
             raise place.field(name).error(
@@ -133,41 +143,46 @@ def textures(
                 "Give the picture two names, one for each.",
             )
     return tuple(
-        _texture(name, each, place.field(name), folder, name in alpha, name not in values)
+        _texture(name, each, place.field(name), folder, _Use(name in alpha, name not in values, name in shining))
         for name, each in given.items()
     )
 
 
-def _texture(name: str, given: AnyTexture, place: Place, folder: Path, alpha: bool, colour: bool) -> Texture:
+def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use) -> Texture:
     u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
     if not (u > 0 and v > 0):
         raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
     if isinstance(given, description.Image):
         path = folder / given.file
-        image = _picture(path, place.field("file"))
-        if path.suffix.lower() != ".exr" and not colour:
+        image = _picture(path, place.field("file"), use.shines)
+        bytes_ = image.dtype == np.uint8
+        if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
-        if path.suffix.lower() == ".png" and alpha:
-            image = np.concatenate([image, _transparency(path)], axis=2)
-        return Texture(name, image, (u, v), given.filter, wrap=(given.wrap, given.wrap))
+        if not use.alpha:
+            image = image[..., :3].copy()
+        wrap = (given.wrap, given.wrap)
+        return Texture(name, image, (u, v), given.filter, srgb=bytes_ and use.colour, wrap=wrap)
     colors = place.field("colors")
     remedy = "They multiply the reflectance of the material."
     first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
 
 
-def _transparency(path: Path) -> NDArray[np.float32]:
-    """(h, w, 1) alpha of a PNG that could be read; 1 where it has none."""
-    import PIL.Image
-
-    with PIL.Image.open(path, formats=("PNG",)) as opened:
-        alpha = np.asarray(opened.convert("RGBA"))[..., 3:]
-    return (alpha / 255.0).astype(np.float32)
+def _as_stored(path: Path) -> Float64 | NDArray[np.uint8]:
+    eight_bits = read_eight_bits(path)
+    return read_image(path) if eight_bits is None else eight_bits
 
 
-def _picture(path: Path, place: Place) -> NDArray[np.float32]:
-    """(h, w, 3) float32 in [0, 1], linear Rec. 709, row 0 at the top. Raises SceneError; warns of what it clips."""
-    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place)
+def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
+    """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
+
+    Row 0 is the top. What `shines` may be above 1. Raises SceneError; warns of what it clips.
+    """
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place, _as_stored)
+    if stored.dtype == np.uint8:
+        return stored.astype(np.uint8, copy=False)
+    if shines:
+        return np.maximum(stored, 0).astype(np.float32)
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
         warnings.warn(

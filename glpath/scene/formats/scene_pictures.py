@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from glpath.errors import ImageError
-from glpath.image import picture_size, read_image
+from glpath.image import picture_size
 from glpath.scene.formats.description import MAX_TEXTURE_SIDE
 from glpath.scene.formats.values import nearby_files
-from glpath.scene.model import Float64
 from glpath.scene.place import Place
 
+_Picture = TypeVar("_Picture")
 
-def stored_picture(path: Path, what: str, formats: Sequence[str], most_pixels: int, place: Place) -> Float64:
-    """(h, w, 3) float64, linear Rec. 709, row 0 at the top, as the file has it. Raises SceneError.
+
+def stored_picture(
+    path: Path, what: str, formats: Sequence[str], most_pixels: int, place: Place, read: Callable[[Path], _Picture]
+) -> _Picture:
+    """What `read` has of a picture that a scene file names. Raises SceneError.
 
     what        : "a texture", "an environment map"
     formats     : the suffixes that it may have
     most_pixels : in all
+    read        : of `glpath.image`, which raises ImageError
     """
     if path.suffix.lower() not in formats:
         raise place.error(
@@ -38,7 +43,7 @@ def stored_picture(path: Path, what: str, formats: Sequence[str], most_pixels: i
                 f"{MAX_TEXTURE_SIDE:,} pixels a side and {most_pixels:,} in all.",
                 "Make the picture smaller, or cut out what is needed.",
             )
-        return read_image(path)
+        return read(path)
     except ImageError as error:
         raise place.error(
             f"names a picture that cannot be used. {error}",
