@@ -65,7 +65,16 @@ def run(*arguments: object) -> Result:
 def test_list_names_every_bench() -> None:
     result = run("--list")
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
-    assert list(BENCHES) == ["path-buffer", "gather", "denoise", "t-buffer", "shaft", "shaft-options", "start-up"]
+    assert list(BENCHES) == [
+        "path-buffer",
+        "gather",
+        "denoise",
+        "t-buffer",
+        "shaft",
+        "shaft-options",
+        "viewfactors",
+        "start-up",
+    ]
 
 
 @pytest.mark.parametrize(

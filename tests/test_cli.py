@@ -99,6 +99,8 @@ def test_the_public_names_are_these() -> None:
         "SceneWarning",
         "ShaderError",
         "UsageError",
+        "ViewFactorProgress",
+        "ViewFactors",
         "__version__",
         "element_error",
         "load_scene",
@@ -107,6 +109,7 @@ def test_the_public_names_are_these() -> None:
         "render",
         "render_frames",
         "solve_radiosity",
+        "view_factors",
     ]
     for name in glpath.__all__:
         assert getattr(glpath, name) is not None

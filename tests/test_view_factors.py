@@ -138,7 +138,7 @@ def test_closure_is_enforced_without_losing_reciprocity_or_sign() -> None:
 
 
 def test_closure_of_what_is_open_is_refused() -> None:
-    with pytest.raises(UsageError, match="row 0 adds up to 0.1998.*not a closed room"):
+    with pytest.raises(UsageError, match=r"row 0 adds up to 0\.1998.*not a closed room"):
         glpath.view_factors(np.array([FLOOR, LAMP], float), enforce=["closure"])
 
 
@@ -192,22 +192,23 @@ def test_wrong_options_are_explained(options, message: str) -> None:  # type: ig
 
 def test_what_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("glpath.radiosity.memory.available_bytes", lambda: 100_000)
-    with pytest.raises(UsageError, match="a matrix of about .* factors would need about"):
+    with pytest.raises(UsageError, match=r"a matrix of about .* factors would need about"):
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True))
 
 
-def test_an_interrupted_matrix_goes_on(tmp_path: Path) -> None:
+def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute._REPORT_INTERVAL", 0.0)
     faces, part = block_in_a_room(5), tmp_path / "rows.part"
     whole = glpath.view_factors(faces)
 
-    class Stop(Exception):
+    class StopError(Exception):
         pass
 
     def stop(progress: glpath.ViewFactorProgress) -> None:
         if progress.done > 60:
-            raise Stop
+            raise StopError
 
-    with pytest.raises(Stop):
+    with pytest.raises(StopError):
         glpath.view_factors(faces, resume=part, on_progress=stop)
     assert part.exists()
     seen = []
@@ -215,7 +216,7 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path) -> None:
     assert next(done for stage, done in seen if stage == "rows") > 60
     assert not part.exists()
     assert np.array_equal(resumed.matrix.toarray(), whole.matrix.toarray())
-    with pytest.raises(Stop):
+    with pytest.raises(StopError):
         glpath.view_factors(faces, resume=part, on_progress=stop)
     with pytest.raises(GlpathError, match="rows of other faces"):
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)

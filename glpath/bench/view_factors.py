@@ -1,7 +1,7 @@
 """View factors measured: closed forms, closed rooms beside pyviewfactor, and a city of 22,000 facets.
 
 A room is closed, so its rows add up to 1, and what they lack is an error that needs no reference. pyviewfactor runs
-in the same run on the same triangles (`view_factors_worker`); it comes with the extra `peers`, and may be in another
+in the same run on the same triangles (`view_factors_worker`); it comes with the extra `peers`, maybe in another
 Python (`other_python`).
 
 uDALES's city cannot be had; ours has as many facets. Its time stands beside the published one by seconds times
@@ -187,6 +187,9 @@ def bench_view_factors(scale: float = 1.0, rounds: int = 7, say: Say = lambda te
     say("closed forms")
     forms = closed_form_rows()
     numbers = {"closed_forms_off": max(abs(row["off"]) for row in forms)}
+    blocks = max(2, round(BLOCKS * scale))
+    say(f"a city of {57 * blocks**2:,} facets")
+    town = city_row(blocks)  # before the rooms, whose matrices are dense and take more memory
     rooms = room_rows(tuple(c for c in ROOMS if c <= max(2, ROOMS[-1] * scale)), rounds, tell)
     ours = {row["faces"]: row for row in rooms if row["program"] == "glpath"}
     peers = [row for row in rooms if row["program"] == "pyviewfactor"]
@@ -198,9 +201,6 @@ def bench_view_factors(scale: float = 1.0, rounds: int = 7, say: Say = lambda te
         numbers["error_over_pyviewfactor"] = max(
             ours[row["faces"]]["error, most"] / max(row["error, most"], 1e-300) for row in peers
         )
-    blocks = max(2, round(BLOCKS * scale))
-    say(f"a city of {57 * blocks**2:,} facets")
-    town = city_row(blocks)
     numbers |= {
         "city_facets": town["facets"],
         "city_core_s": town["core seconds"],

@@ -160,7 +160,7 @@ def _disc(radius: float, z: float, sides: int, up: bool, inner: float = 0.0) -> 
 
 def _tube(radius: float, low: float, high: float, sides: int, inward: bool) -> FaceList:
     bottom, _ = _disc(radius, low, sides, True)
-    top = bottom + [0, 0, high - low]
+    top = bottom + np.array([0, 0, high - low])
     quads = [[i, (i + 1) % sides, (i + 1) % sides + sides, i + sides] for i in range(sides)]
     return np.concatenate([bottom, top]), [quad[::-1] for quad in quads] if inward else quads
 

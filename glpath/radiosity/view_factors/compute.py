@@ -100,7 +100,7 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.3 sqrt(F) of it; rows of
+    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.2 sqrt(F) of it; rows of
                   closed rooms are mostly ten times better
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
