@@ -43,9 +43,13 @@ def register(app: typer.Typer) -> None:
 def viewfactors(
     scene: SceneArgument,
     out: Annotated[
-        Path,
+        list[Path],
         typer.Option(
-            "-o", "--out", metavar="FILE", help="Where the matrix goes: .npz (scipy), .csv, .inp (uDALES)."
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Where the matrix goes: .npz (scipy), .csv, or uDALES's vfsparse.inp.001 and svf.inp.001; may be "
+            "repeated.",
         ),
     ],
     groups: Annotated[
