@@ -86,6 +86,7 @@ def viewfactors(
     Row i, column j is the share of what leaves face i that arrives at face j; what a row lacks of 1 goes past all
     faces, to the sky. Closed forms where nothing stands between two faces, exact visibility from points elsewhere.
     """
+    from glpath.radiosity.view_factors.faces import geometry_alone
     from glpath.radiosity.view_factors.result import file_kind
 
     for path in out:
@@ -99,7 +100,8 @@ def viewfactors(
         raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
     if resume and is_stream(out[0]):
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
-    loaded = read_scene(scene, parameters)
+    with geometry_alone():
+        loaded = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
     part = out[0].with_name(out[0].name + ".part") if resume else None
