@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.scene import Scene, load_scene
+    from glpath.scene.export import export
 
     __version__: str
 
@@ -55,6 +56,7 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "element_error": "rendering",
+    "export": "scene.export",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -84,6 +86,7 @@ __all__ = [
     "ViewFactors",
     "__version__",
     "element_error",
+    "export",
     "load_scene",
     "read_image",
     "relative_mse",

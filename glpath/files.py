@@ -1,20 +1,23 @@
 """Files that appear whole or not at all, and outputs of which none is lost for another's sake.
 
 A file is written beside its place under another name and then moved there, also when the process is stopped
-meanwhile. Missing folders of an output are made: who types `-o out/a.png` means it. A pipe or a device is written
-into, never replaced; `-` is standard output.
+meanwhile. It and the entry of its folder are on the disk (fsync) when the call returns. Missing folders of an
+output are made: who types `-o out/a.png` means it. A pipe or a device is written into, never replaced; `-` is
+standard output.
 """
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import secrets
 import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -72,8 +75,34 @@ def _beside(path: str | Path) -> Iterator[Path]:
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, target)
+        _sync_folder(target.parent)
     finally:
-        temporary.unlink(missing_ok=True)
+        # The first error is the one to report: the folder may be gone, or read-only by now.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name is on the disk, too; file systems that have no such call keep it in their own way."""
+    with suppress(PermissionError):  # a folder that may be written but not read
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+                raise
+        finally:
+            os.close(descriptor)
+
+
+def remove_parts(path: str | Path) -> None:
+    """Remove what killed processes have left of their attempts to write `path`. For a file with one writer."""
+    target = Path(os.path.realpath(path))
+    left = re.compile(re.escape(f".{target.stem}.") + "[0-9a-f]{8}" + re.escape(f".part{target.suffix}"))
+    with suppress(OSError):
+        for entry in list(target.parent.iterdir()):
+            if left.fullmatch(entry.name):
+                entry.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -15,13 +15,29 @@ from glpath.image import check_exposure
 Aov = Literal["albedo", "normal"]
 AOVS: tuple[Aov, ...] = get_args(Aov)
 
+#: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
+SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
+RULES = (SPP, TIME_LIMIT, NOISE)
+
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
-    "scene scene_hash integrator device": str,
+    "scene scene_hash integrator device stop_rule": str,
     "seed max_depth": int,
     "elapsed_s": int | float,
     "noisy": bool,
     "settings versions statistics": dict,
+    "error_bound": int | float | None,
+}
+# What must be equal to merge, in the words of a message; of settings, each by its own name.
+_DECIDES = {
+    "scene_hash": "scene",
+    "integrator": "integrator",
+    "seed": "seed",
+    "max_depth": "max_depth",
+    "settings": "settings",
+    "full_resolution": "resolution",
+    "window": "crop",
+    "aovs": "aovs",
 }
 # Of an image, in pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
@@ -47,6 +63,9 @@ class FilmMetadata:
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
                       `radiosity_s`, of a gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
+    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
+                      of films that were merged
+    error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
     """
 
     scene: str
@@ -64,6 +83,8 @@ class FilmMetadata:
     exposure: float | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
     aovs: tuple[str, ...] = ()
+    stop_rule: str = ""
+    error_bound: float | None = None
 
     def __post_init__(self) -> None:
         # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
@@ -132,9 +153,28 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
             merged[key] = merged_values(ours[key], value)
         elif isinstance(value, int | float) and isinstance(ours[key], int | float):
             merged[key] = ours[key] + value
+        elif value == ours[key]:
+            merged[key] = value
         else:
             merged[key] = joined(str(ours[key]), str(value))
     return merged
+
+
+def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str, str]]:
+    """All that decides the image and is not the same: what it is, ours and theirs, as texts for a message.
+
+    Empty where films of both merge.
+    """
+    found = []
+    for name, word in _DECIDES.items():
+        mine, other = getattr(ours, name), getattr(theirs, name)
+        if name == "settings":
+            keys = sorted({*mine, *other})
+            pairs = {f"settings.{key}": (mine.get(key, "absent"), other.get(key, "absent")) for key in keys}
+        else:
+            pairs = {word: (mine, other)}
+        found += [(key, shown(a), shown(b)) for key, (a, b) in pairs.items() if a != b]
+    return found
 
 
 def shown(value: object) -> str:

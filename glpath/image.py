@@ -1,4 +1,4 @@
-"""Images as plain arrays: tone mapping, PNG and EXR, and reading any of them back.
+"""Images as plain arrays: tone mapping, PNG and EXR, and reading them and others back.
 
 Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
 2015, "ACES Filmic Tone Mapping Curve".
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import ImageError, UsageError
 from glpath.files import reading, whole_file
 from glpath.npz import check_unfolded, open_npz, read_npy
+from glpath.rgbe import read_header, read_rgbe
 
 __all__ = [
     "auto_exposure",
@@ -33,7 +34,7 @@ __all__ = [
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-READABLE = (".png", ".jpg", ".jpeg", ".exr", ".npz", ".npy")
+READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
 # Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -216,6 +217,7 @@ def read_image(path: str | Path) -> Float64:
 
     .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
     .exr : channels R, G, B or Y; of a crop its own pixels only
+    .hdr : Radiance's RGBE
     .npz : the array `radiance`; a film's is read by `glpath.film.read_image`
     .npy : (H, W, 3) or (H, W)
 
@@ -240,13 +242,16 @@ def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]],
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """(width, height) in pixels of a .png, .jpg or .exr, from its header alone. Raises ImageError."""
+    """(width, height) in pixels of a .png, .jpg, .exr or .hdr, from its header alone. Raises ImageError."""
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path, suffix):
         if suffix == ".exr":
             height, width = _exr_header(path)[0]
             return width, height
+        if suffix == ".hdr":
+            with path.open("rb") as file:
+                return read_header(file).size
         return _pillow_header(path, suffix)[:2]
 
 
@@ -331,6 +336,7 @@ _READERS = {
     ".jpg": _read_jpeg,
     ".jpeg": _read_jpeg,
     ".exr": _read_exr,
+    ".hdr": lambda path: read_rgbe(path).astype(np.float64),
     ".npz": _read_npz,
     ".npy": _read_npy,
 }

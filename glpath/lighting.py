@@ -20,11 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.sampling import uniform_sphere
-from glpath.scene.model import Float64, Light, Scene, Sky
+from glpath.scene.appearance import Appearance
+from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
 #: Their numbers in GLSL are their places here.
 LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
+
+# Share of the choice among a shape's triangles, where a texture colours its light, that is by area alone.
+_UNSEEN = 0.2
 
 
 @dataclass(frozen=True)
@@ -146,9 +150,11 @@ class _Side:
     """An emitting side of a shape.
 
     first     : number of the shape's first triangle, or sphere
-    cdf       : (n + 1,) cumulated share of area of its primitives
+    cdf       : (n + 1,) cumulated chance of its primitives: by area, where a texture colours the light by what each
+                sends
     area      : of all of them, scene units squared
     sign      : +1 front, -1 back
+    radiance  : (3,) the mean over it
     """
 
     shape: int
@@ -173,7 +179,7 @@ class Lighting:
     scene: Scene
     sides: tuple[_Side, ...]
     punctual: tuple[Light, ...]
-    sky: Sky | None
+    sky: Sky | Environment | None
     cdf: Float64
     triangle_density: Float64
     centre: Float64
@@ -193,11 +199,11 @@ class Lighting:
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if np.any(x.intensity > 0)) if punctual else ()
-        shown = scene.sky if sky and scene.sky is not None and _sky_mean_integral(scene.sky) > 0 else None
+        shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
         # Power over pi; the mean of the channels, so that no coloured light is starved.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
-        power += [] if shown is None else [_sky_mean_integral(shown) * radius**2]
+        power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
         # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
@@ -205,9 +211,15 @@ class Lighting:
         # as if all were alike, nor than by its power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
+        appearance = Appearance(scene)
+        areas = scene.areas if appearance.varies("emission").any() else None
         for side, chance in zip(sides, share, strict=False):
             if not side.spheres:
-                density[side.first : side.first + len(side.cdf) - 1] = chance / side.area
+                part = slice(side.first, side.first + len(side.cdf) - 1)
+                if areas is None or not appearance.varies("emission")[side.shape]:
+                    density[part] = chance / side.area
+                else:
+                    density[part] = chance * np.diff(side.cdf) / areas[part]
         return cls(
             scene=scene,
             sides=sides,
@@ -244,7 +256,7 @@ class Lighting:
         """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
         if self.sky is None:
             return 0.0
-        return self._probability(len(self.cdf) - 2) / (3 * _sky_mean_integral(self.sky))
+        return self._probability(len(self.cdf) - 2) / (3 * self.sky.mean_integral)
 
     def sample(self, u: ArrayLike) -> LightSample:
         """The light sample of u (3,), see `samples`."""
@@ -269,7 +281,9 @@ class Lighting:
                 samples.put_punctual(which, self.punctual[punctual], chance)
             else:
                 assert self.sky is not None, "the last light"
-                wi = _sky_directions(self.sky, u[which, 1:])
+                # Below one, as rounding might not leave it.
+                left = np.clip((u[which, 0] - self.cdf[number]) / chance, 0.0, np.nextafter(1.0, 0.0))
+                wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
                 samples.direction[which] = -wi
                 samples.radiance[which] = sky_radiance(self.sky, wi)
@@ -295,6 +309,15 @@ class Lighting:
     def _normals(self) -> Float64:
         return self.scene.normals
 
+    @cached_property
+    def _appearance(self) -> Appearance:
+        return Appearance(self.scene)
+
+    @cached_property
+    def _varies(self) -> NDArray[np.bool_]:
+        """(shapes,) whose emission is not the same all over them."""
+        return self._appearance.varies("emission")
+
     def _probability(self, number: int) -> float:
         return float(self.cdf[number + 1] - self.cdf[number])
 
@@ -304,11 +327,14 @@ class Lighting:
         k = np.minimum(np.searchsorted(side.cdf, u[:, 0], side="right") - 1, len(side.cdf) - 2)
         share = side.cdf[k + 1] - side.cdf[k]
         s = (u[:, 0] - side.cdf[k]) / share
+        radiance: Float64 = side.radiance
         if side.spheres:
-            position, normal, density = _on_spheres(
+            position, normal, density, unit = _on_spheres(
                 self.scene.spheres[side.first + k], np.stack([s, u[:, 1]], axis=1)
             )
             density *= chance * share
+            if self._varies[side.shape]:
+                radiance = self._appearance.sphere_emission(side.shape, unit)
         else:
             # Area-preserving: parallel lines to the edge opposite corner 0.
             root, v = np.sqrt(s)[:, None], u[:, 1:]
@@ -316,10 +342,13 @@ class Lighting:
             position = (1 - root) * a + root * ((1 - v) * b + v * c)
             normal = self._normals[side.first + k]
             density = self.triangle_density[side.first + k]
+            if self._varies[side.shape]:
+                b = np.concatenate([root * (1 - v), root * v], axis=1)
+                radiance = self._appearance.emission(side.first + k, b)
         samples.kind[which] = LIGHT_KINDS.index("area")
         samples.position[which] = position
         samples.direction[which] = normal * side.sign
-        samples.radiance[which] = side.radiance
+        samples.radiance[which] = radiance
         samples.density[which] = density
 
 
@@ -346,13 +375,9 @@ def incident(light: Light, positions: Float64) -> Incident:
     return Incident(wi, distance, strength[:, None] * light.intensity)
 
 
-def sky_radiance(sky: Sky | None, directions: ArrayLike) -> Float64:
+def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float64:
     """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3); black without a sky."""
-    wi = np.asarray(directions, np.float64)
-    if sky is None:
-        return np.zeros(wi.shape)
-    height = np.clip(wi @ sky.up, 0.0, 1.0)[..., None]
-    return np.asarray(sky.horizon + (sky.zenith - sky.horizon) * height)
+    return np.zeros(np.shape(directions)) if sky is None else sky.radiance(directions)
 
 
 def max_radiance(scene: Scene) -> float:
@@ -360,15 +385,22 @@ def max_radiance(scene: Scene) -> float:
 
     For the quantum of sums, which have room above it.
     """
-    values = [0.0, *scene.ambient, *(shape.emission.max() for shape in scene.shapes)]
+    values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
-        values += [*scene.sky.zenith, *scene.sky.horizon]
+        values.append(scene.sky.typical_radiance)
     for light in scene.lights:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":
             square = _typical_distance(scene, light.position) ** 2
         values.append(float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
+
+
+def _max_emission(scene: Scene, shape: Shape) -> float:
+    slot = scene.materials[shape.material].emission_texture
+    if slot is None:
+        return float(shape.emission.max())
+    return float((shape.emission * scene.textures[slot.texture].max).max())
 
 
 def _typical_distance(scene: Scene, position: Float64) -> float:
@@ -409,16 +441,30 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
 
 
 def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
-    areas = scene.areas
+    areas, appearance = scene.areas, Appearance(scene)
+    varies = appearance.varies("emission")
     sides = []
     for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         if not shape.emits or shape.primitive == "plane":
             continue
         spheres = shape.primitive == "sphere"
         own = _sphere_areas(scene.spheres[part]) if spheres else areas[part]
-        cdf = np.concatenate([[0.0], np.cumsum(own) / own.sum()])
+        area, weights, radiance = float(own.sum()), own, shape.emission
+        if varies[number]:
+            each = (
+                np.broadcast_to(appearance.mean_sphere_emission(number), (len(own), 3))
+                if spheres
+                else appearance.mean_emission(np.arange(part.start, part.stop))
+            )
+            radiance = np.asarray(own @ each / area)
+            if not np.any(radiance > 0):
+                continue
+            # What the points of the means have missed is not as dark as it seems.
+            power = own * each.mean(axis=1)
+            weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
+        cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
         for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
-            sides.append(_Side(number, spheres, part.start, cdf, float(own.sum()), sign, shape.emission))
+            sides.append(_Side(number, spheres, part.start, cdf, area, sign, radiance))
     return tuple(sides)
 
 
@@ -429,8 +475,11 @@ def _sphere_areas(spheres: Float64) -> Float64:
     return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
 
 
-def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64]:
-    """A point of each sphere (N, 3, 4) from u (N, 2): positions, unit normals of the front, densities per area."""
+def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
+    """A point of each sphere (N, 3, 4) from u (N, 2).
+
+    Returns positions, unit normals of the front, densities per area, and the points of the unit sphere (N, 3).
+    """
     linear = spheres[:, :, :3]
     unit = uniform_sphere(u)
     normal = np.einsum("nji,nj->ni", np.linalg.inv(linear), unit)
@@ -438,26 +487,4 @@ def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64
     volume = np.linalg.det(linear)
     position = np.einsum("nij,nj->ni", linear, unit) + spheres[:, :, 3]
     front = normal / length[:, None] * np.sign(volume)[:, None]
-    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length)
-
-
-def _sky_mean_integral(sky: Sky) -> float:
-    """The sky's radiance, mean of the channels, over all directions: W m^-2."""
-    return float(2 * np.pi * (sky.horizon.mean() + 0.5 * (sky.horizon + sky.zenith).mean()))
-
-
-def _sky_directions(sky: Sky, u: Float64) -> Float64:
-    """(N, 3) unit, as dense as the radiance, from u (N, 2): by the inverse of what lies below an elevation."""
-    horizon, zenith = float(sky.horizon.mean()), float(sky.zenith.mean())
-    below, above = horizon, 0.5 * (horizon + zenith)
-    part = u[:, 0] * (below + above)
-    # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
-    rest = np.maximum(part - below, 0.0)
-    root = horizon + np.sqrt(np.maximum(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
-    z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
-    z = np.clip(z, -1.0, 1.0)[:, None]
-    r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 1:]
-    x = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
-    x /= np.linalg.norm(x)
-    y = np.cross(sky.up, x)
-    return np.asarray(r * np.cos(phi) * x + r * np.sin(phi) * y + z * sky.up)
+    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length), unit

@@ -32,7 +32,7 @@ void look(ivec2 pixel, out vec3 albedo, out vec3 normal)
         Surface s = surface_of_triangle(triangle, x, plane);
         bool front = front_hit(plane.xyz, d);
         float light_point;
-        albedo = bsdf_at(s, front).diffuse + emitted(s, front, light_point);
+        albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, light_point);
         normal = shading_normal(s, front, -d);
     }
 }

@@ -18,6 +18,9 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     float t;
+#ifdef HAS_ALPHA
+    new_opacity_key(pixel + eye_corner, 0u);
+#endif
     int primitive = nearest_of(begin, end, eye_position, eye_direction(pixel), 0.0, -1, t);
 #ifdef COUNT_TESTS
     tests_of_pixel[pixel.y * eye_size.x + pixel.x] += tests;

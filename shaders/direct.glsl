@@ -7,6 +7,7 @@
 #include "texels.glsl"
 #include "hemicube.glsl"
 #include "light_sample.glsl"
+#include "opacity.glsl"
 
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
@@ -58,6 +59,10 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     uint own = upper.x ? row.y : row.x;
     uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
     int other = int(beside != own ? beside : above != own ? above : across) - 1;
+#ifdef HAS_ALPHA
+    // What lets light through is known at the centres of texels alone.
+    if (other >= 0 && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
+#endif
     if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
 
     int seen = int(own) - 1;

@@ -1,11 +1,22 @@
 // eye.frag: which triangle the eye sees; its number + 1, 0 for none.
 // Depth is linear: a perspective depth with so near a near plane has no digits left.
+#include "texels.glsl"
+#include <SCENE>
+#include "camera.glsl"
+#include "opacity.glsl"
 uniform vec2 eye_range;
+#ifdef HAS_ALPHA
+in vec3 world;
+#endif
 
 layout(location = 0) out uint seen;
 
 void main()
 {
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
+    if (lets_through(gl_PrimitiveID, world)) discard;
+#endif
     gl_FragDepth = 1.0 / (gl_FragCoord.w * eye_range.y);
     seen = uint(gl_PrimitiveID) + 1u;
 }

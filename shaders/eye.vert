@@ -3,8 +3,15 @@
 #include "camera.glsl"
 
 uniform vec2 eye_range;  // near and far distance
+#ifdef HAS_ALPHA
+out vec3 world;
+#endif
 
 void main()
 {
-    gl_Position = clip_from_eye(eye_from_world(vertex_position(uint(gl_VertexID))), eye_range);
+    vec3 position = vertex_position(uint(gl_VertexID));
+#ifdef HAS_ALPHA
+    world = position;
+#endif
+    gl_Position = clip_from_eye(eye_from_world(position), eye_range);
 }

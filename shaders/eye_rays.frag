@@ -11,5 +11,8 @@ layout(location = 0) out uint seen;
 
 void main()
 {
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
+#endif
     seen = uint(nearest_triangle(eye_position, eye_direction(ivec2(gl_FragCoord.xy)), -1) + 1);
 }

@@ -6,6 +6,9 @@
 #include <SCENE>
 #include "hemicube.glsl"
 
+#ifdef HAS_ALPHA
+out vec3 world;
+#endif
 uniform vec2 light_range;  // near and far distance along a face's axis
 #ifdef FULL_CUBE
 uniform bool light_one_sided;  // it shines to the side of light_normal only
@@ -13,7 +16,10 @@ uniform bool light_one_sided;  // it shines to the side of light_normal only
 
 void main()
 {
-    vec3 r = vertex_position(uint(gl_VertexID)) - light_position;
+    vec3 position = vertex_position(uint(gl_VertexID)), r = position - light_position;
+#ifdef HAS_ALPHA
+    world = position;
+#endif
     vec3 l = vec3(dot(r, light_tangent), dot(r, light_bitangent), dot(r, light_normal));
     vec3 p = hemicube_to_face(gl_InstanceID, l);
     bool top = gl_InstanceID == 0;

@@ -36,7 +36,12 @@ void main()
     vec3 sum = vec3(0.0);
     if (number != 0u) {
         ivec2 pixel = unpacked_place(number);
-        for (int k = 0; k < PLACES; ++k) sum += seen(eye_direction(pixel, places[k]));
+        for (int k = 0; k < PLACES; ++k) {
+#ifdef HAS_ALPHA
+            new_opacity_key(pixel + eye_corner, 1u + uint(k));
+#endif
+            sum += seen(eye_direction(pixel, places[k]));
+        }
     }
     light = vec4(sum / float(PLACES), 1.0);
 }

@@ -68,13 +68,14 @@ struct DirectLight
     vec3 light;      // radiance that a white Lambertian surface makes of it, over the sample's density
     float distance;  // to the light
     bool distant;    // from infinitely far
+    float density;   // per solid angle, of the light sample; 0 of a light without extent
 };
 
 // `normal` is on the lit side; views: see light_share.
 DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
 {
     vec3 w = l.position - position;
-    DirectLight found = DirectLight(vec3(0.0), vec3(0.0), 0.0, false);
+    DirectLight found = DirectLight(vec3(0.0), vec3(0.0), 0.0, false, 0.0);
 #ifdef HAS_DISTANT_LIGHTS
     found.distant = l.kind == LIGHT_DIRECTIONAL || l.kind == LIGHT_SKY;
     if (found.distant) w = -l.normal;
@@ -93,12 +94,14 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
         // No direction finds what has no extent.
         float share = l.kind == LIGHT_SKY ? light_share(l.density, cos_surface, views) : 1.0;
         found.light = E * (share * cos_surface / (PI * l.density));
+        found.density = l.kind == LIGHT_SKY ? l.density : 0.0;
         return found;
     }
 #endif
     if (cos_light <= 0.0) return found;
     float g = cos_surface * cos_light / r2;
-    float share = light_share(l.density * r2 / cos_light, cos_surface, views);
+    found.density = l.density * r2 / cos_light;
+    float share = light_share(found.density, cos_surface, views);
     found.light = l.radiance * (share * g / (PI * l.density));
     return found;
 }

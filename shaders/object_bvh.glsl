@@ -42,6 +42,7 @@ int nearest_by_bvh(vec3 origin, vec3 direction, float tmin, int exclude, out flo
             int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0) break;
             float at = intersect(candidate, origin, direction, tmin, exclude);
+            PASS_THROUGH(at, intersect, candidate)
             COUNT_TEST
             if (at < t || (at == t && at < NO_HIT && candidate < primitive))
             {
@@ -68,7 +69,9 @@ bool blocked_by_bvh(vec3 origin, vec3 direction, float tmin, float tmax, int exc
         {
             int candidate = int(of_leaf[i]) - 1;
             if (candidate < 0 || blocked) break;
-            blocked = intersect(candidate, origin, direction, tmin, exclude) < tmax;
+            float at = intersect(candidate, origin, direction, tmin, exclude);
+            PASS_THROUGH(at, intersect, candidate)
+            blocked = at < tmax;
             COUNT_TEST
         }
         leaf = blocked ? -1 : next_leaf(node, origin, inverse, tmin, tmax);

@@ -3,11 +3,22 @@
 //
 // Of primitives at the same t, the one with the lowest number wins, everywhere.
 #include "object_intersect.glsl"
+#include "object_opacity.glsl"
+
+// Where a surface lets the ray through, the next place where the ray meets the same primitive: a sphere has two.
+#ifdef HAS_ALPHA
+#define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)                                                                   \
+    for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT); ++k)     \
+        AT = ROUTINE(PRIMITIVE, origin, direction, AT, exclude);
+#else
+#define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)
+#endif
 
 #define TEST_ALL(FIRST, STOP, ROUTINE)                                      \
     for (int i = FIRST; i < STOP; ++i)                                      \
     {                                                                       \
         float at = ROUTINE(i, origin, direction, tmin, exclude);                \
+        PASS_THROUGH(at, ROUTINE, i)                                        \
         COUNT_TEST                                                          \
         if (at < t)                                                         \
         {                                                                   \
@@ -19,7 +30,9 @@
 #define TEST_ANY(FIRST, STOP, ROUTINE)                                      \
     for (int i = FIRST; i < STOP && !blocked; ++i)                          \
     {                                                                       \
-        blocked = ROUTINE(i, origin, direction, tmin, exclude) < tmax;          \
+        float at = ROUTINE(i, origin, direction, tmin, exclude);                \
+        PASS_THROUGH(at, ROUTINE, i)                                        \
+        blocked = at < tmax;                                                \
         COUNT_TEST                                                          \
     }
 

@@ -59,6 +59,9 @@ void main()
         vec2 within = fract(vec2(random_number(number, 0u), random_number(number, 1u)) + float(k) * vec2(0.7548777, 0.5698403));
         vec3 direction = cosine_direction(normal, (vec2(cell) + within) / float(SIDE));
         vec3 start = place.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;
+#ifdef HAS_ALPHA
+        opacity_key = pcg(number + pcg(USE_OPACITY + uint(k)));
+#endif
         float light = dot(light_along(start, normal, direction, own), vec3(1.0 / 3.0));
         sum += light * light;
     }

@@ -16,6 +16,12 @@
 #include "path_vertex.glsl"
 #include "ray_bvh.glsl"
 #include "cosine.glsl"
+#if defined(HAS_MICROFACETS) || defined(HAS_MIRRORS)
+#define HAS_LOBES
+#endif
+#ifdef HAS_LOBES
+#include "lobes.glsl"
+#endif
 #ifdef LAMP_EDGES
 #include "lamp_edges.glsl"
 #endif
@@ -29,6 +35,7 @@
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
+const int MIRRORS = 64;         // vertices of a path through glass and by mirrors at most, of which few are left by then
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
@@ -58,6 +65,13 @@ float random_at(Course at, uint use)
 {
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
+
+#ifdef HAS_ALPHA
+void opacity_key_at(Course at, uint use)
+{
+    opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
+}
+#endif
 
 // Which part of the lights a vertex takes.
 float choice_number(Course at)
@@ -125,6 +139,9 @@ struct Leaving
     PathVertex v;
     vec3 start;  // off the surface
     int guide;   // its number
+#ifdef HAS_LOBES
+    Lobes lobes;
+#endif
 };
 
 // Radiance of the path of a pixel of the window, and the rays that it cast. Its branches part at the first vertex.
@@ -139,6 +156,12 @@ vec4 trace_path(ivec2 pixel)
 #else
     const float seen = 1.0;
 #endif
+#ifdef HAS_LOBES
+    int bounces = 0;          // off a dull surface: where a gather looks up, mirrors and glass do not count
+    bool was_dull = false;    // the last one
+    vec3 inside = vec3(0.0);  // attenuation of what the path goes through
+#endif
+    float way = 0.0, reached = 0.0;  // of the ray: up to the last pane that it went through, and in all
     float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
@@ -167,9 +190,13 @@ vec4 trace_path(ivec2 pixel)
             PathVertex v = vertex_on(triangle, origin, direction, t);
             vec3 position = v.surface.position;
             bool front = v.front;
+            reached = way + t;
+#ifdef HAS_GLASS
+            beta *= exp(-inside * t);
+#endif
 
             vec3 Le = emitted(v.surface, front, light_point);
-            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, t, dot(v.plane.xyz, direction)));
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
 
             vec3 reflected = beta;  // of direct light
             goes_on = at.depth < vertices - 1;
@@ -177,14 +204,21 @@ vec4 trace_path(ivec2 pixel)
             LatticePlace place = lattice_place(triangle, position);
 #endif
 #ifdef GATHER
-            if (at.depth >= lookup_depth) {
-                goes_on = at.depth < lookup_depth + FURTHER
+#ifdef HAS_LOBES
+            bool mirrored = at.depth > 0 && !was_dull;
+            goes_on = bounces < lookup_depth;
+#else
+            const bool mirrored = false;
+            int bounces = at.depth;
+#endif
+            if (bounces >= lookup_depth) {
+                goes_on = bounces < lookup_depth + FURTHER && !mirrored
                     && t < lookup_distance * random_at(at, USE_LOOKUP) * place.width;
                 if (goes_on) {
                     vertices = at.depth + 2;
                 } else {
                     vec4 found = irradiance_at(place, front);
-                    L += beta * v.bsdf.diffuse * found.rgb / PI;
+                    L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;
                     reflected *= 1.0 - found.a;
                 }
             }
@@ -194,18 +228,70 @@ vec4 trace_path(ivec2 pixel)
             float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
             vec3 start = position + rounding * v.normal;
             LightSample light_sample;
+#ifdef HAS_LOBES
+#ifdef GATHER
+            const bool beyond = false;
+            bool others_go_on = at.depth < MIRRORS;
+#else
+            // Of the last vertex's mirrors and glass, light samples know nothing: one ray more finds what shines there.
+            bool beyond = at.depth >= vertices, others_go_on = !beyond;
+#endif
+            DirectLight direct = direct_light(at, position, v.normal, 0, light_sample);
+            if (beyond || (!goes_on && ambient_instead(light_sample.kind))) direct.light = vec3(0.0);
+            Lobes lobes = lobes_of(v, goes_on, others_go_on);
+            vec3 dull, others;
+            lit_lobes(v, lobes, direct, dull, others);
+            vec3 lit = reflected * dull + beta * others;
+            bool ends = !goes_on && !beyond;
+#ifdef HAS_GLASS
+            if (is_frosted(v.bsdf) && !beyond) {
+                LightSample other;
+                DirectLight behind = direct_light(at, position, -v.normal, 0, other);
+                vec3 through = beta * lit_through(v, lobes, behind);
+                if (max(through.r, max(through.g, through.b)) > 0.0) {
+                    vec3 from_behind = position - rounding * v.normal;
+                    vec3 to_light = behind.distant ? behind.wi : other.position - from_behind;
+                    float tmax = behind.distant ? NO_HIT : 1.0 - ROUNDING - rounding / behind.distance;
+#ifdef HAS_ALPHA
+                    opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+                    if (!is_blocked(from_behind, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+                        through *= through_panes;
+#endif
+                        L += through;
+                    }
+                }
+            }
+#endif
+            goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
+#else
             DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
             if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
             vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
                      * shading_cosine(v.n, v.normal, direct.wi);
+            bool ends = !goes_on;
+#endif
             if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
                 // To just before the light, whose own triangle does not stand in its way.
                 vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
                 float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
-                if (!is_blocked(start, to_light, tmax, triangle)) L += lit;
+#ifdef HAS_ALPHA
+                opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+                if (!is_blocked(start, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+                    lit *= through_panes;
+#endif
+                    L += lit;
+                }
             }
-            if (!goes_on) L += beta * v.bsdf.diffuse * ambient;
-            from = Leaving(v, start, 0);
+            if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
+            from.v = v;
+            from.start = start;
+#ifdef HAS_LOBES
+            from.lobes = lobes;
+#endif
 #ifdef GUIDED
             from.guide = front ? guide_at(place) : -1;
 #endif
@@ -223,23 +309,70 @@ vec4 trace_path(ivec2 pixel)
 #ifdef GUIDED
             dearer = 1.0;
 #endif
+#ifdef HAS_LOBES
+            bounces = 0;
+            way = 0.0;
+            inside = vec3(0.0);
+#endif
         }
 #endif
         if (!goes_on) break;
         vec2 numbers = direction_numbers(at);
-#ifdef GUIDED
-        // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
-        if (from.guide >= 0) {
-            float chosen;
-            numbers = guided(from.guide, numbers, chosen);
-            beta /= chosen;
-            dearer /= chosen;
-        }
-#endif
         PathVertex v = from.v;
-        direction = cosine_direction(v.normal, numbers);
-        float cosine = dot(v.normal, direction);
-        beta *= bsdf_eval(v.bsdf, v.n, v.wo, direction) * shading_cosine(v.n, v.normal, direction);
+        origin = from.start;
+        float chance = 1.0, cosine;
+#ifdef HAS_LOBES
+        float chosen = random_at(at, USE_LOBE) - from.lobes.dull;
+        bool by_dull = chosen < 0.0;
+        if (!by_dull) {
+            bool stays = chosen < from.lobes.microfacets + from.lobes.coat + from.lobes.mirror;
+            Departure leaving = leave_by(v, from.lobes, chosen, numbers);
+            direction = leaving.direction;
+            beta *= stays ? leaving.weight : vec3(0.0);
+#ifdef HAS_PANES
+            // To its light samples a vertex sees through panes: what it finds behind them is shared with these, and the
+            // pane is no vertex of the path.
+            if (leaving.straight) {
+                way = reached;
+                vertices += 1;
+                if (at.depth == 0) density = MIRRORED;
+            } else
+#endif
+            {
+                density = leaving.density;
+                was_dull = false;
+                way = 0.0;
+            }
+            cosine = 1.0;
+#ifdef HAS_GLASS
+            if (leaving.through) {
+                origin = 2.0 * v.surface.position - from.start;
+                if (v.bsdf.eta > 0.0) inside = v.front ? material_texel(v.surface.material, MATERIAL_INSIDE).rgb : vec3(0.0);
+            }
+#endif
+        } else
+#endif
+        {
+#ifdef HAS_LOBES
+            chance = from.lobes.dull;
+            bounces += 1;
+            was_dull = true;
+            way = 0.0;
+#endif
+#ifdef GUIDED
+            // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
+            if (from.guide >= 0) {
+                float chosen;
+                numbers = guided(from.guide, numbers, chosen);
+                beta /= chosen;
+                dearer /= chosen;
+            }
+#endif
+            direction = cosine_direction(v.normal, numbers);
+            cosine = dot(v.normal, direction);
+            beta *= dull_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
+            density = chance * cosine / PI;
+        }
         float most = max(beta.r, max(beta.g, beta.b));
         if (at.depth + 1 >= roulette_depth) {
 #ifdef GUIDED
@@ -254,10 +387,11 @@ vec4 trace_path(ivec2 pixel)
         goes_on = goes_on && most > 0.0 && cosine > 0.0;
         at.depth += 1;
         if (goes_on) {
-            density = cosine / PI;
-            origin = from.start;
             rays += 1.0;
-            triangle = nearest_triangle(from.start, direction, v.triangle);
+#ifdef HAS_ALPHA
+            opacity_key_at(at, USE_OPACITY);
+#endif
+            triangle = nearest_triangle(origin, direction, v.triangle);
         }
 #if BRANCHES == 1
         if (!goes_on) break;

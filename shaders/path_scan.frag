@@ -7,7 +7,14 @@
 //   otherwise  two scans: NEAREST writes the depth alone; the next finds whose depth it was (blend MAX)
 #include "texels.glsl"
 #include <CONSTANTS>
+#include <SCENE>
+#include "opacity.glsl"
+#include "path_flight.glsl"
 
+#ifdef HAS_ALPHA
+flat in uint see_through;
+UINT_TEXELS(rgba32ui, cell_slots);
+#endif
 TEXELS(rgba32f, cell_z0);
 UINT_TEXELS(rgba32ui, cell_place);
 #if !defined(PACKED) && !defined(NEAREST)
@@ -51,6 +58,21 @@ void main()
 
     float least = DEPTH_TOLERANCE + PLACE_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
     bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(least))));
+#ifdef HAS_ALPHA
+    // By chance for each path: its number is that of its slot, the scan's is in the seed.
+    if (see_through != 0u && any(hit)) {
+        uvec4 numbers = texel(cell_slots, cell) & NUMBER_MASK, face = face_texel(int(triangle_id), FACE_CORNERS);
+        vec2 ab = b - a, ac = c - a;
+        float area = ab.x * ac.y - ab.y * ac.x;
+        for (int k = 0; k < 4; ++k) {
+            vec2 p = vec2(x[k], y[k]) - a;
+            vec2 bc = vec2(p.x * ac.y - p.y * ac.x, ab.x * p.y - ab.y * p.x) / area;
+            if (see_through == 2u) bc = bc.yx;
+            opacity_key = pcg(numbers[k] + pcg(permutation_seed));
+            if (hit[k] && triangle_lets_through(int(triangle_id), face, vec3(1.0 - bc.x - bc.y, bc))) hit[k] = false;
+        }
+    }
+#endif
 #if defined(PACKED)
     uvec4 word = (uvec4(min(t, 1.0) * float(DEPTH_LEVELS)) << ID_BITS) | uvec4(triangle_id);
     found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + LEAST_NORMAL), hit);

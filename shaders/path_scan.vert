@@ -9,6 +9,9 @@ flat out vec4 corner_ab;
 flat out vec2 corner_c;
 flat out vec3 depth_plane;  // slope per cell in x and y, depth at corner a
 flat out uint triangle_id;
+#ifdef HAS_ALPHA
+flat out uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where corners b and c are exchanged
+#endif
 
 uniform int cell_columns;
 
@@ -66,6 +69,9 @@ void main()
     vec3 c = cell_space(view, path_space(gl_InstanceID, vertex_position(face.z)));
     vec2 ab = b.xy - a.xy, ac = c.xy - a.xy;
     float twice_area = ab.x * ac.y - ab.y * ac.x;
+#ifdef HAS_ALPHA
+    bool exchanged = twice_area < 0.0;
+#endif
     if (twice_area < 0.0) {
         vec3 swap = b; b = c; c = swap;
         ab = b.xy - a.xy; ac = c.xy - a.xy;
@@ -73,6 +79,9 @@ void main()
     }
 
     triangle_id = uint(triangle);
+#ifdef HAS_ALPHA
+    see_through = shape_texel(int(face.w), SHAPE_MATERIAL).z == 0u ? 0u : exchanged ? 2u : 1u;
+#endif
     vec2 first = vec2(view.first_column, 0.0);
     corner_ab = vec4(a.xy + first, b.xy + first);
     corner_c = c.xy + first;

@@ -6,6 +6,9 @@ const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;
 const uint USE_LIGHT = 3u;
 const uint USE_LOOKUP = 4u;
+const uint USE_OPACITY = 5u;         // of what the path meets next
+const uint USE_SHADOW_OPACITY = 6u;  // of what is between a vertex and its light
+const uint USE_LOBE = 7u;
 
 uint pcg(uint v)
 {
@@ -14,8 +17,14 @@ uint pcg(uint v)
     return (word >> 22u) ^ word;
 }
 
-// Uniform in [0, 1): `path` is the pixel's number in the whole image.
+// Uniform in [0, 1).
+float random_unit(uint counter)
+{
+    return float(pcg(counter) >> 8u) * (1.0 / 16777216.0);
+}
+
+// `path` is the pixel's number in the whole image.
 float random_number(uint path, uint use)
 {
-    return float(pcg(path + pcg(random_seed + use)) >> 8u) * (1.0 / 16777216.0);
+    return random_unit(path + pcg(random_seed + use));
 }

@@ -7,6 +7,7 @@ uniform bool ray_octants;    // there are eight
 uniform vec3 ray_lower;      // of the scene's box in steps: where it begins, and a step
 uniform vec3 ray_step;
 #include "directions.glsl"
+#include "opacity.glsl"
 
 const float NO_HIT = 1e30;
 // A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
@@ -64,7 +65,20 @@ float meet_item(Ray ray, int item, int exclude, out int triangle)
     return met ? uvt.z : NO_HIT;
 }
 
-// exclude: the triangle that the ray starts on, -1 for none.
+#ifdef HAS_ALPHA
+bool item_lets_through(int item, int triangle, vec3 position)
+{
+    return (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_ALPHA) != 0u && lets_through(triangle, position);
+}
+#endif
+
+#ifdef HAS_PANES
+// Share of the light that a pane lets through, and what all panes on the way of a ray to a light let.
+vec3 pane_lets_through(int triangle, vec3 position, vec3 direction);
+vec3 through_panes;
+#endif
+
+// exclude: the triangle that the ray starts on, -1 for none. Where there is HAS_ALPHA, opacity_key is set before.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
@@ -74,6 +88,9 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
     {
         int triangle;
         float at = meet_item(ray, item, exclude, triangle);
+#ifdef HAS_ALPHA
+        if (at < t && item_lets_through(item, triangle, origin + at * direction)) at = NO_HIT;
+#endif
         if (at < t) {
             t = at;
             nearest = triangle;
@@ -87,11 +104,24 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 {
     Ray ray = ray_along(origin, direction);
     bool blocked = false;
+#ifdef HAS_PANES
+    through_panes = vec3(1.0);
+#endif
     int node = ray.first, item = next_item(node, ray, tmax);
     while (item >= 0)
     {
         int triangle;
-        blocked = meet_item(ray, item, exclude, triangle) < tmax;
+        float at = meet_item(ray, item, exclude, triangle);
+        blocked = at < tmax;
+#ifdef HAS_ALPHA
+        blocked = blocked && !item_lets_through(item, triangle, origin + at * direction);
+#endif
+#ifdef HAS_PANES
+        if (blocked && (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_PANE) != 0u) {
+            through_panes *= pane_lets_through(triangle, origin + at * direction, direction);
+            blocked = max(through_panes.r, max(through_panes.g, through_panes.b)) <= 0.0;
+        }
+#endif
         item = blocked ? -1 : next_item(node, ray, tmax);
     }
     return blocked;

@@ -12,6 +12,27 @@ vec2 sphere_uv(vec3 unit)
     return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 0.5 + atan(unit.z, length(unit.xy)) / PI);
 }
 
+#ifdef HAS_NORMAL_MAPS
+// From the gradients of the texture coordinates to those of the slot, which an affine map has made of them.
+void map_normal_by(inout Surface s, vec3 along_u, vec3 along_v)
+{
+    int slot = normal_slot(s.material);
+    if (slot < 0) return;
+    vec2 u = slot_map_texel(slot, SLOT_MAP_U).xy, v = slot_map_texel(slot, SLOT_MAP_V).xy;
+    float side = u.x * v.y - u.y * v.x < 0.0 ? -1.0 : 1.0;
+    map_normal(s, slot, side * (v.y * along_u - v.x * along_v), side * (u.x * along_v - u.y * along_u));
+}
+
+// linear: world_from_unit, of any scale; unit: the place on the unit sphere.
+void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
+{
+    float across = max(dot(unit.xy, unit.xy), 1e-12);
+    vec3 along_u = vec3(-unit.y, unit.x, 0.0) * (2.0 * PI);
+    vec3 along_v = vec3(-unit.z * unit.xy / sqrt(across), sqrt(across)) * PI;
+    map_normal_by(s, linear * along_u, linear * along_v);
+}
+#endif
+
 Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
 {
     Surface s = surface_of_shape(shape_of(primitive), origin + t * direction, vec3(0.0));
@@ -26,7 +47,11 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         mat3 rows = mat3(
             unit_texel(primitive, UNIT_ROW0).xyz, unit_texel(primitive, UNIT_ROW1).xyz,
             unit_texel(primitive, UNIT_ROW2).xyz);
-        s.uv = sphere_uv(normalize(to_unit(rows, out_of)));
+        vec3 unit = normalize(to_unit(rows, out_of));
+        s.uv = sphere_uv(unit);
+#ifdef HAS_NORMAL_MAPS
+        map_normal_of_sphere(s, rows, unit);
+#endif
     }
 #endif
 #ifdef HAS_ELLIPSOIDS
@@ -38,6 +63,9 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
         s.normal = s.smooth_normal = normalize(rows * unit) * sign(determinant(rows));
         s.uv = sphere_uv(unit);
+#ifdef HAS_NORMAL_MAPS
+        map_normal_of_sphere(s, inverse(transpose(rows)), unit);
+#endif
     }
 #endif
 #ifdef HAS_TRIANGLES
@@ -48,7 +76,8 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         vec3 weight = triangle_weights(from, direction, extent);
         weight /= weight.x + weight.y + weight.z;
         s.normal = s.smooth_normal = normalize(from.plane.xyz);
-        interpolate(s, face_texel(primitive - first_triangle, FACE_CORNERS), weight);
+        s.triangle = primitive - first_triangle;
+        interpolate(s, face_texel(s.triangle, FACE_CORNERS), weight, from.corner1 - from.corner0, from.corner2 - from.corner0);
     }
 #endif
 #ifdef HAS_PLANES
@@ -57,7 +86,11 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
         int plane = primitive - first_plane;
         s.normal = s.smooth_normal = plane_texel(plane, PLANE_NORMAL).xyz;
         vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
-        s.uv = vec2(dot(from_point, plane_texel(plane, PLANE_U).xyz), dot(from_point, plane_texel(plane, PLANE_V).xyz));
+        vec3 along_u = plane_texel(plane, PLANE_U).xyz, along_v = plane_texel(plane, PLANE_V).xyz;
+        s.uv = vec2(dot(from_point, along_u), dot(from_point, along_v));
+#ifdef HAS_NORMAL_MAPS
+        map_normal_by(s, along_u / dot(along_u, along_u), along_v / dot(along_v, along_v));
+#endif
     }
 #endif
     return s;

@@ -24,7 +24,7 @@ void main()
 #ifdef COUNT_TESTS
     atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);
 #endif
-    float t = shoot(aim, eye_direction(pixel));
+    float t = shoot(primitive, aim, pixel);
     if (!(t < NO_HIT)) discard;
     found = uvec2(primitive + 1, floatBitsToUint(t));
     gl_FragDepth = t * DEPTH_SCALE;

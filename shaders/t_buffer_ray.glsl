@@ -3,6 +3,7 @@
 // Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl
 #include <SCENE>
 #include "object_intersect.glsl"
+#include "object_opacity.glsl"
 #include "camera.glsl"
 #include "object_bounds.glsl"
 
@@ -21,7 +22,7 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     return sphere_bounds(sphere.xyz, abs(sphere.w), low, high);
 }
 
-float shoot(Target aim, vec3 direction) { return sphere_hit(aim.from, aim.radius, direction, 0.0); }
+float shoot_from(Target aim, vec3 direction, float tmin) { return sphere_hit(aim.from, aim.radius, direction, tmin); }
 
 #elif defined(KIND_ELLIPSOID)
 struct Target { mat3 rows; vec4 from; };
@@ -45,7 +46,7 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     return ellipsoid_bounds(vec3(axis0.w, axis1.w, axis2.w), axes[0], axes[1], axes[2], low, high);
 }
 
-float shoot(Target aim, vec3 direction) { return ellipsoid_hit(UnitSpace(aim.rows, aim.from), direction, 0.0); }
+float shoot_from(Target aim, vec3 direction, float tmin) { return ellipsoid_hit(UnitSpace(aim.rows, aim.from), direction, tmin); }
 
 #elif defined(KIND_TRIANGLE)
 struct Target { vec3 corner0; vec3 corner1; vec3 corner2; vec4 plane; };
@@ -62,9 +63,9 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     return triangle_bounds(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z), low, high);
 }
 
-float shoot(Target aim, vec3 direction)
+float shoot_from(Target aim, vec3 direction, float tmin)
 {
-    return triangle_hit(TriangleFrom(aim.corner0, aim.corner1, aim.corner2, aim.plane), direction, 0.0);
+    return triangle_hit(TriangleFrom(aim.corner0, aim.corner1, aim.corner2, aim.plane), direction, tmin);
 }
 
 #elif defined(KIND_PLANE)
@@ -77,5 +78,20 @@ Target target(int primitive)
     return Target(vec4(normal, plane_from(eye_position, normal, plane_texel(plane, PLANE_POINT).xyz)));
 }
 
-float shoot(Target aim, vec3 direction) { return plane_hit(aim.plane.w, aim.plane.xyz, direction, 0.0); }
+float shoot_from(Target aim, vec3 direction, float tmin) { return plane_hit(aim.plane.w, aim.plane.xyz, direction, tmin); }
+#endif
+
+#if defined(KIND_SPHERE) || defined(KIND_ELLIPSOID) || defined(KIND_TRIANGLE) || defined(KIND_PLANE)
+// The ray through a pixel of the window.
+float shoot(int primitive, Target aim, ivec2 pixel)
+{
+    vec3 direction = eye_direction(pixel);
+    float t = shoot_from(aim, direction, 0.0);
+#ifdef HAS_ALPHA
+    new_opacity_key(pixel + eye_corner, 0u);
+    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(primitive, eye_position, direction, t); ++k)
+        t = shoot_from(aim, direction, t);
+#endif
+    return t;
+}
 #endif

@@ -56,7 +56,7 @@ void main()
     ivec2 pixel = low;
     for (int i = size.x * size.y; i > 0; --i)
     {
-        float t = shoot(aim, eye_direction(pixel));
+        float t = shoot(primitive, aim, pixel);
         int at = pixel.y * eye_size.x + pixel.x;
         uint bits = floatBitsToUint(t);
 #ifdef SECOND

@@ -31,8 +31,21 @@ uniform vec3 ambient;
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
 #endif
 
+#ifdef HAS_ALPHA
+uint rays_cast = 0u;  // of the pixel
+#endif
+
+// Another chance for every ray to pass through blended surfaces.
+void begin_ray()
+{
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, ++rays_cast);
+#endif
+}
+
 bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
+    begin_ray();
 #ifdef BY_BVH
     return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
 #else
@@ -134,7 +147,7 @@ void main()
         shadow_tests += tests - before;
 #endif
 #ifdef REFLECTIONS
-        weight *= bsdf.mirror;
+        weight *= mirrored(bsdf, dot(n, -direction));
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
         origin = s.position;
@@ -143,6 +156,7 @@ void main()
         if (dot(reflected, normal) <= 0.0) reflected = reflect(direction, normal);
 #endif
         direction = normalize(reflected);
+        begin_ray();
 #ifdef BY_BVH
         primitive = nearest_by_bvh(origin, direction, rounding, primitive, t);
 #else

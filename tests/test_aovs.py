@@ -58,7 +58,7 @@ def slow_aovs(scene: Scene) -> Aovs:
         for y in places:
             origins, directions = slow.camera_rays(scene, (x, y))
             primitive, t = slow.nearest(scene, origins, directions)
-            albedo, normal = slow._sky(scene, directions), np.zeros_like(directions)
+            albedo, normal = slow.sky_radiance(scene, directions), np.zeros_like(directions)
             hit = primitive >= 0
             n, uv = slow._surface(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
             front = np.sum(n * directions[hit], axis=1) < 0
@@ -69,7 +69,7 @@ def slow_aovs(scene: Scene) -> Aovs:
                 if front[i] or material.two_sided:
                     seen[i] = material.reflectance
                 if material.texture is not None:
-                    seen[i] *= slow.texture_colour(scene, material.texture, uv[i : i + 1])[0]
+                    seen[i] *= slow.texture_colour(scene, material.texture.texture, uv[i : i + 1])[0]
                 if s.emits and (front[i] or s.emission_two_sided):
                     seen[i] += s.emission
             albedo[hit] = seen

@@ -23,10 +23,10 @@ from glpath.scene import load_scene
 
 SIDE = 64
 NOT_THE_NEAREST = ("ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
-NO_SHADOWS = ("ray_bvh.glsl", "blocked = meet_item", "blocked = false && meet_item")
+NO_SHADOWS = ("ray_bvh.glsl", "blocked = at < tmax", "blocked = false && at < tmax")
 BRIGHT = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 A_TENTH_BRIGHTER = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
-BLACK_LOOK_UP = ("path_rays.glsl", "L += beta * v.bsdf.diffuse * found.rgb / PI;", "")
+BLACK_LOOK_UP = ("path_rays.glsl", "L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;", "")
 
 
 @pytest.fixture

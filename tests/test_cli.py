@@ -103,6 +103,7 @@ def test_the_public_names_are_these() -> None:
         "ViewFactors",
         "__version__",
         "element_error",
+        "export",
         "load_scene",
         "read_image",
         "relative_mse",
@@ -157,7 +158,19 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
     result = run("--help")
     assert result.exit_code == 0
     assert "130 interrupted" in " ".join(result.stdout.split())
-    for command in ("render", "diff", "info", "validate", "schema", "scenes", "devices", "doctor", "bench"):
+    for command in (
+        "render",
+        "merge",
+        "diff",
+        "info",
+        "validate",
+        "schema",
+        "scenes",
+        "export",
+        "devices",
+        "doctor",
+        "bench",
+    ):
         assert command in result.stdout
 
 

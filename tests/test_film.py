@@ -104,7 +104,7 @@ def test_a_sum_over_two_batches_is_refused(make_film: MakeFilm) -> None:
         ("seed", 4, "seed is 4 .* 3"),
         ("max_depth", 2, "max_depth is 2 .* 5"),
         ("integrator", "gather", "integrator is gather"),
-        ("settings", {"sampling": "random"}, "settings is .*random"),
+        ("settings", {"sampling": "random"}, "settings.ambient is absent .*; settings.sampling is random"),
         ("window", (1, 0, 6, 4), "crop is .1, 0, 6, 4."),
         ("full_resolution", (12, 8), "resolution is .12, 8."),
     ],

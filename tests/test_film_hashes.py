@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,9 +44,16 @@ MIXED: dict[str, object] = {
     ],
 }
 
+#: A map with a sun, in place of the sky.
+ENVIRONMENT = np.random.default_rng(0).random((9, 16, 3)).astype(np.float32)
+ENVIRONMENT[2, 5] = 60.0
+
 FILMS: dict[str, dict[str, object]] = {
     "path-mixed": {"scene": MIXED, "max_depth": 3, "directions": "pair", "resolution": (48, 36), "spp": 16},
     "rays-mixed": {"scene": MIXED, "max_depth": 3, "resolution": (48, 36), "spp": 16},
+    "path-environment": {"scene": "environment", "directions": "pair", **SMALL},
+    "rays-environment": {"scene": "environment", **SMALL},
+    "t-buffer-environment": {"scene": "environment", "integrator": "t-buffer", **SMALL},
     "t-buffer-mixed": {"scene": MIXED, "integrator": "t-buffer", **SMALL},
     "t-buffer-cornell-box": {"scene": "cornell-box", "integrator": "t-buffer", **SMALL},
     "path-cornell-box": {"scene": "cornell-box", "directions": "pair", **SMALL},
@@ -126,6 +134,9 @@ def device() -> str:
 
 def film_of(name: str, **changes: object) -> Film:
     options = FILMS[name] | changes
+    if options["scene"] == "environment":
+        scene = glpath.load_scene(MIXED)
+        options["scene"] = replace(scene, sky=glpath.scene.Environment(ENVIRONMENT, rotation=25.0, scale=0.7))
     if options.get("integrator") == "gather":
         # Particles are the same on every machine; quadrature rests on how many threads there are.
         options["radiosity"] = glpath.solve_radiosity(

@@ -133,11 +133,13 @@ def test_a_jpeg_is_read_as_srgb_whatever_its_colour_model(tmp_path: Path) -> Non
         np.testing.assert_allclose(image.encode_srgb(found), np.broadcast_to(expected, found.shape), atol=0.02)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".exr"])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".exr", ".hdr"])
 def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     if suffix == ".exr":
         image.write_exr(path, np.ones((4, 6, 3)), window=(2, 1, 6, 4), full_resolution=(9, 8))
+    elif suffix == ".hdr":
+        path.write_bytes(b"#?RADIANCE\n\n-Y 4 +X 6\n" + bytes(4 * 6 * 4))
     else:
         iio.imwrite(path, np.zeros((4, 6, 3), np.uint8))
     assert image.picture_size(path) == (6, 4) == image.read_image(path).shape[1::-1]
@@ -160,7 +162,7 @@ def test_a_cut_off_exr_is_named(tmp_path: Path, kept: int) -> None:
 
 def test_what_cannot_be_read_says_what_can(tmp_path: Path) -> None:
     with pytest.raises(
-        ImageError, match=r"a.gif: cannot read a .gif. Allowed: .png, .jpg, .jpeg, .exr, .npz, .npy"
+        ImageError, match=r"a.gif: cannot read a .gif. Allowed: .png, .jpg, .jpeg, .exr, .hdr, .npz, .npy"
     ):
         image.read_image(tmp_path / "a.gif")
     with pytest.raises(ImageError, match="there is no such file"):

@@ -444,9 +444,9 @@ def test_standard_output_takes_a_png_from_a_real_render() -> None:
 # A scene from standard input.
 
 
-@pytest.mark.parametrize("command", ["render", "radiosity", "bake", "info", "validate"])
+@pytest.mark.parametrize("command", ["render", "radiosity", "bake", "export", "info", "validate"])
 def test_a_scene_comes_from_standard_input(command: str, tmp_path: Path, film: Film) -> None:
-    out = {"render": "a.png", "radiosity": "s.npz", "bake": "b.glb"}.get(command)
+    out = {"render": "a.png", "radiosity": "s.npz", "bake": "b.glb", "export": "e.xml"}.get(command)
     text = SCENE.replace('type = "sphere"\nradius = 1.0', 'type = "box"\nmin = [0, 0, 0]\nmax = [1, 1, 1]')
     options = () if out is None else ("-o", tmp_path / out)
     result = run(command, "-", *options, stdin=text)

@@ -57,7 +57,7 @@ def test_a_material_says_how_it_reflects(tmp_path: Path):
     # What a texture multiplies is white, or a textured wall would be half as bright as its picture.
     assert by_name["tiled"].reflectance.tolist() == [1] * 3
     assert by_name["tinted"].reflectance.tolist() == [1, 0.5, 0]
-    assert found.textures[by_name["tiled"].texture].name == "tiles"
+    assert found.textures[by_name["tiled"].texture.texture].name == "tiles"
 
 
 # --- textures ---
@@ -167,6 +167,59 @@ def test_a_folder_is_no_picture(tmp_path: Path):
     (tmp_path / "a.png").mkdir()
     with pytest.raises(SceneError, match=r"a.png, which is not a file"):
         textured("a.png", tmp_path)
+
+
+MAPS = """
+[materials.leaf]
+texture = "leaf"
+alpha = "mask"
+cutoff = 0.3
+opacity = 0.9
+normal_texture = "bumps"
+normal_scale = 2
+emission_texture = "glow"
+[textures]
+leaf = { type = "image", file = "leaf.png", wrap = "clamp" }
+bumps = { type = "image", file = "bumps.png" }
+glow = { type = "image", file = "bumps.png", wrap = "mirror" }
+"""
+
+
+def test_a_material_names_its_maps_and_its_alpha(tmp_path: Path):
+    stored = np.random.default_rng(1).integers(0, 256, (5, 7, 4), np.uint8)
+    iio.imwrite(tmp_path / "leaf.png", stored)
+    iio.imwrite(tmp_path / "bumps.png", PICTURE)
+    found = scene(MAPS, tmp_path)
+    leaf = next(m for m in found.materials if m.name == "leaf")
+    assert (leaf.alpha, leaf.cutoff, leaf.opacity, leaf.normal_scale) == ("mask", 0.3, 0.9, 2)
+    named = {name: found.textures[slot.texture] for name, slot in leaf.slots.items()}
+    assert {k: t.name for k, t in named.items()} == {
+        "texture": "leaf",
+        "normal_texture": "bumps",
+        "emission_texture": "glow",
+    }
+    assert named["texture"].wrap == ("clamp", "clamp")
+    assert np.allclose(named["texture"].image[..., 3], stored[..., 3] / 255)
+    # What is no colour is as it is stored; the same file as a colour is sRGB.
+    assert np.allclose(named["normal_texture"].image, PICTURE / 255, atol=1e-6)
+    assert np.allclose(named["emission_texture"].image, decode_srgb(PICTURE / 255))
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "message"),
+    [
+        ('"mask"', '"hole"', r"materials.leaf.alpha"),
+        ("cutoff = 0.3", "cutoff = 2", r"materials.leaf.cutoff"),
+        ('"clamp"', '"border"', r"textures.leaf.wrap"),
+        ('normal_texture = "bumps"', 'normal_texture = "bump"', r"materials.leaf.normal_texture"),
+        ('emission_texture = "glow"', 'emission_texture = "bumps"', r"textures.bumps is used both"),
+    ],
+)
+def test_a_wrong_map_is_named(tmp_path: Path, was: str, becomes: str, message: str):
+    iio.imwrite(tmp_path / "leaf.png", PICTURE)
+    iio.imwrite(tmp_path / "bumps.png", PICTURE)
+    with pytest.raises(SceneError, match=message):
+        scene(MAPS.replace(was, becomes), tmp_path)
 
 
 # --- light ---

@@ -15,7 +15,20 @@ import pytest
 from glpath.errors import SceneError
 from glpath.scene import load_scene, scene_from_dict
 from glpath.scene.digest import UNSEEN
-from glpath.scene.model import Camera, Light, Material, Mesh, Scene, Shape, Shapes, Sky, Texture
+from glpath.scene.material import SLOTS
+from glpath.scene.model import (
+    Camera,
+    Environment,
+    Light,
+    Material,
+    Mesh,
+    Scene,
+    Shape,
+    Shapes,
+    Sky,
+    Texture,
+    TextureSlot,
+)
 from glpath.scene.tessellate import unit_sphere
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
@@ -32,7 +45,9 @@ def scene(*shapes: dict, **tables: object) -> Scene:
 def everything() -> Scene:
     """A scene in which every field has something in it."""
     corners = np.arange(9.0).reshape(3, 3) ** 2
-    mesh = Mesh(corners, np.array([[0, 1, 2]], np.int32), np.arange(6.0).reshape(3, 2), np.eye(3))
+    uv = np.arange(6.0).reshape(3, 2)
+    mesh = Mesh(corners, np.array([[0, 1, 2]], np.int32), uv, np.eye(3), uv + 7.0, np.arange(12.0).reshape(3, 4))
+    slots = {name: TextureSlot(i % 2, 1) for i, name in enumerate(SLOTS)}
     return Scene(
         name="all",
         camera=Camera(np.array([0.0, 0, 9]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 6)),
@@ -43,9 +58,12 @@ def everything() -> Scene:
                 Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True),
             ]
         ),
-        materials=(Material("m", np.full(3, 0.5)), Material("n", np.full(3, 0.25), texture=0)),
+        materials=(Material("m", np.full(3, 0.5)), Material("n", np.full(3, 0.25), roughness=0.5, **slots)),
         source="here",
-        textures=(Texture("x", np.ones((2, 2, 3), np.float32)),),
+        textures=(
+            Texture("x", np.ones((2, 2, 3), np.float32)),
+            Texture("y", np.ones((1, 2, 4), np.uint8), srgb=True),
+        ),
         lights=(Light("l", "point", np.ones(3)),),
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
@@ -92,7 +110,9 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
     whole = everything()
     seen = {whole.digest(): "the scene itself"}
     reached = set()
-    for path, changed in mutations(whole):
+    mapped = replace(whole, sky=Environment(np.ones((1, 2, 3), np.float32)))
+    of_map = ((f".Scene.sky{path}", replace(whole, sky=sky)) for path, sky in mutations(mapped.sky))
+    for path, changed in (*mutations(whole), ("the map.Scene.sky", mapped), *of_map):
         names = re.findall(r"\.([A-Z]\w*)\.(\w+)", path)
         reached.update(names)
         digest = changed.digest()
@@ -101,7 +121,7 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
         else:
             assert digest not in seen, f"{path} has the digest of {seen[digest]}"
             seen[digest] = path
-    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, Light, Sky)
+    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, Sky, Environment)
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
 
@@ -232,8 +252,11 @@ def test_a_texture_on_a_mesh_without_coordinates_is_an_error_where_nobody_can_ma
         replace(
             one,
             shapes=[replace(one.shapes[0], geometry=mesh)],
-            materials=[replace(one.materials[0], texture=0)],
-            textures=(Texture("x", np.ones((2, 2, 3), np.float32)),),
+            materials=[replace(one.materials[0], texture=TextureSlot(0))],
+            textures=(
+                Texture("x", np.ones((2, 2, 3), np.float32)),
+                Texture("y", np.ones((1, 2, 4), np.uint8), srgb=True),
+            ),
         )
 
 

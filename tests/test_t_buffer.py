@@ -317,7 +317,7 @@ def test_points_are_as_large_as_the_device_draws(
     assert_all_equal(see(gl, scene_of(spheres=spheres, view=camera(fov=60))))
 
 
-SHOT = "float t = shoot(aim, eye_direction(pixel));"
+SHOT = "float t = shoot(primitive, aim, pixel);"
 
 
 @pytest.mark.parametrize(

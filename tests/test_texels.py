@@ -24,6 +24,9 @@ NAMES = (
     "t-buffer-three-spheres-cube",
     "classic-three-spheres-sphere",
     "t-buffer-stacked-triangles",
+    "path-environment",
+    "rays-environment",
+    "t-buffer-environment",
 )
 
 HASHES = """

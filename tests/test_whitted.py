@@ -15,7 +15,7 @@ from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
 from glpath.sampling import pixel_place
-from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture
+from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture, TextureSlot
 
 
 def unit(*v: float) -> Float64:
@@ -50,11 +50,11 @@ def everything(**changes: Any) -> Scene:
     ellipsoid = np.concatenate([rotation(rng) @ np.diag([0.3, 0.8, 0.5]), [[1.3], [-1.2], [1.6]]], axis=1)
     triangles = [[[-3, -2, -2], [-1, -2, -3], [-2, 1.5, -2.5]], [[2, -2, -1], [3.5, -2, -2], [3, 2, -2]]]
     grey = np.full(3, 1.0)
-    shiny = Material("shiny", np.array([0.6, 0.3, 0.2]), True, 0.4 * grey, 40.0, 0.3 * grey, 1)
+    shiny = Material("shiny", np.array([0.6, 0.3, 0.2]), True, 0.4 * grey, 40.0, 0.3 * grey, TextureSlot(1))
     silver = Material("silver", 0.2 * grey, mirror=0.7 * grey)
     matt = Material("matt", np.array([0.2, 0.7, 0.3]), specular=0.2 * grey, exponent=10.0)
     one_sided = Material("one-sided", np.array([0.6, 0.6, 0.2]), two_sided=False)
-    floor = Material("floor", 0.7 * grey, mirror=0.2 * grey, texture=0)
+    floor = Material("floor", 0.7 * grey, mirror=0.2 * grey, texture=TextureSlot(0))
     fields: dict[str, Any] = {
         "spheres": [
             ball((0, -1, 0), 1, rotation(rng)),
@@ -365,7 +365,7 @@ def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:
 def test_textures_are_filtered_across_their_seams() -> None:
     """Over a plane much larger than its picture, seen from above: every texel, wrapped both ways."""
     odd = pictures()[1]
-    plain = Material("plain", np.ones(3), texture=0)
+    plain = Material("plain", np.ones(3), texture=TextureSlot(0))
     one_texel, turned = replace(odd, image=odd.image[:1, :1]), replace(odd, scale=(0.3, -0.7))
     for picture in (odd, replace(odd, filter="nearest"), one_texel, turned):
         scene = scene_of(

@@ -47,7 +47,7 @@ class HemicubeShadowBuffer:
             vertex="hemicube.vert",
             fragment="hemicube.frag",
             generated=scene.generated,
-            defines=self.defines,
+            defines=scene.defines | self.defines,
         )
         self._pass = Pass(
             "shadow-buffer",

@@ -150,6 +150,7 @@ class PathBuffer:
             "path_flights": self._flights,
             "cell_z0": self._z0,
             "cell_place": self._place,
+            "cell_slots": self._slots,
         }
         self.textures = {
             "path_flights": self._flights,
@@ -164,7 +165,7 @@ class PathBuffer:
                 vertex=vertex,
                 fragment=fragment,
                 generated=scene.generated,
-                defines=self.defines | defines,
+                defines=scene.defines | self.defines | defines,
             )
 
         def target(*attachments: moderngl.Texture) -> moderngl.Framebuffer:

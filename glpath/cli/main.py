@@ -1,7 +1,7 @@
 """The `glpath` command: what its subcommands have in common, which is how things go wrong.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted. What a user can cause is printed as one block without
-a traceback; a traceback is a mistake of glpath's.
+Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted; others at the commands that have them. What a user can
+cause is printed as one block without a traceback; a traceback is a mistake of glpath's.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import bench, compare, devices, figure, radiosity, render, scenes, viewfactors
-from glpath.cli.signals import INTERRUPTED, arrived, signals_wait_for_results
+from glpath.cli import bench, compare, devices, export, figure, merge, radiosity, render, scenes, viewfactors
+from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
 
@@ -64,7 +64,7 @@ class Commands(TyperGroup):
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
-                raise typer.Exit(INTERRUPTED) from stop
+                raise typer.Exit(exit_code()) from stop
 
 
 @contextmanager
@@ -91,13 +91,20 @@ def _warnings_and_logs_as_lines() -> Iterator[None]:
             say(warnings.formatwarning(message, category, *place[:2]).rstrip(), err=True)
 
     logs = CleanHandler(logging.WARNING)
+    # What a command's --verbose lets through, by the level of our own logger.
+    own, details = logging.getLogger("glpath"), CleanHandler(logging.DEBUG)
+    details.addFilter(lambda record: record.levelno < logging.WARNING)
+    level = own.level
     with warnings.catch_warnings():
         warnings.simplefilter("always", SceneWarning)
         warnings.showwarning = show
         logging.getLogger().addHandler(logs)
+        own.addHandler(details)
         try:
             yield
         finally:
+            own.setLevel(level)
+            own.removeHandler(details)
             logging.getLogger().removeHandler(logs)
 
 
@@ -109,7 +116,8 @@ app = typer.Typer(
     name="glpath",
     cls=Commands,
     help="Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen.",
-    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written).",
+    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
+    "render has more.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -132,7 +140,7 @@ def _common(
     pass
 
 
-for _commands in (render, radiosity, viewfactors, compare, scenes, devices, bench, figure):
+for _commands in (render, merge, radiosity, viewfactors, compare, scenes, export, devices, bench, figure):
     _commands.register(app)
 
 

@@ -14,9 +14,10 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived, interrupted, result_of
+from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
+from glpath.cli.unattended import seconds
 from glpath.cli.values import check_choice
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
 from glpath.terminal import clean, clean_console, say
@@ -24,6 +25,7 @@ from glpath.terminal import clean, clean_console, say
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
     from glpath.radiosity.form_factors.form_factor import Kind
+    from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
     from glpath.radiosity.solvers.solve import Method
     from glpath.scene import Scene
 
@@ -55,7 +57,8 @@ MethodOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Put the commands on the main program."""
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
-    app.command(epilog=codes)(radiosity)
+    later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
+    app.command(epilog=codes + later)(radiosity)
     app.command(epilog=codes)(bake)
 
 
@@ -109,6 +112,23 @@ def radiosity(
             help="Afterwards, estimate what the elements do to the picture that the scene's camera gathers.",
         ),
     ] = False,
+    checkpoint: Annotated[
+        str | None,
+        typer.Option(
+            metavar="60s|5m",
+            help="So often, write the solver's state to s.checkpoint.npz beside s.npz; it is removed when all is "
+            "done. Not of matrix.",
+            rich_help_panel=_SOLVER,
+        ),
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with that file, to the same bits; begin where there is none.",
+            rich_help_panel=_SOLVER,
+        ),
+    ] = False,
     parameters: Parameters = None,
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
@@ -116,8 +136,8 @@ def radiosity(
     """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
 
     Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
-    once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C or SIGTERM ends it, and what was
-    solved until then is written.
+    once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C ends it, and what was solved
+    until then is written; so do SIGTERM and SIGUSR1, or with --checkpoint or --resume they write that alone.
     """
     from glpath.radiosity.solution import check_suffix
 
@@ -125,16 +145,24 @@ def radiosity(
     check_choice("--progress", progress, MODES)
     loaded = read_scene(scene, parameters)
     check_writable(out)
+    keeper = _checkpoint(out, checkpoint, resume)
     options: dict[str, Any] = {
         "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
         "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
-        "seed": seed,
+        "seed": seed, "checkpoint": keeper,
     }  # fmt: skip
     solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
+    if keeper is not None and by_scheduler():
+        if keeper.failure is not None:
+            raise ImageError(keeper.failure)
+        say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
+        raise typer.Exit(GO_ON_LATER)
     if solution is not None:
         _save(solution, out, solution.save)
+    if keeper is not None and not arrived():
+        keeper.path.unlink(missing_ok=True)
     _end(solution, out, quiet or progress == "json")
     if check and solution is not None:
         from glpath.rendering import element_error
@@ -192,6 +220,23 @@ def bake(
     if solution is not None:
         _save(solution, out, lambda path: solution.to_glb(loaded, path, exposure=exposure))
     _end(solution, out, quiet or progress == "json", radiosity is None)
+
+
+def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint | None:
+    """The checkpoint that was asked for. Raises UsageError, and ImageError where it cannot be written."""
+    from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+
+    if every is None and not resume:
+        return None
+    go_on_later()
+    path = out.with_name(f"{out.stem}.checkpoint.npz")
+    check_writable(path)
+    if path.exists() and not resume:
+        raise UsageError(
+            f"{path}: is there already, and the checkpoint would replace it.",
+            "--resume goes on with it. To begin anew, remove it.",
+        )
+    return SolverCheckpoint(path, None if every is None else seconds("--checkpoint", every))
 
 
 def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:

@@ -5,8 +5,11 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 
 from __future__ import annotations
 
+import logging
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,16 +26,32 @@ from glpath.cli.options import (
     with_integrator_options,
 )
 from glpath.cli.scene import HELP, parameters_option, read_scene, seen
-from glpath.cli.signals import INTERRUPTED, arrived, hold, interrupted, result_of
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, forget, go_on_later, hold, interrupted, result_of
 from glpath.cli.turntable import check_turntable, frame_path, render_turntable
+from glpath.cli.unattended import (
+    WITHOUT_CHECKPOINT,
+    CheckpointOption,
+    HangLimitOption,
+    NoiseOption,
+    RangeOption,
+    ResumeOption,
+    StatsOption,
+    TimeLimitOption,
+    keep_after_failure,
+    leave,
+    prepared,
+    seconds,
+    write_stats,
+)
+from glpath.cli.unattended import sample_range as read_range
 from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
 from glpath.denoise import require_denoiser
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
-from glpath.film_metadata import AOVS
+from glpath.film_metadata import AOVS, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, Progress, duration, percent, reporting
@@ -41,7 +60,10 @@ from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.film import Film
+    from glpath.jobs.checkpoint import Checkpoint
     from glpath.scene import Scene
+
+log = logging.getLogger("glpath")
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -51,15 +73,19 @@ _TESTS = {
     "secondary": "reflections",
 }
 
+_EXIT_CODES = (
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
+    "SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), 130 interrupted (what there "
+    "is, is written), 134 ended by --hang-limit."
+)
+
 _IMAGE, _CAMERA, _MACHINE = "Image", "Camera", "Machine"
 _SAMPLING = FOR_ALL
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written).")(
-        with_integrator_options(render)
-    )
+    app.command(epilog=_EXIT_CODES)(with_integrator_options(render))
 
 
 def render(
@@ -175,20 +201,31 @@ def render(
     require_gpu: Annotated[
         bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
     ] = False,
+    checkpoint: CheckpointOption = None,
+    resume: ResumeOption = False,
+    time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
+    sample_range: RangeOption = None,
+    stats: StatsOption = None,
+    hang_limit: HangLimitOption = "300s",
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
     verbose: Annotated[
         bool,
         typer.Option(
-            "-v", "--verbose", help="Also settings and time by stage, which costs some.", rich_help_panel=OUTPUT
+            "-v",
+            "--verbose",
+            help="Also the log, settings and time by stage, which costs some.",
+            rich_help_panel=OUTPUT,
         ),
     ] = False,
     **options: Any,
 ) -> None:
     """Render a scene to one or more files.
 
-    Ctrl-C, or SIGTERM as cluster schedulers send it, ends the render after the running path set and writes what
-    there is. Files appear whole or not at all; missing folders are made.
+    Ctrl-C ends the render after the running path set and writes what there is; so do SIGTERM and SIGUSR1 as cluster
+    schedulers send them, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
+    not at all; missing folders are made.
     """
     from glpath.film import check_suffix
 
@@ -198,6 +235,10 @@ def render(
         raise UsageError("render: no SCENE and no --job.", "Name a scene file or a shipped scene; `glpath scenes`.")
     if quiet and verbose:
         raise UsageError("-q and -v contradict each other.", "Give one of them.")
+    if checkpoint is not None or resume:
+        go_on_later()
+    if verbose:
+        logging.getLogger("glpath").setLevel(logging.INFO)
     for path in out:
         check_suffix(path)
     for option, found, allowed in (
@@ -209,6 +250,27 @@ def render(
     for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
         if count is not None and count < low:
             raise UsageError(f"{option} {count}: must be at least {low}.")
+    unattended = {
+        "--checkpoint": checkpoint,
+        "--resume": resume or None,
+        "--time-limit": time_limit,
+        "--noise": noise,
+        "--sample-range": sample_range,
+        "--stats": stats,
+    }
+    if noise is not None and not 0 < noise < math.inf:
+        raise UsageError(f"--noise {noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+    rules = {
+        "time_limit": None if time_limit is None else seconds("--time-limit", time_limit),
+        "noise": noise,
+    }
+    rules = {name: value for name, value in rules.items() if value is not None}
+    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
+    first = {}
+    if sample_range is not None:
+        if spp is not None:
+            raise UsageError("--spp beside --sample-range: the range says how many.", "Leave one out.")
+        first["first_path_set"], spp = read_range(sample_range)
     if denoise:
         require_denoiser()
         if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
@@ -219,9 +281,14 @@ def render(
         options["aovs"] = list(AOVS)
     options = option_values(integrator, options)
     stops = read_exposure(exposure)
-    machine = {"backend": backend, "device": device, "require_gpu": require_gpu, "timings": verbose}
+    machine = {
+        "backend": backend,
+        "device": device,
+        "require_gpu": require_gpu,
+        "timings": verbose or stats is not None,
+    }
     if turntable is not None:
-        check_turntable(turntable, out, crop, job)
+        check_turntable(turntable, out, {"--crop": crop, "--job": job, **unattended})
     if job is None:
         assert scene is not None, "asked for above"
         loaded = seen(
@@ -234,8 +301,8 @@ def render(
                 "fov": camera_fov,
             },
         )
-        options = {"integrator": integrator, "spp": spp, **options}
-        start, spp = _described(loaded, None if crop is None else read_crop(crop), options)
+        options = {"integrator": integrator, "spp": spp, **first, **options}
+        start, spp = _described(loaded, None if crop is None else read_crop(crop), options, bool(rules))
     else:
         start, spp = _of_file(job, denoise)
     for path in out if turntable is None else [frame_path(path, 0, turntable) for path in out]:
@@ -247,19 +314,34 @@ def render(
         progress = "none"
     if turntable is not None:
         tell = None if progress == "none" else lambda line: say(line, err=True)
-        if render_turntable(
-            loaded,
-            turntable,
-            out,
-            {**options, **machine},
-            lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
-            stops,
-            tell,
-            progress == "json",
-        ):
+        with _watched(silence, "The frames before it are written."):
+            ended_early = render_turntable(
+                loaded,
+                turntable,
+                out,
+                {**options, **machine},
+                lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
+                stops,
+                tell,
+                progress == "json",
+            )
+        if ended_early:
             raise typer.Exit(INTERRUPTED)
         return
-    film = _film(start, machine, progress)
+    if stats is not None:
+        check_writable(stats)
+    keeper, begun = prepared(out, checkpoint, resume)
+    before = 0 if begun is None else begun.path_sets
+    if begun is not None and keeper is not None:
+        log.info("going on with %s path sets of %s", before, keeper.path)
+    going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
+    film = _film(start, {**machine, **rules, **going_on}, progress, keeper, silence)
+    complete = film.metadata.stop_rule in RULES
+    if keeper is not None and by_scheduler() and not complete:
+        end = leave(keeper, film)
+        if stats is not None:
+            write_stats(stats, film, keeper, before, [])
+        raise end
     written: list[Path] = []
     failure = None
     if film.path_sets:
@@ -270,23 +352,47 @@ def render(
         written, failure = save_all(
             saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
         )
+    if keeper is not None and complete and by_scheduler() and failure is None:
+        forget()
     ended_early = arrived()
+    if keeper is not None and keeper.path not in written and film.path_sets:
+        if complete and failure is None:
+            keeper.remove()
+        else:
+            keeper.write(film)
+    if stats is not None and film.path_sets:
+        try:
+            write_stats(stats, film, keeper, before, written)
+        except ImageError as error:
+            failure = failure or error
 
     if progress == "json":
         say_json(_as_event(film, written, ended_early, denoise), err=True)
     elif not quiet:
+        if before and before == film.path_sets and complete:
+            say(f"all {before} path sets were in {keeper.path if keeper else 'the film'} already", err=True)
         for line in _summary(film, written, stops, verbose, denoise):
             say(line, err=True)
     if failure is not None:
         raise failure
     if ended_early:
-        _say_interrupted(film, spp, written)
+        _say_interrupted(film, spp, written, keeper)
         raise typer.Exit(INTERRUPTED)
+    if keeper is not None and keeper.failure is not None and keeper.path not in written:
+        say(f"glpath: done, but the last checkpoint was not written: {keeper.failure}", err=True)
+        raise typer.Exit(WITHOUT_CHECKPOINT)
 
 
-def _film(start: Start, options: dict[str, Any], progress: str) -> Film:
+def _film(
+    start: Start, options: dict[str, Any], progress: str, keeper: Checkpoint | None, hang_limit: float
+) -> Film:
     """The film, or what there is of it when a signal ends the render; KeyboardInterrupt before there is one."""
     from glpath.rendering import RenderInterrupted
+    from glpath.rendering.going_on import AnotherRenderError
+
+    left = "There was no --checkpoint, so nothing is kept."
+    if keeper is not None:
+        left = f"The last checkpoint is {keeper.path}, where one was written; --resume goes on with it."
 
     films: list[Film] = []
 
@@ -298,15 +404,31 @@ def _film(start: Start, options: dict[str, Any], progress: str) -> Film:
 
     try:
         try:
-            with reporting(progress, sys.stderr) as report:
+            with _watched(hang_limit, left), reporting(progress, sys.stderr) as report:
                 return result_of(lambda: start({**options, "on_progress": watch}))
         except RenderInterrupted as stop:
             films[:] = [stop.film]
-            interrupted()
+            interrupted(stop.number)
+        except AnotherRenderError as error:
+            assert keeper is not None, "only a checkpoint is gone on with"
+            raise UsageError(
+                f"{keeper.path}: cannot be gone on with: {error.reason}.",
+                "Ask for what it was made with; or remove it, and the render begins anew.",
+            ) from error
+        except Exception as error:
+            keep_after_failure(keeper, error)
+            raise
     except KeyboardInterrupt:  # on the way here from the render
         if not films:
             raise
     return films[0]
+
+
+def _watched(hang_limit: float, left: str) -> AbstractContextManager[object]:
+    """A watchdog over what hangs; `left` says what there is then."""
+    from glpath.jobs.watchdog import Watchdog
+
+    return Watchdog(hang_limit, left) if hang_limit else nullcontext()
 
 
 # Renders, when it is called with the options of the device and of progress.
@@ -322,6 +444,12 @@ _BESIDE_A_JOB = (
     "backend",
     "device",
     "require_gpu",
+    "checkpoint",
+    "resume",
+    "time_limit",
+    "noise",
+    "stats",
+    "hang_limit",
     "progress",
     "quiet",
     "verbose",
@@ -342,8 +470,10 @@ def _refuse_beside_a_job(context: typer.Context) -> None:
         )
 
 
-def _described(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> tuple[Start, int]:
-    """The render of a scene with the options of the command line, and its path sets."""
+def _described(
+    scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any], rules: bool
+) -> tuple[Start, int | None]:
+    """The render of a scene with the options of the command line, and its path sets; None where others end it."""
     from glpath import rendering
 
     if crop is not None:
@@ -352,7 +482,8 @@ def _described(scene: Scene, crop: tuple[int, int, int, int] | None, options: di
     def start(more: dict[str, Any]) -> Film:
         return rendering.render(scene, crop=crop, **options, **more)
 
-    return start, options["spp"] or INTEGRATORS[options["integrator"]].default_spp
+    default = None if rules else INTEGRATORS[options["integrator"]].default_spp
+    return start, options["spp"] or default
 
 
 def _of_file(path: Path, denoise: bool) -> tuple[Start, int]:
@@ -375,12 +506,18 @@ def _of_file(path: Path, denoise: bool) -> tuple[Start, int]:
     return start, job.spp
 
 
-def _say_interrupted(film: Film, spp: int, written: Sequence[Path]) -> None:
+def _say_interrupted(film: Film, spp: int | None, written: Sequence[Path], keeper: Checkpoint | None) -> None:
     if written:
-        text = f"{film.path_sets} of {spp} path sets are in {', '.join(map(str, written))}"
+        of = "" if spp is None else f" of {spp}"
+        text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
     else:
         text = "before the first path set was done; nothing is written"
     say(f"glpath: interrupted: {text}", err=True)
+    films = [path for path in written if path.suffix.lower() == ".npz"]
+    if keeper is not None and keeper.failure is None and film.path_sets:
+        films = [keeper.path]
+    if films and film.metadata.stop_rule == INTERRUPTED_RULE:
+        say(f"  the same command with --resume goes on with {films[0]}", err=True)
 
 
 def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool, denoise: bool) -> Iterator[str]:
@@ -391,6 +528,9 @@ def _summary(film: Film, written: Sequence[Path], stops: object, verbose: bool, 
     _, _, width, height = m.window
     error = film.relative_error()
     noise = "" if error is None else f", error about {percent(error)}"
+    if m.stop_rule in (NOISE, TIME_LIMIT):
+        bound = "" if m.error_bound is None else f"; at 95 % confidence it is below {percent(m.error_bound)}"
+        noise += f"{bound}; ended by --{m.stop_rule.replace(' ', '-')}"
     yield f"{film.path_sets} path sets of {width} x {height} in {duration(m.elapsed_s)}{noise}"
     solved = m.statistics.get("radiosity_s", 0.0)
     tracing = m.elapsed_s - solved
@@ -428,6 +568,8 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool, denoise: b
         "path_sets": film.path_sets,
         "elapsed_s": round(m.elapsed_s, 3),
         "error": film.relative_error(),
+        "stop_rule": m.stop_rule,
+        "error_bound": m.error_bound,
         **({"denoised_error": film.relative_error(denoised=True)} if denoise else {}),
         "renderer": m.device,
         "statistics": m.statistics,

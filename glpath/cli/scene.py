@@ -26,7 +26,7 @@ def parameters_option(panel: str | None = None) -> Any:
     return typer.Option(
         "-D",
         metavar="KEY=VALUE",
-        help="A parameter of a generated scene; may be repeated.",
+        help="A parameter of a generated scene, or of a glTF file (`glpath info`); may be repeated.",
         rich_help_panel=panel,
         autocompletion=completion.parameters,
     )

@@ -18,10 +18,13 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import (
+    Environment,
     Light,
     Material,
     Scene,
+    Sky,
     check_scene,
+    scene_cameras,
     scene_parameters,
     scene_schema,
     shipped_scenes,
@@ -29,6 +32,16 @@ from glpath.scene import (
 from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
+_OF_MICROFACETS = (
+    "roughness",
+    "metallic",
+    "ior",
+    "transmission",
+    "thin",
+    "clearcoat",
+    "clearcoat_roughness",
+    "anisotropy",
+)
 _SHOWN = 40
 
 
@@ -49,11 +62,15 @@ def info(
         loaded = read_scene(scene, parameters)
     summary = summarize(loaded)
     summary["warnings"][:0] = _scene_warnings(caught)
+    summary["cameras"] = list(scene_cameras(scene))
+    summary["parameters"] = {
+        key: {"default": default, "description": text} for key, (default, text) in scene_parameters(scene).items()
+    }
     if as_json:
         say_json(summary, indent=2)
         return
     console = clean_console(soft_wrap=True)
-    for table in _tables(summary):
+    for table in [*_tables(summary), *_parameters(summary)]:
         console.print(table)
     console.print(f"Content, which jobs and radiosity solutions go by: sha256:{summary['content_sha256']}")
     for warning in summary["warnings"]:
@@ -190,9 +207,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         ],
         "lights": lights + [_about_light(light) for light in scene.lights],
         "ambient": scene.ambient.tolist(),
-        "sky": None
-        if scene.sky is None
-        else {name: getattr(scene.sky, name).tolist() for name in ("zenith", "horizon", "up")},
+        "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
 
@@ -215,12 +230,21 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
     return {
         "name": material.name,
         "reflectance": material.reflectance.tolist(),
-        "texture": None if material.texture is None else scene.textures[material.texture].name,
+        "texture": None if material.texture is None else scene.textures[material.texture.texture].name,
         "specular": material.specular.tolist(),
         "exponent": material.exponent,
         "mirror": material.mirror.tolist(),
         "two_sided": material.two_sided,
+        "described": material.described(),
+        **{name: getattr(material, name) for name in _OF_MICROFACETS if material.roughness is not None},
     }
+
+
+def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
+    if isinstance(sky, Environment):
+        size, up, integral = list(sky.image.shape[1::-1]), sky.up.tolist(), sky.integral.tolist()
+        return {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
+    return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
 
 
 def _about_light(light: Light) -> dict[str, Any]:
@@ -235,6 +259,13 @@ def _about_light(light: Light) -> dict[str, Any]:
     if light.kind == "spot":
         told["cone"] = list(light.cone)
     return told
+
+
+def _told_of_sky(sky: dict[str, Any]) -> str:
+    if "size" in sky:
+        width, height = sky["size"]
+        return f"map of {width} x {height}, {_numbers(sky['integral'])} W m^-2 from all directions"
+    return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
 def _tables(summary: dict[str, Any]) -> list[Table]:
@@ -254,7 +285,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         "field of view": f"{camera['fov']:g} degrees, vertical",
         "resolution": "{} x {}".format(*camera["resolution"]),
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
-        "sky": f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}" if sky else "",
+        "sky": _told_of_sky(sky) if sky else "",
     }.items():
         if value:
             overview.add_row(label, escape(value))
@@ -274,7 +305,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     if len(summary["shapes"]) > _SHOWN:
         shapes.add_row(f"... {len(summary['shapes']) - _SHOWN:,} more (--json lists all)")
 
-    materials = _table("Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "sides")
+    materials = _table(
+        "Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "what it is"
+    )
     for material in summary["materials"]:
         row = (
             material["name"],
@@ -283,7 +316,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             _colour(material["specular"]),
             f"{material['exponent']:g}" if any(material["specular"]) else "-",
             _colour(material["mirror"]),
-            "both" if material["two_sided"] else "front",
+            material["described"] or "diffuse",
         )
         materials.add_row(*map(escape, row))
 
@@ -299,6 +332,19 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         power = "-" if light["power"] is None else _numbers(light["power"])
         lights.add_row(*map(escape, (light["name"], light["kind"], power, _described(light))))
     return [*tables, lights]
+
+
+def _parameters(summary: dict[str, Any]) -> list[Table]:
+    """What -D chooses, where there is something to choose."""
+    if not summary["parameters"]:
+        return []
+    table = _table("Parameters (-D KEY=VALUE)", "key", "default", "what it is")
+    for key, parameter in summary["parameters"].items():
+        table.add_row(key, escape(str(parameter["default"])), escape(parameter["description"]))
+    if summary["cameras"]:
+        listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["cameras"]))
+        table.add_row("", "", escape(f"cameras: {listed}"))
+    return [table]
 
 
 def _described(light: dict[str, Any]) -> str:

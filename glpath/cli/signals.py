@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: what a command has computed is saved before they end it.
+"""SIGINT, SIGTERM and SIGUSR1: what a command has computed is saved before they end it.
 
 The first one ends the computation, as a KeyboardInterrupt. From then on, or from the moment that a result is there
 (`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up.
@@ -17,8 +17,10 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: Exit code of what a signal has ended.
+#: Exit code of what Ctrl-C has ended.
 INTERRUPTED = 130
+#: Exit code of what a scheduler has ended and can go on with (EX_TEMPFAIL of sysexits.h).
+GO_ON_LATER = 75
 
 _PATIENCE = 3
 
@@ -27,12 +29,13 @@ class _Signals:
     """Those of a command that runs."""
 
     def __init__(self) -> None:
-        self.arrived = False
+        self.first: int | None = None
         self.held = False
+        self.goes_on_later = False
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        self.arrived = True
+        self.first = number if self.first is None else self.first
         if not self.held:
             self.held = True
             raise KeyboardInterrupt
@@ -58,7 +61,7 @@ def signals_wait_for_results() -> Iterator[None]:
         yield
         return
     # A shell starts background jobs with SIGINT ignored, and so it stays.
-    before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)}
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:
@@ -78,18 +81,38 @@ def hold() -> None:
 def release() -> None:
     """The result is saved: signals end the command again, and one that had to wait does so now."""
     _current.held = False
-    if _current.arrived:
+    if _current.first is not None:
         raise KeyboardInterrupt
 
 
-def interrupted() -> None:
+def interrupted(number: int = signal.SIGINT) -> None:
     """A signal came that somebody else took, who gave what there is of a result."""
-    _current.arrived = _current.held = True
+    _current.first, _current.held = number if _current.first is None else _current.first, True
 
 
 def arrived() -> bool:
     """Whether there was a signal since the command began."""
-    return _current.arrived
+    return _current.first is not None
+
+
+def by_scheduler() -> bool:
+    """Whether the first signal was one of those by which schedulers take a machine away, not Ctrl-C."""
+    return _current.first in (signal.SIGTERM, signal.SIGUSR1)
+
+
+def go_on_later() -> None:
+    """The command can be started again and goes on: ended by a scheduler, its exit code says so, at any moment."""
+    _current.goes_on_later = True
+
+
+def exit_code() -> int:
+    """Of a command that a signal has ended."""
+    return GO_ON_LATER if _current.goes_on_later and by_scheduler() else INTERRUPTED
+
+
+def forget() -> None:
+    """All was done and is saved: the signal that came has nothing left to end."""
+    _current.first = None
 
 
 def result_of(compute: Callable[[], T]) -> T:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,11 +23,11 @@ def frame_path(path: Path, index: int, count: int) -> Path:
     return path.with_name(f"{path.stem}-{index:0{len(str(count - 1))}}{path.suffix}")
 
 
-def check_turntable(count: int, out: Sequence[Path], crop: object, job: object) -> None:
-    """Raise UsageError for what cannot be with `--turntable count`."""
+def check_turntable(count: int, out: Sequence[Path], others: Mapping[str, object]) -> None:
+    """Raise UsageError for what cannot be with `--turntable count`: the `others` that are not None, and a pipe."""
     if count < 1:
         raise UsageError(f"--turntable {count}: must be at least 1.")
-    for option, given in (("--crop", crop), ("--job", job)):
+    for option, given in others.items():
         if given is not None:
             raise UsageError(
                 f"{option} beside --turntable: its frames are whole images of a scene.", "Leave one out."

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError
+from glpath.scene.export.mitsuba import MitsubaScene, Plugin, Sampler, described, integrator
 from glpath.scene.geometry import Mesh
-from glpath.scene.model import Float64, Scene, Shape, Shapes
+from glpath.scene.model import Float64, Scene, Shapes
 from glpath.scene.triangulate import path_traceable
 
-Sampler = Literal["independent", "multijitter"]
 Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
 
 OLDEST_LLVM = 16
@@ -39,10 +39,6 @@ LIBRARY_FOLDERS = (
     "/usr/local/lib",
     "/usr/lib/llvm-*/lib",
 )
-
-# The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from
-# either side meets the side that faces it first.
-SIDE_OFFSET = 1e-5
 
 
 def find_llvm(folders: Iterable[str] = LIBRARY_FOLDERS) -> str | None:
@@ -145,37 +141,27 @@ def to_mitsuba(
     spp: int = 64,
     variant: str | None = None,
 ) -> Any:
-    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel.
+    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel; see `glpath.scene.export.mitsuba`.
 
-    Depth: Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. Russian
-    roulette is on from Mitsuba's default vertex, as its users have it; at depth 3 there is none.
-    Pixels: box filter, one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis 'y'.
-    Materials: Mitsuba's diffuse is one-sided with a black back, as `Material.two_sided = False`.
-    Lights: Mitsuba's area light emits on the side of the normal only; a two-sided one becomes two meshes a
-    hundred-thousandth of the scene's diagonal apart.
+    Raises SceneError where it would not: `in_memory` also takes what `glpath.export` warns of.
     """
-    mi = load_mitsuba(variant)
-    scene = path_traceable(scene)
-    described: dict[str, Any] = {
-        "type": "scene",
-        "integrator": _integrator(max_depth),
-        "sensor": _sensor(mi, scene, sampler, spp),
-    }
-    low, high = scene.bounds
-    offset = SIDE_OFFSET * float(np.linalg.norm(high - low))
-    for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
-        corners = scene.triangles[part]
-        material = scene.materials[shape.material]
-        diffuse = _diffuse(material.reflectance)
-        if shape.emits and shape.emission_two_sided:
-            n = scene.normals[part, None, :]
-            back = diffuse if material.two_sided else _diffuse(np.zeros(3))
-            described[f"shape{i}_front"] = _mesh(mi, shape, corners + offset * n, diffuse)
-            described[f"shape{i}_back"] = _mesh(mi, shape, (corners - offset * n)[:, ::-1], back)
-        else:
-            bsdf = {"type": "twosided", "bsdf": diffuse} if material.two_sided else diffuse
-            described[f"shape{i}"] = _mesh(mi, shape, corners, bsdf)
-    return mi.load_dict(described)
+    load_mitsuba(variant)
+    translated = described(scene, max_depth, sampler=sampler, spp=spp, instances=False)
+    if translated.differences:
+        raise SceneError(
+            f"{scene.source or scene.name}: has no counterpart in Mitsuba: {'; '.join(translated.differences)}.",
+            "Metal (metallic 1), solid glass (transmission 1, not thin), diffuse surfaces and mirrors have.",
+        )
+    return in_memory(translated)
+
+
+def in_memory(translated: MitsubaScene) -> Any:
+    """A `mitsuba.Scene` of plugins, without files, of the variant that is set."""
+    mi: Any = importlib.import_module("mitsuba")
+    made: dict[str, Any] = {}
+    for name, value in translated.plugins.items():
+        made[name] = value if name == "type" else _made(mi, value, made)
+    return mi.load_dict(made)
 
 
 def mitsuba_cornell_box(
@@ -183,11 +169,11 @@ def mitsuba_cornell_box(
 ) -> Any:
     """`mi.cornell_box()` as it is shipped (256 x 256), but with a box filter and our depth."""
     mi = load_mitsuba(variant)
-    described = mi.cornell_box()
-    described["integrator"] = _integrator(max_depth)
-    described["sensor"]["film"]["rfilter"] = {"type": "box"}
-    described["sensor"]["sampler"] = {"type": sampler, "sample_count": spp}
-    return mi.load_dict(described)
+    box = mi.cornell_box()
+    box["integrator"] = integrator(max_depth)
+    box["sensor"]["film"]["rfilter"] = {"type": "box"}
+    box["sensor"]["sampler"] = {"type": sampler, "sample_count": spp}
+    return mi.load_dict(box)
 
 
 def render_mitsuba(
@@ -297,54 +283,52 @@ def time_to_render(
     return PeerTiming(samples_rendered(peer, spp), np.array(seconds), np.stack(images))
 
 
-def _integrator(max_depth: int) -> dict[str, Any]:
-    return {"type": "path", "max_depth": max_depth + 1, "rr_depth": 5}
+def _made(mi: Any, value: Any, known: dict[str, Any]) -> Any:
+    """A plugin, or the value of a parameter, as Mitsuba has it. known: what references name."""
+    if isinstance(value, np.ndarray):
+        return mi.ScalarTransform4f(value)
+    if not isinstance(value, dict) or value["type"] == "rgb":
+        return value
+    if value["type"] == "ref":
+        return known[value["id"]]
+    if value["type"] == "mesh":
+        return _mesh(mi, value, known)
+    parameters = {name: _made(mi, each, known) for name, each in value.items() if name not in ("image", "name")}
+    if "image" in value:
+        image = mi.Bitmap(value["image"])
+        image.set_srgb_gamma(value["image"].dtype == np.uint8)  # as Mitsuba takes a PNG for
+        parameters["bitmap"] = image
+    elif "name" in value:
+        parameters["name"] = value["name"]
+    return mi.load_dict(parameters)
 
 
-def _diffuse(reflectance: Float64) -> dict[str, Any]:
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [float(v) for v in reflectance]}}
-
-
-def _sensor(mi: Any, scene: Scene, sampler: Sampler, spp: int) -> dict[str, Any]:
-    camera = scene.camera
-    low, high = scene.bounds
-    diagonal = float(np.linalg.norm(high - low))
-    reach = float(np.linalg.norm(camera.position - 0.5 * (low + high))) + diagonal
-    width, height = camera.resolution
-    return {
-        "type": "perspective",
-        "fov_axis": "y",
-        "fov": float(camera.fov),
-        "near_clip": 1e-4 * diagonal,
-        "far_clip": reach,
-        # Mitsuba's camera has its x to the left of the picture and flips it in look_at: row 0 is towards `up`,
-        # column 0 is away from Camera.frame()'s right, as here.
-        "to_world": mi.ScalarTransform4f().look_at(
-            origin=camera.position.tolist(), target=camera.target.tolist(), up=camera.up.tolist()
-        ),
-        "sampler": {"type": sampler, "sample_count": spp},
-        "film": {
-            "type": "hdrfilm",
-            "width": width,
-            "height": height,
-            "rfilter": {"type": "box"},
-            "pixel_format": "rgb",
-            "component_format": "float32",
-        },
-    }
-
-
-def _mesh(mi: Any, shape: Shape, corners: Float64, bsdf: dict[str, Any]) -> Any:
-    """A Mitsuba mesh of (n, 3, 3) corners. No vertex is shared, so that no normal is smoothed."""
+def _mesh(mi: Any, plugin: Plugin, known: dict[str, Any]) -> Any:
+    mesh: Mesh = plugin["mesh"]
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    properties["face_normals"] = True
-    if shape.emits:
-        radiance = {"type": "rgb", "value": [float(v) for v in shape.emission]}
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
-    mesh = mi.Mesh(shape.name, vertex_count=3 * len(corners), face_count=len(corners), props=properties)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ascontiguousarray(corners, np.float32).ravel()
-    parameters["faces"] = np.arange(3 * len(corners), dtype=np.uint32)
+    for name, value in plugin.items():
+        if name not in ("type", "name", "mesh"):
+            properties[name] = _made(mi, value, known)
+    made = mi.Mesh(
+        plugin["name"],
+        vertex_count=len(mesh.vertices),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+        props=properties,
+    )
+    if mesh.colours is not None:
+        made.add_attribute("vertex_color", 3, np.zeros(3 * len(mesh.vertices), np.float32))
+    arrays = {
+        "vertex_positions": mesh.vertices,
+        "vertex_normals": mesh.normals,
+        "vertex_texcoords": mesh.uv,
+        "vertex_color": None if mesh.colours is None else mesh.colours[:, :3],
+    }
+    parameters = mi.traverse(made)
+    for name, array in arrays.items():
+        if array is not None:
+            parameters[name] = np.ascontiguousarray(array, np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(mesh.faces, np.uint32).ravel()
     parameters.update()
-    return mesh
+    return made

@@ -33,7 +33,7 @@ def _three_spheres(scale: float, textures: bool) -> Scene:
     # Of the mean colour of what they show otherwise.
     colours = [texture.image.mean(axis=(0, 1), dtype=float) for texture in scene.textures]
     materials = tuple(
-        m if m.texture is None else replace(m, texture=None, reflectance=m.reflectance * colours[m.texture])
+        m if m.texture is None else replace(m, texture=None, reflectance=m.reflectance * colours[m.texture.texture])
         for m in scene.materials
     )
     return replace(scene, materials=materials)

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from glpath.scene.material import SMOOTH as SMOOTH
+
 #: Depth behind everything.
 INFINITE_DEPTH = 1e30
 #: Bits of the least float that is not denormal: integers from here on are floats of the same order, which blending

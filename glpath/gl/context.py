@@ -50,6 +50,7 @@ from glpath.gl.opening import CollectingContext, Opened, no_gpu, open_best
 from glpath.gl.program import forget_programs
 from glpath.gl.signals import SignalsWait
 from glpath.gl.turns import Turns
+from glpath.heartbeat import heartbeat
 from glpath.interactive import around_cells, in_cell
 
 
@@ -174,7 +175,8 @@ class Context:
         return nullcontext() if self._turns.mine else self._renders
 
     def drawn(self) -> None:
-        """To be called after every draw and dispatch: see `fences`."""
+        """To be called after every draw and dispatch: see `fences` and `heartbeat`."""
+        heartbeat.beat()
         if self._fences is not None:
             self._fences.hold()
 

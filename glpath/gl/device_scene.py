@@ -10,7 +10,8 @@ on which `shaders/surface.glsl` and its neighbours build.
 
 Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
           are any; for the path-buffer's engines 12 a triangle more, as an index buffer. 64 to 112 bytes
-          a sphere. Textures have 16 bytes a texel, in rows of 4096 of their own.
+          a sphere; 16 a texel of an environment map. Textures have 4 bytes a texel, those of floats 16; colours of
+          vertices 16 a vertex.
 """
 
 from __future__ import annotations
@@ -25,15 +26,19 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 from glpath.gl.passes import TriangleIndices
-from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, row_texture, store_glsl
+from glpath.gl.texel_store import FLOATS, UINTS, make_store, store_glsl
+from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
-from glpath.scene.model import Float64, Int32, Light, Scene
+from glpath.scene.appearance import has_colours
+from glpath.scene.digest import digest_of
+from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
     "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
-    "uv": {"FIRST": "of a vertex, where the scene has textures: u, v"},
+    "uv": {"BOTH": "of a vertex, where the scene has textures: u, v; of the second set"},
+    "colour": {"LINEAR": "of a vertex, where the scene has such: linear Rec. 709 and alpha"},
     "facet": {"PLANE": "of a triangle: unit normal out of the front, and its dot product with any of its points"},
     "sphere": {"BALL": "centre; radius, negative where the front is inside"},
     "unit": {
@@ -53,25 +58,40 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "V": "and this one's is v",
     },
     "emission": {"RADIANCE": "of a shape; the density per area of a light point on it, 0 where none is drawn"},
+    "emitter": {"DENSITIES": "the same of four triangles, where those of a shape differ"},
     "material": {
         "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
         "SPECULAR": "Phong's coefficient; Phong's exponent",
         "MIRROR": "share of the mirrored light",
+        "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the brush, radians",
+        "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
+        "COAT": "share under varnish; its roughness",
+        "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a pane",
+        "INSIDE": "attenuation of a solid of glass, per scene unit",
     },
-    "repeats": {"UV": "of a texture: repeats per unit of u and of v"},
+    "cover": {"OPACITY": "of a material: opacity; cutoff"},
+    "slot_map": {
+        "U": "of a texture slot: u is x u + y v + z of the texture coordinates; normal_scale",
+        "V": "v is the same",
+    },
+    "image": {"COLOUR": "of the images of floats, row by row: linear Rec. 709 and alpha"},
     "light": {
         "POSITION": "of a punctual light, world space",
         "INTENSITY": "W sr^-1, or W m^-2 without falloff",
         "DIRECTION": "unit, in which the light goes",
         "CONE": "of a spot: cosines of the angles of full light and of its end",
     },
+    "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
     "solid": {"SHAPE": "of a sphere, ellipsoid or plane: number of its shape"},
-    "shape": {"MATERIAL": "number of the material; 1 where both sides emit"},
-    "textured": {"BY": "of a material: 1 + number of the texture, 0 for none"},
-    "image": {"SIZE": "of a texture: its first row in texture_texels; width; height; 1 where it is filtered"},
+    "shape": {"MATERIAL": "number of the material; 1 where both sides emit; 1 where light may pass through"},
+    "slots": {
+        "FIRST": "of a material: 1 + number of its slot texture, surface_texture, normal_texture, emission_texture",
+        "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
+    },
+    "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff"},
 }
 #: A primitive's number + 1 is at most this: of 32 bits the T-buffer keeps two to tell how sure it is.
@@ -83,7 +103,10 @@ _ROUND = 1e-12
 def scene_glsl() -> str:
     """The layout as GLSL, for `#include <SCENE>`."""
     lines = [store_glsl("scene_floats", FLOATS, FLOAT_LAYOUT), store_glsl("scene_uints", UINTS, UINT_LAYOUT)]
-    lines += ["TEXELS(rgba32f, texture_texels);", f"const int TEXTURE_WIDTH = {WIDTH};"]
+    lines += ["TEXELS(rgba8, texture_bytes);"]
+    lines += [f"const uint IMAGE_{name} = {value}u;" for name, value in IMAGE_FLAGS.items()]
+    lines += [f"const uint WRAP_{name.upper()} = {i}u;" for i, name in enumerate(WRAPS)]
+    lines += [f"const uint ALPHA_{name.upper()} = {i}u;" for i, name in enumerate(ALPHAS)]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
@@ -186,24 +209,42 @@ class DeviceScene:
         self.defines: dict[str, object] = {
             f"HAS_{kind.upper()}S": 1 for kind, of in numbers.kinds.items() if len(of)
         }
-        if scene.textures:
-            self.defines["HAS_TEXTURES"] = 1
         if any(np.any(material.specular > 0) for material in scene.materials):
             self.defines["HAS_HIGHLIGHTS"] = 1
         if any(np.any(material.mirror > 0) for material in scene.materials):
             self.defines["HAS_MIRRORS"] = 1
+        if any(material.roughness is not None for material in scene.materials):
+            self.defines["HAS_MICROFACETS"] = 1
+        if any(material.roughness is not None and material.anisotropy > 0 for material in scene.materials):
+            self.defines["HAS_BRUSHES"] = 1
+        if any(material.roughness is not None and material.transmission > 0 for material in scene.materials):
+            self.defines["HAS_GLASS"] = 1
+        if isinstance(scene.sky, Environment):
+            self.defines["HAS_ENVIRONMENT"] = 1
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
         vertices, faces = scene.shapes.vertices, scene.shapes.faces
-        uv = scene.shapes.vertex_uv if scene.textures else np.zeros((0, 2))
+        images = TextureImages(gl, scene)
+        self.defines |= images.defines
+        if any(has_colours(shape) for shape in scene.shapes):
+            self.defines["HAS_VERTEX_COLOURS"] = 1
         normals = scene.shapes.vertex_normals
         if np.any(normals):
-            self.defines["HAS_NORMALS"] = 1
+            self.defines |= {"HAS_NORMALS": 1, "HAS_VERTEX_NORMALS": 1}
         else:
             normals = np.zeros((0, 3))
+        densities = _triangle_densities(scene, self.lighting)
+        if len(densities):
+            self.defines["HAS_TRIANGLE_DENSITIES"] = 1
+        if "HAS_VERTEX_COLOURS" in self.defines and any(
+            scene.materials[shape.material].unlit and shape.emits for shape in scene.shapes
+        ):
+            self.defines["HAS_COLOURED_LIGHT"] = 1
+        see_through = [scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes]
+        if any(see_through):
+            self.defines["HAS_ALPHA"] = 1
         positions = vertices.astype(np.float32)
-        texels, first_rows = _texture_rows(gl, scene)
         floats, bases = make_store(
             gl,
             FLOATS,
@@ -211,16 +252,25 @@ class DeviceScene:
             {
                 "vertex": _texel(positions),
                 "shading": _texel(normals),
-                "uv": _texel(uv),
+                "uv": _texel(
+                    _both_uv(scene) if {"HAS_TEXTURES", "HAS_BRUSHES"} & self.defines.keys() else np.zeros((0, 4))
+                ),
+                "colour": _texel(
+                    scene.shapes.vertex_colours if "HAS_VERTEX_COLOURS" in self.defines else np.zeros((0, 4))
+                ),
                 "facet": _facets(scene),
                 "sphere": _spheres(scene, numbers),
                 "unit": _units(scene, numbers),
                 "ellipsoid": _ellipsoids(scene, numbers),
                 "plane": _planes(scene),
                 "emission": _emission(scene, self.lighting),
+                "emitter": densities,
                 "material": _materials(scene),
-                "repeats": _texel(np.array([t.scale for t in scene.textures]).reshape(-1, 2)),
+                "cover": _texel(np.array([(m.opacity, m.cutoff) for m in scene.materials]).reshape(-1, 2)),
+                "slot_map": images.maps,
+                "image": images.floats,
                 "light": _lights(lights),
+                "environment": _environment(scene),
             },
             source,
         )
@@ -233,19 +283,17 @@ class DeviceScene:
             {
                 "face": _texel(np.column_stack([faces, shape_of_face])),
                 "solid": _texel(solids[:, None]),
-                "shape": _texel(_integers([(s.material, s.emission_two_sided) for s in scene.shapes], 2)),
-                "textured": _texel(
-                    _integers([(0 if m.texture is None else m.texture + 1,) for m in scene.materials], 1)
-                ),
-                "image": _texel(
+                "shape": _texel(
                     _integers(
                         [
-                            (first, t.image.shape[1], t.image.shape[0], t.filter == "linear")
-                            for t, first in zip(scene.textures, first_rows, strict=True)
+                            (s.material, s.emission_two_sided, through)
+                            for s, through in zip(scene.shapes, see_through, strict=True)
                         ],
-                        4,
+                        3,
                     )
                 ),
+                "slots": images.of_materials,
+                "slot": images.slots,
                 "punctual": _texel(
                     _integers(
                         [
@@ -258,13 +306,14 @@ class DeviceScene:
             },
             source,
         )
-        self.textures = {"scene_floats": floats, "scene_uints": uints, "texture_texels": texels}
+        self.textures = {"scene_floats": floats, "scene_uints": uints, "texture_bytes": images.bytes_on_device()}
         self.uniforms: dict[str, object] = {
             "first_ellipsoid": numbers.first_ellipsoid,
             "first_triangle": numbers.first_triangle,
             "first_plane": numbers.first_plane,
             "primitive_count": numbers.count,
             "light_count": len(lights),
+            "opacity_seed": 0,  # unless a path set has its own
             **bases,
             **uint_bases,
         }
@@ -298,6 +347,8 @@ class DeviceScene:
             h.update(np.ascontiguousarray(array, "<f8").tobytes())
             h.update(str(array.shape).encode())
         h.update(self.numbering.shape.astype("<i4").tobytes())
+        if "HAS_ALPHA" in self.defines:  # textures throw shadows
+            h.update(digest_of(scene.shapes, scene.materials, scene.textures).encode())
         return h.hexdigest()
 
     @property
@@ -352,27 +403,6 @@ def _facets(scene: Scene) -> Float64:
     return np.column_stack([normals, offset])[:, None, :]
 
 
-def _texture_rows(gl: moderngl.Context, scene: Scene) -> tuple[moderngl.Texture, list[int]]:
-    """All textures' images as rows of texels, each beginning a row, and those first rows."""
-    first_rows, rows = [], 0
-    for texture in scene.textures:
-        first_rows.append(rows)
-        height, width = texture.image.shape[:2]
-        rows += -(-height * width // WIDTH)
-    limit = int(gl.info["GL_MAX_TEXTURE_SIZE"])
-    if rows > limit:
-        raise SceneError(
-            f"{scene.source or scene.name}: textures of {rows * WIDTH:,} texels in all; this "
-            f"device holds at most {limit * WIDTH:,}",
-            "Make the images smaller.",
-        )
-    store = np.zeros((rows, WIDTH, 4) if rows else (1, 1, 4), np.float32)
-    for texture, first in zip(scene.textures, first_rows, strict=True):
-        texels = texture.image.reshape(-1, 3)
-        store[first:].reshape(-1, 4)[: len(texels), :3] = texels
-    return row_texture(gl, store, FLOATS), first_rows
-
-
 def _spheres(scene: Scene, numbers: Numbering) -> Float64:
     maps = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]]
     volume = np.linalg.det(maps[:, :, :3])
@@ -411,9 +441,54 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
     return np.array(rows, np.float64).reshape(-1, 1, 4)
 
 
+def _triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
+    """(ceil(T / 4), 1, 4): densities of light points of all triangles; none where a shape's are alike."""
+    density = lighting.triangle_density
+    alike = all(
+        shape.primitive != "triangle" or not shape.count or np.all(density[part] == density[part.start])
+        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
+    )
+    if alike:
+        return np.zeros((0, 1, 4))
+    table = np.zeros(-(-len(density) // 4) * 4)
+    table[: len(density)] = density
+    return table.reshape(-1, 1, 4)
+
+
 def _materials(scene: Scene) -> Float64:
-    rows = [[[*m.reflectance, m.two_sided], [*m.specular, m.exponent], [*m.mirror, 0]] for m in scene.materials]
-    return np.array(rows, np.float64).reshape(-1, 3, 4)
+    # What is unlit shows its emission alone.
+    rows = [
+        [
+            [*m.reflectance * lit, m.two_sided],
+            [*m.specular * lit, m.exponent],
+            [*m.mirror * lit, 0],
+            [
+                -1 if m.roughness is None or m.unlit else m.roughness,
+                m.metallic,
+                m.anisotropy,
+                np.radians(m.anisotropy_angle),
+            ],
+            [*m.dielectric[0], m.dielectric[1]],
+            [m.clearcoat, m.clearcoat_roughness, 0, 0],
+            [m.transmission, m.ior, not m.thin, m.is_pane],
+            [*m.attenuation, 0],
+        ]
+        for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in scene.materials)
+    ]
+    return np.array(rows, np.float64).reshape(-1, len(FLOAT_LAYOUT["material"]), 4)
+
+
+def _both_uv(scene: Scene) -> Float64:
+    return np.concatenate([scene.shapes.vertex_uv, scene.shapes.vertex_uv1], axis=1)
+
+
+def _environment(scene: Scene) -> NDArray[np.float32]:
+    sky = scene.sky
+    if not isinstance(sky, Environment):
+        return np.zeros((0, 1, 4), np.float32)
+    table = np.zeros((sky.image.shape[0] * sky.image.shape[1], 1, 4), np.float32)
+    np.multiply(sky.image.reshape(-1, 3), sky.scale, out=table[:, 0, :3], casting="same_kind")
+    return table
 
 
 def _lights(lights: tuple[Light, ...]) -> Float64:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.lighting import LIGHT_KINDS, Lighting, LightSample, LightSamples
-from glpath.scene.model import Sky
+from glpath.scene.model import Environment, Sky
 
 Uniforms = dict[str, object]
 
@@ -22,18 +22,23 @@ def sample_uniforms(light: LightSample) -> Uniforms:
     }
 
 
-def sky_uniforms(sky: Sky | None, lighting: Lighting | None = None) -> Uniforms:
+def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None) -> Uniforms:
     """What rays see that hit nothing, black without a sky; with its lighting, how densely it is sampled as well."""
-    dark = np.zeros(3)
-    uniforms: Uniforms = {
-        "sky_zenith": tuple(sky.zenith if sky else dark),
-        "sky_horizon": tuple(sky.horizon if sky else dark),
-        "sky_up": tuple(sky.up if sky else dark),
-    }
+    uniforms: Uniforms
+    if isinstance(sky, Environment):
+        middle, _, up = sky.frame
+        uniforms = {"sky_size": sky.image.shape[1::-1], "sky_middle": tuple(middle), "sky_up": tuple(up)}
+    else:
+        dark = np.zeros(3)
+        uniforms = {
+            "sky_zenith": tuple(sky.zenith if sky else dark),
+            "sky_horizon": tuple(sky.horizon if sky else dark),
+            "sky_up": tuple(sky.up if sky else dark),
+        }
     return uniforms if lighting is None else uniforms | {"sky_density_scale": lighting.sky_density_scale}
 
 
-def light_defines(sky: Sky | None, lighting: Lighting) -> dict[str, object]:
+def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
     """What `shaders/light_sample.glsl` asks for: which kinds of light there are."""
     has = {
         "HAS_POSITIONAL_LIGHTS": lighting.positional,

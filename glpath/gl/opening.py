@@ -30,6 +30,7 @@ from glpath.gl.devices import (
     start_probe,
 )
 from glpath.gl.fences import asks_for_one_thread
+from glpath.gl.memory import NamingContext
 from glpath.gl.osmesa import OSMesaLoader
 
 REQUIRED_VERSION = 430
@@ -39,7 +40,7 @@ _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "softwar
 _EGL_OPENGL_API = 0x30A2
 
 
-class CollectingContext(moderngl.Context):
+class CollectingContext(NamingContext):
     """moderngl's context, with objects that free what they have on the device when Python collects them.
 
     Python does so in any thread. In the one where the context is current they are deleted at once; in another the

@@ -20,6 +20,7 @@ from glpath.bvh_nodes import Bvh
 from glpath.bvh_sweep import SWEPT, sweep_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import UINTS, make_store, store_glsl
+from glpath.scene.model import Scene
 
 #: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -30,11 +31,12 @@ LAYOUT: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
         "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third",
+        "AC": "to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_PANE where it is a pane",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
+_ALPHA, _PANE = 1, 2
 _STEPS = 65535
 # More in all the eight orders would be 64 MiB of nodes.
 _MANY = 250_000
@@ -44,6 +46,7 @@ def ray_bvh_glsl() -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`."""
     return (
         f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
+        + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_PANE = {_PANE}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
     )
 
@@ -61,7 +64,10 @@ class RayBvh:
         tree = _tree(triangles, items)
         octants = 1 if len(triangles) > _MANY else 8
         lower, step, boxes = _in_steps(tree)
-        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": _item_table(triangles, items)}
+        item_table = _item_table(triangles, items)
+        flags = np.append(_flags(scene.scene), np.uint32(0))
+        item_table[:, 2, 3] = flags[items[:, 0]] | flags[items[:, 1]]
+        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": item_table}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
@@ -101,6 +107,13 @@ def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[n
         table[place, 0, 3] = place + size
         table[place[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
     return table
+
+
+def _flags(scene: Scene) -> NDArray[np.uint32]:
+    """(T,) uint32: of what lets light through."""
+    materials = [scene.materials[shape.material] for shape in scene.shapes]
+    of_shape = [_ALPHA * (m.alpha != "opaque") + _PANE * m.is_pane for m in materials]
+    return np.array(of_shape, np.uint32)[scene.triangle_shape]
 
 
 def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.uint32]:

@@ -2,7 +2,7 @@
 
 Python looks for signals where a function begins, so an `__exit__` written in Python can be broken off before its
 first line, and what it should let go is held for ever. While such a block is open in the main thread, the only one
-that gets signals, handlers of SIGINT and SIGTERM wait for the end of the `__exit__` where they come in one.
+that gets signals, handlers of these signals wait for the end of the `__exit__` where they come in one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Callable
 from types import CodeType, FrameType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Signals by which people and schedulers end a program that may want to save something first.
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 
 
 class SignalsWait:
@@ -27,7 +28,7 @@ class SignalsWait:
     def begin(self) -> None:
         if threading.current_thread() is not threading.main_thread():
             return
-        for number in _SIGNALS:
+        for number in ENDING:
             handler = signal.getsignal(number)
             if callable(handler):
                 self._before[number] = handler

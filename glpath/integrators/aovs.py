@@ -4,7 +4,7 @@ They come from the same eye rays, so that an edge is as soft in them as in the p
 
 Cost:     a draw over the pixels for each path set: it adds 5 % to a set of `cornell-box-36`, 2 % to one of `room`.
           Nothing where none is asked for.
-Poor at:  mirrors and glass, which show what others are; engines that trace paths refuse them.
+Poor at:  mirrors and glass, which show what others are: they have their own colour and normal here.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
 """
 

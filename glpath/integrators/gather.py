@@ -14,7 +14,7 @@ What is done otherwise than in the paper, which looks up all light there:
   one set of four, with four times the weight, has three times the variance.)
 
 Cost:     a path set of depth three; whatever the solver took. A camera that moves needs no new solution.
-Poor at:  materials that are not Lambertian.
+Poor at:  highlights, which shared directions meet by chance.
 Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
           A two-pass radiosity method driven by lights and viewer position. The random distance is that of
           LuxCoreRender's PhotonGI cache.

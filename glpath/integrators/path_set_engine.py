@@ -17,6 +17,7 @@ from glpath.gl.sums import PixelSums
 from glpath.integrators.aovs import EyeAovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.lighting import Lighting
+from glpath.sampling import counter_hash
 from glpath.sensors import CameraSensor
 
 Uniforms = dict[str, object]
@@ -144,14 +145,18 @@ class PathSetEngine(ABC):
     def _look(self, eye: Uniforms) -> None:
         self._eye_pass.run(self._eye_constant | eye)
 
-    def _eye_uniforms(self, pixel: NDArray[np.float64]) -> Uniforms:
+    def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
+        """What the eye's rays need: their place in each pixel, and of which path set they are."""
         of = (self.sensor, self.window)
         if self._eye_of != of:
             camera = self.sensor.camera
             extent = float(np.linalg.norm(self.scene.centre - camera.position)) + self.scene.radius
             depths = (1e-5 * self.scene.radius, 1.01 * extent)
             self._eye_of, self._eye = of, eye_uniforms(camera, self.window) | {"eye_range": depths}
-        return self._eye | {"eye_centre": eye_centre(self.sensor.resolution, (float(pixel[0]), float(pixel[1])))}
+        return self._eye | {
+            "eye_centre": eye_centre(self.sensor.resolution, (float(pixel[0]), float(pixel[1]))),
+            "opacity_seed": counter_hash(self._settings.seed, index, 0, 12),
+        }
 
     def _image_window(self) -> tuple[int, int, int, int]:
         """x, y of the window's lower left pixel in the image, and the image's size."""

@@ -111,12 +111,13 @@ class PathStages(PathSetEngine):
         one_sided = light.kind == "area"
         frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided)
         with self.stopwatch.stage("shadow-buffer"):
-            self.shadow_buffer.scan(frame, light.cube_faces)
+            chance = {"opacity_seed": counter_hash(self._settings.seed, index, 0, 13)}
+            self.shadow_buffer.scan(frame | chance, light.cube_faces)
         return uniforms | frame
 
     def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
-        eye = self._eye_uniforms(sample.pixel)
+        eye = self._eye_uniforms(sample.pixel, index)
         self._see(eye)
         with self.stopwatch.stage("first vertex"):
             self._run_vertex(self._start_passes, index, 0, sample, eye | light, self._settings.max_depth == 1)

@@ -2,9 +2,10 @@
 
 The frame is `PathTracer.trace_path_set`; what its stages do otherwise than the paper's stands in `path_stages`.
 
-Poor at: sharp reflection (directions are shared, not chosen by the surface); scenes that are lit only through small
-openings; lamps that nearly touch a surface, whose 1/r^2 is unbounded at the last vertex, where no direction shares
-the light; paths spread over very different scales (a far horizon), which crowd into few cells and collide.
+Poor at: highlights (directions are shared, not chosen by the surface; sharp ones are refused); scenes that are
+lit only through small openings; lamps that nearly touch a surface, whose 1/r^2 is unbounded at the last vertex,
+where no direction shares the light; paths spread over very different scales (a far horizon), which crowd into few
+cells.
 """
 
 from __future__ import annotations

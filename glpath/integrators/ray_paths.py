@@ -12,8 +12,8 @@ A set is one draw: its fragment shader follows a path from the eye to its end (`
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  mirrors and sharp gloss, as directions are chosen by the cosine; scenes lit through small openings;
-          geometry that does not fit into memory.
+Poor at:  caustics, which directions find by chance; scenes lit through small openings; geometry that does not
+          fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
 """
@@ -39,6 +39,7 @@ from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+from glpath.scene.model import Environment
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -52,6 +53,8 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
+# A gather's paths that mirrors and glass send on end by chance from here on.
+_MIRRORED = 6
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -105,10 +108,8 @@ class RayPathEngine(PathSetEngine):
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
-        self._parts = max(1, min(self.lighting.count, _PARTS))
-        self._light_edges = np.linspace(0.0, 1.0, self._parts + 1)
-        if 1 < self.lighting.count == self._parts:
-            self._light_edges = self.lighting.cdf
+        self._light_edges = _light_edges(self.lighting)
+        self._parts = len(self._light_edges) - 1
         bvh = RayBvh(gl, scene)
         width, height = self.sensor.resolution
         if not self._hardware and len(scene.scene.triangles) > width * height:
@@ -152,6 +153,8 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
+        if any(material.is_pane for material in scene.scene.materials):
+            defines["HAS_PANES"] = 1
         self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
@@ -188,7 +191,7 @@ class RayPathEngine(PathSetEngine):
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
         sample = self._sampler[index]
-        eye = self._eye_uniforms(sample.pixel)
+        eye = self._eye_uniforms(sample.pixel, index)
         self._see_lamp_edges(index, sample.pixel, eye)
         self._see(eye)
         uniforms = self._constant | eye | self._of_set(index, sample)
@@ -259,7 +262,11 @@ class RayPathEngine(PathSetEngine):
             ],
             np.uint32,
         )
-        roulette = settings.roulette if isinstance(settings, PathTraceSettings) else None
+        # A gather's paths are short, but for those through glass and between mirrors.
+        mirrored = any(material.has_lobes for material in self.scene.scene.materials)
+        roulette = _MIRRORED if mirrored else None
+        if isinstance(settings, PathTraceSettings):
+            roulette = settings.roulette
         uniforms: Uniforms = {
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
@@ -276,6 +283,19 @@ class RayPathEngine(PathSetEngine):
                 "lookup_distance": settings.lookup_distance,
             }
         return uniforms
+
+
+def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
+    """(parts + 1,) of the numbers in [0, 1] that choose a light: a part is a light, or an eighth of them all.
+
+    An environment map is two, or the shadow of its sun would be asked for where the rest of it is to be seen: of
+    such a scene the squared error is 0.6 of what it is with one, and little less with more.
+    """
+    edges = lighting.cdf
+    if isinstance(lighting.sky, Environment):
+        edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
+    parts = len(edges) - 1
+    return edges if 1 < parts <= _PARTS else np.linspace(0.0, 1.0, max(1, min(parts, _PARTS)) + 1)
 
 
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:

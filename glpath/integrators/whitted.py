@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.errors import SceneError
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
@@ -31,7 +32,7 @@ from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
 from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
-from glpath.sampling import PathSetSampler, pixel_place
+from glpath.sampling import PathSetSampler, counter_hash, pixel_place
 from glpath.scene.model import Scene
 from glpath.sensors import CameraSensor
 
@@ -94,6 +95,7 @@ class WhittedTracer:
     def trace_path_set(self, index: int) -> None:
         """One ray for every pixel, and what follows from it [TB IV]."""
         eye = eye_uniforms(self.sensor.camera, self.window, pixel_place(self.settings.seed, index))
+        eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
         self.shade(index, eye)
@@ -208,6 +210,7 @@ class WhittedTracer:
         self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
         lights = objects.positional_lights
         if settings.shadows != "rays" and lights:
+            _check_shadows(objects.scene)
             resolution = settings.shadow_resolution
             if self.shadow_buffer is not None:
                 pass
@@ -220,7 +223,7 @@ class WhittedTracer:
             defines["SHADOW_BUFFERS"] = 1
         self._areas = draw_areas(self._size, self._rays_loop_over())
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
-        if settings.max_depth > 1 and any(np.any(material.mirror > 0) for material in objects.scene.materials):
+        if settings.max_depth > 1 and any(material.has_lobes for material in objects.scene.materials):
             defines["REFLECTIONS"] = 1
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
@@ -268,6 +271,17 @@ class WhittedTracer:
         if self.shadow_buffer is not None:
             self._tests["shadow_buffer"] += self.shadow_buffer.intersection_tests - self._counted
             self._counted = self.shadow_buffer.intersection_tests
+
+
+def _check_shadows(scene: Scene) -> None:
+    """Raise SceneError for what shadow-buffers cannot hold."""
+    blended = sorted({m.name for m in (scene.materials[s.material] for s in scene.shapes) if m.alpha == "blend"})
+    if blended:
+        raise SceneError(
+            f'{scene.source or scene.name}: the materials {", ".join(blended)} have alpha = "blend", which is '
+            "there by chance; a shadow-buffer is filled once for all path sets.",
+            'Take shadows "rays", or alpha = "mask".',
+        )
 
 
 def _air(scene: Scene) -> Uniforms:

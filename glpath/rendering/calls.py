@@ -17,8 +17,9 @@ from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.interactive import in_notebook
 from glpath.progress import Progress, Report, reporting
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
-from glpath.rendering.options import with_options
+from glpath.rendering.options import MAX_SPP, with_options
 from glpath.rendering.session import Session
+from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Camera, Scene, check_camera
 from glpath.sensors import CameraSensor
 
@@ -37,6 +38,10 @@ def render(
     backend: str = "auto",
     device: int | None = None,
     require_gpu: bool = False,
+    time_limit: float | None = None,
+    noise: float | None = None,
+    film: Film | None = None,
+    on_step: Callable[[Film], None] | None = None,
     timings: bool = False,
     progress: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
@@ -54,7 +59,7 @@ def render(
                      "classic", the same image by the classical algorithm, every ray against every object. Or an
                      instance of its settings out of `glpath.integrators.settings`
     spp            : path sets, that is samples per pixel;
-                     default {default_spp}.
+                     default {default_spp}; no end to them with `time_limit` or `noise`.
                      Samples of a ray tracer differ only in their position in the pixel: a single one goes through
                      its centre
     first_path_set : number of the first one; a render of 32 from 32 on merges with one of 32 from 0 on, and is then
@@ -64,6 +69,15 @@ def render(
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees)
     parameters     : of a generated scene
     backend, device, require_gpu : see `glpath.gl.context.open_context`
+    time_limit     : end after so many seconds, those of `film` included, and at least one path set
+    noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
+                     channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
+                     0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
+                     has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
+                     seen
+    film           : a film that this render had begun, to go on with: path sets that it holds are not rendered
+                     again. It is changed, and returned
+    on_step        : called with the film after each step, of up to half a second or one path set; to save it, say
     timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
     progress       : show how far it is: in a notebook the image itself as it converges, else a line on stderr
     on_progress    : called about twice a second, with a `Progress`
@@ -71,13 +85,12 @@ def render(
 
     Raises
     ------
-    SceneError, UsageError, ContextError : before anything is rendered
+    SceneError, UsageError, ContextError : before anything is rendered; ContextError also where the device fails
     RenderInterrupted : on Ctrl-C, with the film so far
 
     Warns `SceneWarning` for a scene that can be rendered, but hardly as it is meant.
 
-    Poor at: mirrors and caustics by "path" and "gather" (all paths share their directions); indirect light by the
-    ray tracers.
+    Poor at: caustics by "path" and "gather", of mirrors and glass; indirect light by the ray tracers.
 
     Example
     -------
@@ -87,10 +100,11 @@ def render(
     ((64, 96, 3), 4)
     >>> film.save("cornell-box.png")
     """
+    rules = StopRules(time_limit, noise)
     job, loaded = describe(
         scene,
         integrator=integrator,
-        spp=spp,
+        spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
         resolution=resolution,
         crop=crop,
@@ -101,7 +115,9 @@ def render(
     session = Session(job, loaded, stacklevel=2)
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
     with session, _reporting(progress, on_progress) as report:
-        film = session.render(job, loaded, context, timings=timings, on_progress=report)
+        film = session.render(
+            job, loaded, context, timings=timings, on_progress=report, rules=rules, film=film, on_step=on_step
+        )
     for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film
@@ -112,6 +128,10 @@ def run(
     context: Context | None = None,
     *,
     scene: Scene | None = None,
+    time_limit: float | None = None,
+    noise: float | None = None,
+    film: Film | None = None,
+    on_step: Callable[[Film], None] | None = None,
     timings: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Film:
@@ -121,7 +141,7 @@ def run(
     ----------
     context : None: the one of this process, see `glpath.gl.context.open_context`
     scene   : what the job describes, where that was made in memory, or has been loaded already
-    timings, on_progress : as of `render`
+    time_limit, noise, film, on_step, timings, on_progress : as of `render`
 
     Raises and warns as `render` does; SceneError for a scene whose content is not the job's.
 
@@ -133,11 +153,14 @@ def run(
     >>> parts[0].merge(parts[1]).path_sets
     16
     """
+    rules = StopRules(time_limit, noise)
     loaded = job.sensor.seen(job.scene.load(scene))
     session = Session(job, loaded, stacklevel=2)
     context = open_context(probe_first=in_notebook()) if context is None else context
     with session:
-        film = session.render(job, loaded, context, timings=timings, on_progress=on_progress)
+        film = session.render(
+            job, loaded, context, timings=timings, on_progress=on_progress, rules=rules, film=film, on_step=on_step
+        )
     for text in session.remarks(film):
         warnings.warn(text, SceneWarning, stacklevel=2)
     return film

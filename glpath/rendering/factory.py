@@ -278,6 +278,15 @@ class _Whitted:
         ]
 
     def traceable(self, scene: Scene) -> Scene:
+        used = (scene.materials[index] for index in sorted({shape.material for shape in scene.shapes}))
+        glass = [material.name for material in used if material.roughness is not None and material.transmission > 0]
+        if glass:
+            names = f"{', '.join(glass[:3])}{', ...' if len(glass) > 3 else ''}"
+            raise SceneError(
+                f"{scene.source or scene.name}: has glass ({names}), but a ray of this ray tracer is mirrored "
+                "and does not part.",
+                "Render it with --integrator path or gather.",
+            )
         return scene
 
     def prepared(self, scene: Scene, say: Say) -> Plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -9,21 +10,38 @@ from contextlib import contextmanager
 from types import FrameType
 
 from glpath.film import Film
+from glpath.gl.signals import ENDING
+
+# Seconds that a path set under way has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good
+# soon: containers after ten seconds, Slurm after thirty.
+_GRACE = 4.0
 
 
 class RenderInterrupted(KeyboardInterrupt):
-    """Ctrl-C came during a render. `film` holds all whole path sets done until then."""
+    """Ctrl-C came during a render. `film` holds all whole path sets done until then.
 
-    def __init__(self, film: Film) -> None:
+    number : of the signal that ended it; SIGINT, Ctrl-C, also where that was raised as an exception
+    """
+
+    number: int = signal.SIGINT
+
+    def __init__(self, film: Film, number: int = signal.SIGINT) -> None:
         super().__init__(f"interrupted after {film.path_sets} path sets")
         self.film = film
+        self.number = number
 
 
 class Flag:
-    """Truth that a signal handler can set."""
+    """Truth that a signal handler can set.
+
+    signal : the first that came
+    """
 
     def __init__(self) -> None:
         self.set = False
+        self.signal: int = signal.SIGINT
+        self._hurry = threading.Timer(_GRACE, lambda: os.kill(os.getpid(), self.signal))
+        self._hurry.daemon = True
         self._break_in: Callable[[], object] | None = None
         self._whole = False
 
@@ -41,8 +59,16 @@ class Flag:
         if self._break_in is not None:
             self._break_in()
 
-    def signalled(self, break_in: Callable[[], object]) -> None:
+    def close(self) -> None:
+        """Nothing is left to be hurried."""
+        self._hurry.cancel()
+
+    def signalled(self, number: int, break_in: Callable[[], object]) -> None:
         """A signal has come; of the second one on, `break_in` is called."""
+        if not self.set:
+            self.signal = number
+            if number != signal.SIGINT:
+                self._hurry.start()
         if self.set and self._whole:
             self._break_in = break_in
         elif self.set:
@@ -54,17 +80,17 @@ class Flag:
 def interrupt_as_flag() -> Iterator[Flag]:
     """Ctrl-C sets a flag instead of breaking into the middle of a path set; a second one breaks in.
 
-    The same holds for SIGTERM where somebody handles it in Python, as the command line does; a shell starts
-    background jobs with SIGINT ignored, so neither stands for the other. Only the main thread gets signals,
+    The same holds for SIGTERM and SIGUSR1 where somebody handles it in Python, as the command line does; a shell
+    starts background jobs with SIGINT ignored, so neither stands for the other. Only the main thread gets signals,
     elsewhere this does nothing.
     """
     flag = Flag()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in ENDING}
     if threading.current_thread() is not threading.main_thread():
         before = {}
 
     def stop(number: int, frame: FrameType | None) -> None:
-        flag.signalled(lambda: handled[signal.Signals(number)](number, frame))
+        flag.signalled(number, lambda: handled[signal.Signals(number)](number, frame))
 
     handled = {number: handler for number, handler in before.items() if callable(handler)}
     for number in handled:
@@ -72,5 +98,6 @@ def interrupt_as_flag() -> Iterator[Flag]:
     try:
         yield flag
     finally:
+        flag.close()
         for number, handler in handled.items():
             signal.signal(number, handler)

@@ -54,7 +54,7 @@ class SceneSource:
 
     kind       : "file", "shipped", or "memory" for one that was made in Python and has to be handed to `run`
     name       : the file's path, the shipped name, or what a scene in memory calls itself
-    parameters : of a shipped scene that is generated
+    parameters : of a shipped scene that is generated, or of a glTF file
     sha256     : `Scene.digest(camera=False)`: geometry, materials and lights
     """
 
@@ -71,7 +71,7 @@ class SceneSource:
             return cls("shipped", scene, digest, dict(parameters or {}))
         if isinstance(scene, str | Path):
             # Workers need not be started in the same folder.
-            return cls("file", os.path.abspath(scene), digest)
+            return cls("file", os.path.abspath(scene), digest, dict(parameters or {}))
         return cls("memory", loaded.name, digest)
 
     def load(self, given: Scene | None = None) -> Scene:

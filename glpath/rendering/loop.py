@@ -4,73 +4,169 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from glpath.errors import ContextError
 from glpath.film import BLOCK, Film, blocks
+from glpath.film_metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
+from glpath.gl.memory import OUT_OF_MEMORY
+from glpath.heartbeat import heartbeat
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
+from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise
 from glpath.rendering.tiles import Tile
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5
 
 
-def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, first: int) -> None:
-    """Fill the clock's film with its path sets, in steps between which the context is free.
+def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, path_sets: tuple[int, int]) -> None:
+    """Fill the clock's film with what it lacks of the path sets, in steps between which the context is free.
 
-    Raises RenderInterrupted.
+    Raises RenderInterrupted; ContextError where the device fails, and what was added by then is sound.
     """
-    film = clock.film
     with interrupt_as_flag() as interrupted:
         try:
-            for start, stop in blocks(first, first + clock.total):
-                while start < stop and not interrupted:
-                    with context:
-                        clock.begin_step()
-                        count = _step(engine, tiles, film, start, min(stop - start, clock.step), interrupted)
-                    start += count
-                    clock.stepped(count)
-                if interrupted:
-                    raise KeyboardInterrupt
+            rule = _trace(engine, context, tiles, clock, path_sets, interrupted)
         except KeyboardInterrupt:
             # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
-            raise RenderInterrupted(clock.finish(engine)) from None
-        clock.finish(engine)
+            clock.finish(engine, INTERRUPTED_RULE)
+            raise RenderInterrupted(clock.film, interrupted.signal) from None
+        clock.finish(engine, rule)
     if interrupted:  # after the last step, too late for the loop to see
-        raise RenderInterrupted(film)
+        raise RenderInterrupted(clock.film, interrupted.signal)
+
+
+def _trace(
+    engine: Engine,
+    context: Context,
+    tiles: list[Tile],
+    clock: Clock,
+    path_sets: tuple[int, int],
+    interrupted: Flag,
+) -> str:
+    """The rule that ended it. Raises KeyboardInterrupt where the flag is set."""
+    film, rule = clock.film, ""
+    for start, stop in _missing(path_sets, film.ranges):
+        while start < stop and not rule and not interrupted:
+            with context:
+                clock.begin_step()
+                count = _step(engine, context, tiles, film, start, min(stop - start, clock.step), interrupted)
+            start += count
+            clock.count_step(count)
+            # Before anybody is told, as the last report is the one that says it is done.
+            rule = clock.ended(start == stop)
+            clock.stepped(engine, bool(rule))
+        if rule:  # the last step: whoever interrupts gets a film that is complete
+            break
+        if interrupted:
+            raise KeyboardInterrupt
+    return rule
+
+
+def _missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
+    """What of the path sets is in none of the ranges, which are in order; cut where the batch changes."""
+    start, end = path_sets
+    for done_start, done_stop in (*ranges, (end, end)):
+        yield from blocks(start, min(done_start, end))
+        start = max(start, done_stop)
+
+
+def _check_device(context: Context) -> None:
+    """Raise ContextError where the device has lost what it was doing."""
+    error = context.gl.error
+    if error == "GL_NO_ERROR":
+        return
+    remedy = "Start it again; what the driver says (dmesg, nvidia-smi) may tell why."
+    if error == "GL_OUT_OF_MEMORY":
+        remedy = OUT_OF_MEMORY
+    raise ContextError(
+        f"{context.info.renderer}: {error} while path sets were traced; the device has failed.", remedy
+    )
 
 
 @dataclass
 class Clock:
-    """The clock of one render: how long a step may be, and when to report."""
+    """The clock of one render: how long a step may be, when to report, and when it is enough.
+
+    film    : that grows; what it held before the render is counted in `elapsed` and in the statistics
+    total   : path sets in the film when all are done
+    on_step : called with the film after each step, when its metadata are up to date
+    """
 
     film: Film
     total: int
     renderer: str
     on_progress: Callable[[Progress], None] | None
+    rules: StopRules = field(default_factory=StopRules)
+    on_step: Callable[[Film], None] | None = None
     step: int = 1
     statistics: dict[str, object] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
     _last_step: float = field(default_factory=time.perf_counter)
     _last_report: float = -math.inf
     _error: float | None = None
+    _bound: float | None = None
 
-    def report(self, stage: str) -> None:
+    def __post_init__(self) -> None:
+        self._before = self.film.metadata
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds of rendering, with those that the film has come with."""
+        return self._before.elapsed_s + time.perf_counter() - self.started
+
+    def ended(self, at_block: bool) -> str:
+        """The rule that ends the render after a step; "" for none.
+
+        at_block : the step was the last one of a block, so that batches can be compared
+        """
+        if self.film.path_sets >= self.total:
+            return SPP
+        if at_block:
+            enough, bound = stopped_by_noise(self.film, self.rules)
+            self._bound = self._bound if bound is None else bound
+            if enough:
+                return NOISE
+        limit = self.rules.time_limit
+        return TIME_LIMIT if limit is not None and self.elapsed >= limit else ""
+
+    def ended_before(self) -> bool:
+        """Whether a film that is gone on with is done already."""
+        if not self.film.path_sets:
+            return False
+        at_block = all(stop % BLOCK == 0 for _, stop in self.film.ranges)
+        rule = self.ended(at_block)
+        if rule:
+            self.film.metadata = replace(self._before, stop_rule=rule, error_bound=self._bound)
+            self.report("rendering", ended=True)
+        return bool(rule)
+
+    def report(self, stage: str, ended: bool = False) -> None:
+        heartbeat.beat()
         if self.on_progress is None:
             return
         done, now = self.film.path_sets, time.perf_counter()
-        last = done == self.total
+        last = ended or done == self.total
         if not last and now - self._last_report < _STEP_SECONDS:
             return
         if done:
             self._error = self.film.relative_error()
         self.on_progress(
-            Progress(done, self.total, now - self.started, self._error, self.film, stage, self.renderer)
+            Progress(
+                done,
+                done if last else self._expected(),
+                now - self.started,
+                self._error,
+                self.film,
+                stage,
+                self.renderer,
+            )
         )
         # The estimate reads the whole film, an image has to be encoded; that must not be what the time goes into.
         self._last_report = now + 5 * (time.perf_counter() - now)
@@ -79,22 +175,49 @@ class Clock:
         """A step begins: what went by since the last one was spent waiting, or in who is told of the progress."""
         self._last_step = time.perf_counter()
 
-    def stepped(self, count: int) -> None:
+    def _expected(self) -> int:
+        """Path sets in the end, as far as the rules let guess: the error falls with the root of their number."""
+        done, guesses = self.film.path_sets, [float(self.total)]
+        if done and self.rules.time_limit is not None:
+            guesses.append(done * self.rules.time_limit / max(self.elapsed, 1e-9))
+        if self.rules.noise is not None:
+            known = self._bound is not None and done
+            guesses.append(done * ((self._bound or 0) / self.rules.noise) ** 2 if known else FIRST_LOOK)
+        return min(self.total, max(done + 1, round(min(guesses))))
+
+    def count_step(self, count: int) -> None:
         """A step of so many path sets is done; the next is as long as fits into the time for one."""
         each = (time.perf_counter() - self._last_step) / count
         self.step = max(1, min(BLOCK, int(_STEP_SECONDS / max(each, 1e-9))))
-        self.report("rendering")
 
-    def finish(self, engine: Engine) -> Film:
-        """The film with its statistics, which are known only now."""
-        elapsed = time.perf_counter() - self.started
+    def stepped(self, engine: Engine, ended: bool) -> None:
+        """Tell of a step; ended: it was the last one."""
+        if self.on_step is not None:
+            self.finish(engine, "")
+            self.on_step(self.film)
+        self.report("rendering", ended)
+
+    def finish(self, engine: Engine, rule: str) -> None:
+        """Bring the film's metadata up to date, of which the statistics are known only now."""
+        counts = self.statistics | engine.statistics()
         self.film.metadata = replace(
-            self.film.metadata, elapsed_s=elapsed, statistics=self.statistics | engine.statistics()
+            self.film.metadata,
+            elapsed_s=self.elapsed,
+            statistics=merged_values(self._before.statistics, counts),
+            stop_rule=rule,
+            error_bound=self._bound,
         )
-        return self.film
 
 
-def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int, interrupted: Flag) -> int:
+def _step(
+    engine: Engine,
+    context: Context,
+    tiles: list[Tile],
+    film: Film,
+    start: int,
+    count: int,
+    interrupted: Flag,
+) -> int:
     """Trace path sets start..start + count in every tile and add them to the film. Returns how many it were.
 
     When interrupted in the first tile, the others follow as far as that one came.
@@ -106,6 +229,7 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
         traced = 0
         while traced < count:
             engine.trace_path_set(start + traced)
+            heartbeat.beat()
             traced += 1
             if interrupted and tile is tiles[0]:
                 break
@@ -113,6 +237,7 @@ def _step(engine: Engine, tiles: list[Tile], film: Film, start: int, count: int,
         total[tile.target] = engine.take()[tile.keep]
         for name, found in engine.take_aovs().items():
             aovs[name][tile.target] = found[tile.keep]
+    _check_device(context)  # before its sums can reach the film
     with interrupted.whole():
         film.add(start, start + count, total, aovs)
     return count

@@ -11,14 +11,17 @@ from typing import Any
 
 from glpath.errors import ContextError, SceneWarning, UsageError
 from glpath.film import Film
-from glpath.film_metadata import FilmMetadata
+from glpath.film_metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
+from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import PathSetSettings
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of
+from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
+from glpath.rendering.stopping import StopRules
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.versions import versions
@@ -63,23 +66,42 @@ class Session:
         timings: bool = False,
         on_progress: Callable[[Progress], None] | None = None,
         started: float | None = None,
+        rules: StopRules | None = None,
+        film: Film | None = None,
+        on_step: Callable[[Film], None] | None = None,
     ) -> Film:
         """The film of a job: the first one, then others of its integrator and resolution.
 
         scene   : of the job, with its camera
         started : `time.perf_counter()` when the job was begun; now
+        rules, film, on_step : as of `glpath.rendering.run`
 
-        Raises RenderInterrupted, and UsageError for another resolution.
+        Raises RenderInterrupted, and UsageError for another resolution or a film of another render; ContextError
+        where the device fails.
         """
         started = time.perf_counter() if started is None else started
         context.check()
         self._context = context
-        film = Film.empty(metadata_of(job, self._plan, scene, context))
-        clock = Clock(film, job.spp, context.info.renderer, on_progress, started=started)
+        metadata = metadata_of(job, self._plan, scene, context)
+        if film is None:
+            film = _empty(metadata)
+        else:
+            # The digest of a radiosity solution is known only after it is made.
+            check_same_render(
+                film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
+            )
+        clock = Clock(
+            film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
+        )
+        if clock.ended_before():
+            return film
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
-            # The digest of a radiosity solution is known only now.
-            film.metadata = replace(film.metadata, settings=_recorded(self._plan))
+            metadata = replace(metadata, settings=_recorded(self._plan))
+            if film.path_sets:
+                check_same_render(film, metadata, job.path_sets, set())
+            film.metadata = replace(film.metadata, settings=metadata.settings)
+        _name_both(film, metadata)
         with context.rendering():
             if self._engine is None:
                 clock.report("compiling shaders")
@@ -91,7 +113,7 @@ class Session:
                 with context:
                     self._go_on(self._engine, job, scene)
             self._job = job
-            trace(self._engine, context, self._tiles, clock, job.path_sets[0])
+            trace(self._engine, context, self._tiles, clock, job.path_sets)
         return film
 
     def remarks(self, film: Film) -> list[str]:
@@ -112,6 +134,27 @@ class Session:
         else:
             engine.look_from(job.sensor)
         engine.forget_statistics()
+
+
+def _name_both(film: Film, metadata: FilmMetadata) -> None:
+    """A film that goes on here names what it was begun with, and what it goes on with."""
+    held = film.metadata
+    film.metadata = replace(
+        held,
+        device=joined(held.device, metadata.device),
+        versions=merged_values(held.versions, metadata.versions),
+    )
+
+
+def _empty(metadata: FilmMetadata) -> Film:
+    try:
+        return Film.empty(metadata)
+    except MemoryError as error:
+        _, _, width, height = metadata.window
+        raise ContextError(
+            f"film of {width} x {height} pixels: {str(error).rstrip('.') or 'this machine has no memory for it'}.",
+            OUT_OF_MEMORY,
+        ) from error
 
 
 def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context) -> FilmMetadata:

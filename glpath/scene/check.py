@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Light, Primitive, Scene, Shape, sphere_extent
+from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, sphere_extent
 from glpath.scene.place import Place
 
 MAX_PIXELS = 2**28
@@ -104,7 +104,7 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
 
 
 def _about_darkness(scene: Scene) -> list[str]:
-    sky = scene.sky is not None and np.any([scene.sky.zenith, scene.sky.horizon])
+    sky = scene.sky is not None and scene.sky.max_radiance > 0
     if sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes):
         return []
     return [
@@ -135,17 +135,21 @@ def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> l
 
 def _about_materials(scene: Scene) -> list[str]:
     found = []
+    with_colours = {
+        s.material for s in scene.shapes if isinstance(s.geometry, Mesh) and s.geometry.colours is not None
+    }
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        plain = material.texture is None
-        if plain and np.all(material.reflectance >= 1):
+        plain = material.texture is None and index not in with_colours
+        if plain and not material.has_lobes and np.all(material.reflectance >= 1):
             found.append(
                 f'The material "{material.name}" reflects all light (reflectance 1): '
                 "no real surface does, and between such surfaces light never dies out."
             )
         max_reflectance = material.reflectance
-        if not plain:
-            max_reflectance = max_reflectance * scene.textures[material.texture or 0].image.max(axis=(0, 1))
+        if material.texture is not None:
+            texels = scene.textures[material.texture.texture].linear()
+            max_reflectance = max_reflectance * texels[..., :3].max(axis=(0, 1))
         if np.any(material.mirror > 0) and np.any(max_reflectance + material.mirror > 1 + 1e-6):
             found.append(
                 f'The material "{material.name}" reflects more light than it receives: '

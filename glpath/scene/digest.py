@@ -27,7 +27,8 @@ def digest_of(*values: object) -> str:
     """SHA-256 (hex) of dataclasses, tuples, arrays, numbers, texts and None, as far as a picture rests on them.
 
     The same for equal values, whether or not they are one object; numbers count as float64, arrays by their values
-    as int64 or float64. What has an attribute `digest` that is a text counts by that, so that it can be kept.
+    as int64 or float64, bytes as bytes. What has an attribute `digest` that is a text counts by that, so that it
+    can be kept.
     """
     h = hashlib.sha256()
     for value in values:
@@ -55,7 +56,8 @@ def _add(value: object, update: _Update) -> None:
         for each in value:
             _add(each, update)
     elif isinstance(value, np.ndarray):
-        array = value.astype("<f8" if value.dtype.kind == "f" else "<i8", copy=False)
+        kept = value.dtype == np.uint8  # pictures are large
+        array = value if kept else value.astype("<f8" if value.dtype.kind == "f" else "<i8", copy=False)
         update(f"array {array.dtype} {array.shape} ".encode())
         update(np.ascontiguousarray(array).tobytes())
     elif isinstance(value, bool | int | float | np.generic):

@@ -32,17 +32,26 @@ class Mesh:
     uv       : (V, 2) float64 texture coordinates of the vertices; None without
     normals  : (V, 3) float64 unit shading normals on the side of the front, zeros where the face's own is meant;
                None without
+    uv1      : (V, 2) float64, a second set of texture coordinates; None without
+    colours  : (V, 4) float64, linear Rec. 709 and alpha, which multiply the material's; None without
     """
 
     vertices: Float64
     faces: Int32
     uv: Float64 | None = None
     normals: Float64 | None = None
+    uv1: Float64 | None = None
+    colours: Float64 | None = None
 
     @cached_property
     def digest(self) -> str:
         """Of all that changes the picture; see `glpath.scene.digest`."""
-        return digest_of(self.vertices, self.faces, self.uv, self.normals)
+        return digest_of(self.vertices, self.faces, *self.of_vertices.values())
+
+    @property
+    def of_vertices(self) -> dict[str, Float64 | None]:
+        """What vertices have beside their positions, by the names of the fields."""
+        return {name: getattr(self, name) for name in ("uv", "normals", "uv1", "colours")}
 
     @classmethod
     def of_triangles(cls, corners: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
@@ -58,7 +67,7 @@ class Mesh:
 
     def welded(self) -> Mesh:
         """The same with vertices that are equal to the last bit, in all that they have, made one."""
-        parts = [part for part in (self.vertices, self.uv, self.normals) if part is not None]
+        parts = [part for part in (self.vertices, *self.of_vertices.values()) if part is not None]
         rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
         _, first, which = np.unique(
             rows.view(np.dtype((np.void, rows.strides[0]))).ravel(), return_index=True, return_inverse=True
@@ -85,12 +94,8 @@ class Mesh:
         )
 
     def _with_vertices(self, which: NDArray[np.integer[Any]]) -> Mesh:
-        return replace(
-            self,
-            vertices=self.vertices[which],
-            uv=None if self.uv is None else self.uv[which],
-            normals=None if self.normals is None else self.normals[which],
-        )
+        taken = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
+        return Mesh(self.vertices[which], self.faces, **taken)
 
 
 IDENTITY = np.eye(3, 4)
@@ -207,6 +212,20 @@ class Shapes(tuple[Shape, ...]):
         return _joined(
             [_or_zeros(mesh.uv, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
         )
+
+    @cached_property
+    def vertex_uv1(self) -> Float64:
+        """(V, 2) float64, the second texture coordinates of `vertices`; zeros where a mesh has none."""
+        return _joined(
+            [_or_zeros(mesh.uv1, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
+        )
+
+    @cached_property
+    def vertex_colours(self) -> Float64:
+        """(V, 4) float64, linear Rec. 709 and alpha, of `vertices`; ones where a mesh has none."""
+        meshes = (mesh for _, mesh, _ in self.mesh_instances())
+        parts = [np.broadcast_to(1.0, (len(m.vertices), 4)) if m.colours is None else m.colours for m in meshes]
+        return _joined(parts, np.zeros((0, 4)))
 
     @cached_property
     def vertex_normals(self) -> Float64:

@@ -17,9 +17,12 @@ from glpath.errors import SceneError
 from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
+from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
+from glpath.scene.sky import Environment, Sky
 
 __all__ = [
     "Camera",
+    "Environment",
     "Float64",
     "Int32",
     "Light",
@@ -32,47 +35,13 @@ __all__ = [
     "Shapes",
     "Sky",
     "Texture",
+    "TextureSlot",
+    "moved_textures",
     "placed",
     "sphere_extent",
 ]
 
 LightKind = Literal["point", "spot", "directional"]
-
-
-@dataclass(frozen=True)
-class Texture:
-    """A picture that colours surfaces, repeated endlessly. A checker is one of 2 x 2 texels, not filtered.
-
-    image  : (h, w, 3) float32, linear Rec. 709, row 0 at the top, where v = 1
-    scale  : repeats per unit of u and of v
-    filter : "linear" or "nearest"
-    """
-
-    name: str
-    image: NDArray[np.float32]
-    scale: tuple[float, float] = (1.0, 1.0)
-    filter: Literal["linear", "nearest"] = "linear"
-
-
-@dataclass(frozen=True)
-class Material:
-    """Lambertian reflection, Phong's highlight and a mirror [TB IV]; the mirror is the ray tracers' alone.
-
-    reflectance : (3,) float64 in [0, 1], linear Rec. 709
-    two_sided   : False makes the back black (it still blocks light)
-    specular    : (3,) float64 >= 0, Phong's coefficient
-    exponent    : Phong's, > 0
-    mirror      : (3,) float64 in [0, 1], share of the light from the mirror direction
-    texture     : index into `Scene.textures`, which the reflectance is multiplied by; None without
-    """
-
-    name: str
-    reflectance: Float64
-    two_sided: bool = True
-    specular: Float64 = field(default_factory=lambda: np.zeros(3))
-    exponent: float = 32.0
-    mirror: Float64 = field(default_factory=lambda: np.zeros(3))
-    texture: int | None = None
 
 
 @dataclass(frozen=True)
@@ -97,19 +66,6 @@ class Light:
     falloff: Literal["quadratic", "none"] = "quadratic"
 
 
-@dataclass(frozen=True)
-class Sky:
-    """What rays see that hit nothing: a blend from horizon (and below) to zenith by the sine of the elevation.
-
-    zenith, horizon : (3,) float64 radiance, linear Rec. 709
-    up              : (3,) float64 unit
-    """
-
-    zenith: Float64
-    horizon: Float64
-    up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-
-
 @dataclass(frozen=True, repr=False)
 class Scene:
     """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
@@ -118,7 +74,7 @@ class Scene:
     lights       : punctual ones, without extent
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to the path tracer,
                    what lies beyond a path's last vertex
-    sky          : None: black
+    sky          : what rays see that hit nothing: a blend, an environment map, or None: black
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     """
 
@@ -130,19 +86,24 @@ class Scene:
     textures: tuple[Texture, ...] = ()
     lights: tuple[Light, ...] = ()
     ambient: Float64 = field(default_factory=lambda: np.zeros(3))
-    sky: Sky | None = None
+    sky: Sky | Environment | None = None
     exposure: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
         for shape in self.shapes:
-            if isinstance(shape.geometry, Mesh) and shape.geometry.uv is None and shape.count:
-                material = self.materials[shape.material]
-                if material.texture is not None:
+            if not isinstance(shape.geometry, Mesh) or not shape.count:
+                continue
+            material = self.materials[shape.material]
+            for uv_set in {slot.uv_set for slot in material.slots.values()}:
+                field_name = ("uv", "uv1")[uv_set]
+                if getattr(shape.geometry, field_name) is None:
                     raise SceneError(
                         f'{self.source or self.name}: the shape "{shape.name}" has the material '
-                        f'"{material.name}" with a texture, but its mesh has no texture coordinates.',
-                        "Give the mesh `uv`, one pair for each vertex, or the shape a material without a texture.",
+                        f'"{material.name}" with a texture, but its mesh has no texture coordinates '
+                        f"`{field_name}`.",
+                        f"Give the mesh `{field_name}`, one pair for each vertex, or the shape a material without "
+                        "a texture.",
                     )
 
     @property
@@ -202,10 +163,14 @@ class Scene:
         return self.shapes.bounds
 
     def mean_reflectance(self, material: Material) -> Float64:
-        """(3,) float64 reflectance of one of the scene's materials, the mean over its texture where it has one."""
-        if material.texture is None:
-            return material.reflectance
-        return np.asarray(material.reflectance * self.textures[material.texture].image.mean(axis=(0, 1)))
+        """(3,) float64: what one of the scene's materials reflects of light from everywhere, mirrors and glass too.
+
+        Of a texture the mean.
+        """
+        base = material.reflectance
+        if material.texture is not None:
+            base = base * self.textures[material.texture.texture].mean
+        return material.hemispherical_reflectance(base)
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.

@@ -251,8 +251,7 @@ def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
 def _sky(scene: Scene, ways: Float64) -> Float64:
     if scene.sky is None:
         return np.full_like(ways, _BACKGROUND)
-    height = np.clip(ways @ scene.sky.up, 0.0, 1.0)[:, None]
-    return np.asarray((1 - height) * scene.sky.horizon + height * scene.sky.zenith)
+    return scene.sky.radiance(ways)
 
 
 def mimebundle(scene: Scene) -> dict[str, object]:
@@ -280,16 +279,7 @@ def _html(scene: Scene, png: bytes) -> str:
                 _Swatch(m.reflectance),
                 m.name,
                 _numbers(m.reflectance),
-                ", ".join(
-                    word
-                    for word, holds in (
-                        ("texture", m.texture is not None),
-                        ("highlight", np.any(m.specular > 0)),
-                        ("mirror", np.any(m.mirror > 0)),
-                        ("one-sided", not m.two_sided),
-                    )
-                    if holds
-                ),
+                m.described(),
             )
             for m in scene.materials[:ROWS]
         ],

@@ -22,7 +22,7 @@ def path_traceable(scene: Scene) -> Scene:
     """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
 
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do, all of it at once: planes and mirrors. Warns with SceneWarning of triangles without area.
+    does not do: planes. Warns with SceneWarning of triangles without area.
     """
     _check_known(scene)
     if not len(scene.spheres):
@@ -30,7 +30,7 @@ def path_traceable(scene: Scene) -> Scene:
     _check_number(scene)
     place = Place(scene.source or scene.name)
     shapes = [
-        _tessellated(shape, scene.materials[shape.material].texture is not None, place.field("shapes").item(index))
+        _tessellated(shape, scene.materials[shape.material].needs_uv, place.field("shapes").item(index))
         if shape.primitive == "sphere"
         else shape
         for index, shape in enumerate(scene.shapes)
@@ -65,19 +65,13 @@ def turned(world_from_unit: Float64) -> Float64:
 
 
 def _check_known(scene: Scene) -> None:
-    used = sorted({shape.material for shape in scene.shapes})
-    mirrors = [scene.materials[i].name for i in used if np.any(scene.materials[i].mirror > 0)]
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
-    found = [
-        f"{what} ({', '.join(names[:_LISTED])}{', ...' if len(names) > _LISTED else ''})"
-        for what, names in (("planes", planes), ("mirrors", mirrors))
-        if names
-    ]
-    if found:
+    if planes:
+        names = f"{', '.join(planes[:_LISTED])}{', ...' if len(planes) > _LISTED else ''}"
         raise SceneError(
-            f"{scene.source or scene.name}: has {' and '.join(found)}, which the path-buffer cannot render: an "
-            "endless plane has no box for its views, and its paths share their directions.",
-            "Render it with --integrator classic or t-buffer, or make planes large quads and leave mirrors out.",
+            f"{scene.source or scene.name}: has planes ({names}), which path tracing cannot render: an endless "
+            "plane has no triangles.",
+            "Render it with --integrator classic or t-buffer, or make planes large quads.",
         )
 
 

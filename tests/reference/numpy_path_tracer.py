@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Scene
+from reference.environment import sky_radiance
 
 Float64 = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def _trace_paths(scene: Scene, paths: int, max_depth: int, ambient: float, rng: 
         triangle, t = nearest_hits(scene.triangles, position, wi, near)
         alive = triangle >= 0
         if depth == 1:
-            L[path[~alive]] += _sky(scene, wi[~alive])
+            L[path[~alive]] += sky_radiance(scene, wi[~alive])
         path, triangle, beta = path[alive], triangle[alive], beta[alive]
         position = position[alive] + t[alive, None] * wi[alive]
         front = np.sum(wi[alive] * normals[triangle], axis=1) < 0
@@ -113,7 +114,7 @@ def _trace_paths(scene: Scene, paths: int, max_depth: int, ambient: float, rng: 
         if scene.sky is not None:
             up = _cosine_directions(n, rng)
             escapes = nearest_hits(scene.triangles, position, up, near)[0] < 0
-            L[path] += beta * np.where(escapes[:, None], _sky(scene, up), 0)
+            L[path] += beta * np.where(escapes[:, None], sky_radiance(scene, up), 0)
         wi = _cosine_directions(n, rng)
     L[path] += beta * ambient
     return L.reshape(paths, -1, 3)
@@ -135,14 +136,6 @@ def _cosine_directions(n: Float64, rng: np.random.Generator) -> Float64:
     sphere = rng.standard_normal(n.shape)
     d = n + sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     return d / np.linalg.norm(d, axis=1, keepdims=True)
-
-
-def _sky(scene: Scene, d: Float64) -> Float64:
-    """Radiance (N, 3) from unit directions (N, 3)."""
-    if scene.sky is None:
-        return np.zeros_like(d)
-    height = np.clip(d @ scene.sky.up, 0, 1)[:, None]
-    return (1 - height) * scene.sky.horizon + height * scene.sky.zenith
 
 
 def _punctual_irradiance(scene: Scene, position: Float64, n: Float64, near: float) -> Float64:

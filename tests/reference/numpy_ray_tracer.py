@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Float64, Scene
+from reference.environment import sky_radiance
 
 Int64 = NDArray[np.int64]
 _STEP = 20_000  # rays at once
@@ -78,7 +79,7 @@ def render(scene: Scene, max_depth: int = 1, pixel: tuple[float, float] = (0.5, 
 
 def trace(scene: Scene, origins: Float64, directions: Float64, max_depth: int, tmin: float = 0.0) -> Float64:
     """Radiance (N, 3) that arrives along rays [TB IV]."""
-    L = _sky(scene, directions)
+    L = sky_radiance(scene, directions)
     primitive, t = nearest(scene, origins, directions, tmin)
     hit = np.flatnonzero(primitive >= 0)
     if not len(hit):
@@ -100,7 +101,7 @@ def trace(scene: Scene, origins: Float64, directions: Float64, max_depth: int, t
     for number, material in enumerate(scene.materials):
         if material.texture is not None:
             own = material_of == number
-            rho[own] *= texture_colour(scene, material.texture, uv[own])
+            rho[own] *= texture_colour(scene, material.texture.texture, uv[own])
     shows = front | np.array([s.emission_two_sided for s in scene.shapes])[shape_of]
     emission = np.array([s.emission for s in scene.shapes])[shape_of] * shows[:, None]
     reflected = d - 2 * np.sum(d * n, axis=1, keepdims=True) * n
@@ -189,13 +190,6 @@ def _shape_of_primitive(scene: Scene) -> Int64:
         start = first[shape.primitive]
         of[start + part.start : start + part.stop] = number
     return of
-
-
-def _sky(scene: Scene, directions: Float64) -> Float64:
-    if scene.sky is None:
-        return np.zeros_like(directions)
-    height = np.clip(directions @ scene.sky.up, 0, 1)[:, None]
-    return np.asarray(height * scene.sky.zenith + (1 - height) * scene.sky.horizon)
 
 
 def _size(scene: Scene) -> float:

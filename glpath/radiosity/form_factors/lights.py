@@ -2,7 +2,8 @@
 
 What they send is cast to the points ray by ray, and what surfaces reflect of it is what the solvers begin with.
 
-Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky.
+Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
+          many where that is an environment map, half of them as dense as its radiance.
 Poor at:  a sky that is seen through small openings, which few of a point's rays go through.
 """
 
@@ -15,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import kernel
-from glpath.lighting import Lighting, incident, sky_radiance
+from glpath.lighting import Lighting, incident
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
-from glpath.scene.model import Float64
+from glpath.scene.model import Environment, Float64
 
 Int64 = NDArray[np.int64]
 
@@ -71,9 +72,15 @@ class DirectLight:
             free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
             total[lit] += (free * cosine[lit])[:, None] * there.irradiance[lit]
         if self.lighting.sky is not None:
-            wi = _by_the_cosine(normals, np.random.default_rng(number))
+            random = np.random.default_rng(number)
+            wi = _by_the_cosine(normals, random)
+            if isinstance(self.lighting.sky, Environment):
+                wi = np.concatenate([wi, _by_the_radiance(self.lighting.sky, len(points), random)], axis=1)
             free = self._free(points, triangle, wi, np.full(len(points), np.inf))
-            total += np.pi * (free[..., None] * sky_radiance(self.lighting.sky, wi)).mean(axis=1)
+            seen = free[..., None] * self.lighting.sky.radiance(wi)
+            if isinstance(self.lighting.sky, Environment):
+                seen *= 2.0 * _shares(self.lighting.sky, wi, normals)[..., None]
+            total += np.pi * seen.mean(axis=1)
         return total
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> NDArray[np.bool_]:
@@ -88,14 +95,32 @@ def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
 
     By a point of the unit sphere about the normal's tip.
     """
-    cells = round(SKY_RAYS**0.5)
-    at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
-    u = (at + random.random((len(normals), cells * cells, 2))) / cells
+    u = _stratified(len(normals), random)
     z = 1 - 2 * u[..., 0]
     r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
     wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals[:, None]
     length = np.linalg.norm(wi, axis=-1, keepdims=True)
     return np.asarray(np.where(length > 1e-9, wi / np.maximum(length, 1e-9), normals[:, None]))
+
+
+def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator) -> Float64:
+    """(P, SKY_RAYS, 3) unit directions as dense as the map's radiance, for so many points, stratified."""
+    u = _stratified(count, random).reshape(-1, 2)
+    return sky.directions(np.stack([u[:, 0], random.random(len(u)), u[:, 1]], axis=1)).reshape(count, -1, 3)
+
+
+def _stratified(count: int, random: np.random.Generator) -> Float64:
+    """(P, SKY_RAYS, 2) in [0, 1), one in each cell of the square for each point."""
+    cells = round(SKY_RAYS**0.5)
+    at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
+    return np.asarray((at + random.random((count, cells * cells, 2))) / cells)
+
+
+def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
+    """(P, K) of the density by the cosine in that of all directions (P, K, 3): Veach's balance heuristic."""
+    cosine = np.maximum(np.einsum("pkc,pc->pk", wi, normals), 0.0) / np.pi
+    every = cosine + sky.radiance(wi).mean(axis=-1) / sky.mean_integral
+    return np.asarray(cosine / np.maximum(every, np.finfo(float).tiny))
 
 
 @kernel

@@ -15,6 +15,7 @@ from glpath.kernels import kernel
 from glpath.radiosity.mesh.mesh import Elements, Int64
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 
 #: Parts of an edge of an element that is partly buried, for its points and its area.
@@ -46,14 +47,22 @@ class Sides:
         """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
         shape = scene.triangle_shape[elements.triangle]
         reflectance = side_reflectance(scene)[:, elements.triangle]
-        emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)
+        emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
+        emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)[shape]
+        appearance = Appearance(scene)
+        painted = np.flatnonzero(appearance.varies("emission")[shape])
+        if len(painted):
+            own = elements[painted]
+            emission[painted] = np.pi * appearance.mean_emission(own.triangle, own.corners() / own.n[:, None, None])
         both = np.array([s.emission_two_sided for s in scene.shapes], bool)
         normal = scene.normals[elements.triangle]
         parts = []
         for back in (0, 1):
             reflects = reflectance[back]
-            emits = emission[shape] * (both[shape, None] if back else 1.0)
-            some = np.flatnonzero(reflects.any(axis=1) | emits.any(axis=1))
+            emits = emission * (both[shape, None] if back else 1.0)
+            # A black element of a picture that shines stays, as the patch that it is part of does.
+            shines = emits_at_all & (both[shape] if back else True)
+            some = np.flatnonzero(reflects.any(axis=1) | shines)
             parts.append(
                 (some, np.full(len(some), back), normal[some] * (1 - 2 * back), reflects[some], emits[some])
             )
@@ -69,12 +78,21 @@ class Sides:
 def side_reflectance(scene: Scene) -> Float64:
     """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black.
 
-    Of a texture the mean: light that a wall sends on does not know where on it a picture hangs.
+    Of textures and colours of vertices the mean over the triangle, times its opacity: light that a wall sends on
+    does not know where on it a picture hangs.
     """
     materials = [scene.materials[s.material] for s in scene.shapes]
-    front = np.array([scene.mean_reflectance(m) for m in materials]).reshape(-1, 3)
-    back = front * np.array([m.two_sided for m in materials], float)[:, None]
-    return np.stack([front, back])[:, scene.triangle_shape]
+    shape = scene.triangle_shape
+    front = np.array([scene.mean_reflectance(m) for m in materials]).reshape(-1, 3)[shape]
+    appearance = Appearance(scene)
+    painted = np.flatnonzero(appearance.varies("reflectance")[shape])
+    if len(painted):
+        front[painted] = appearance.mean_reflectance(painted)
+        for number in np.unique(shape[painted]):
+            own = painted[shape[painted] == number]
+            front[own] = materials[number].hemispherical_reflectance(front[own])
+    two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
+    return np.stack([front, front * two_sided])
 
 
 def sub_triangles(k: int) -> Float64:

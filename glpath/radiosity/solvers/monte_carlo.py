@@ -14,12 +14,13 @@ Poor at:  smooth pictures of fine meshes: an element with a hundred hits is off 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.form_factors.lights import DirectLight
@@ -72,6 +73,7 @@ class Shooting:
     hits      : of particles on surfaces
     open_areas : (2, E) of what is not buried in solids, of both sides
     lit        : (2, E, 3) irradiance by lights that are no patches, which no particle brings
+    whole      : false while sums change; a signal may end that in the middle
     """
 
     mesh: Mesh
@@ -99,6 +101,7 @@ class Shooting:
         )
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
+        self.whole = True
 
     def _find_lamps(self, sides: Sides) -> _Lamps:
         """Triangles that emit, and elements that reflect the light of what is no patch."""
@@ -135,11 +138,28 @@ class Shooting:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))
                 for flux, hits in pool.map(self._batch, numbers):
+                    self.whole = False
                     self.flux += flux
                     self.square += flux.sum(axis=0) ** 2
                     self.hits += hits
                     self.particles += BATCH
+                    self.whole = True
                 on_batch()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that the solution depends on, for `restore`."""
+        counts = np.array([self.particles, self.hits], np.int64)
+        return {"flux": self.flux, "square": self.square, "counts": counts}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        for name in ("flux", "square"):
+            if state[name].shape != getattr(self, name).shape:
+                raise ValueError(
+                    f"`{name}` is of another mesh: {state[name].shape}, {getattr(self, name).shape} here"
+                )
+            setattr(self, name, np.array(state[name]))
+        self.particles, self.hits = map(int, state["counts"])
 
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)

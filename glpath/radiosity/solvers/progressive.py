@@ -14,13 +14,16 @@ Poor at:  reflectances near 1, where light dies out slowly.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.kernels import kernel
 from glpath.radiosity.form_factors.transport import Transport
 from glpath.radiosity.mesh.reconstruct import at_corners
+from glpath.radiosity.shafts.options import Statistics
 from glpath.scene.model import Float64
 
 #: Patches that are looked ahead, for other cores to prepare.
@@ -35,6 +38,8 @@ class Refinement:
     shot       : (2, Q, 3) radiosity that the patches' sides have sent: [0] emitted, [1] reflected
     unshot     : (Q, 3) what they have not yet; below 0 where too much was sent, ahead of time
     steps      : patches that shot
+    splits     : (E,) bool of each time that elements were split, in turn: which of those that there were
+    whole      : false while the fields above change; a signal may end that in the middle
     """
 
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
@@ -46,6 +51,8 @@ class Refinement:
         self.unshot: Float64 = transport.sides.emission + first
         self.shot: Float64 = np.zeros((2, *self.unshot.shape))
         self.steps = 0
+        self.splits: list[NDArray[np.bool_]] = []
+        self.whole = True
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
 
     def _energy(self) -> Float64:
@@ -70,6 +77,7 @@ class Refinement:
             # What it will reflect if the rest spreads evenly, which it can send at once (Feda & Purgathofer 1992).
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
+        self.whole = False
         received = _shoot(
             side,
             sent,
@@ -85,6 +93,7 @@ class Refinement:
             np.empty((2, 3)),
         )
         self.steps += 1
+        self.whole = True
         return float(received / t.areas[side])
 
     def run(self, until: float, most: int, on_step: Callable[[float], None]) -> None:
@@ -129,10 +138,44 @@ class Refinement:
             which &= change >= np.sort(change[which])[-most] if most > 0 else False
         if not which.any():
             return 0
+        self.whole = False
         self.irradiance = t.refine(which, self.irradiance, self.shot)
         arrived = t.elements.reflectance * self.irradiance.sum(axis=0)
         self.unshot = t.sides.emission + t.mean_of_patches(arrived) - self.shot.sum(axis=0)
+        self.splits.append(which)
+        self.whole = True
         return int(which.sum())
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that the solution depends on, for `restore`. Form factors are not in it: they are found again."""
+        took = self.transport.statistics
+        return {
+            "irradiance": self.irradiance,
+            "shot": self.shot,
+            "unshot": self.unshot,
+            "steps": np.int64(self.steps),  # type: ignore[dict-item]
+            "took": np.array([took.rays, took.shafts, took.empty_shafts]),
+            "split_sizes": np.array([len(which) for which in self.splits], np.int64),
+            "splits": np.concatenate([*self.splits, np.zeros(0, bool)]),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        ends = np.cumsum(state["split_sizes"])
+        for which in np.split(state["splits"], ends[:-1]) if len(ends) else []:
+            # Nothing has shot: elements are split without looking for what arrives at them.
+            self.transport.refine(which, np.zeros_like(self.irradiance), np.zeros_like(self.shot))
+            self.irradiance = np.zeros((2, len(self.transport.elements), 3))
+            self.splits.append(which)
+        for name in ("irradiance", "shot", "unshot"):
+            if state[name].shape != getattr(self, name).shape:
+                raise ValueError(
+                    f"`{name}` is of another mesh: {state[name].shape}, {getattr(self, name).shape} here"
+                )
+            setattr(self, name, np.array(state[name]))
+        self.steps = int(state["steps"])
+        rays, shafts, empty = map(int, state["took"])
+        self.transport.statistics += Statistics(rays=rays, shafts=shafts, empty_shafts=empty)
 
     def result(self, ambient: bool = False) -> Float64:
         """(2, 2, E, 3): see `Transport.on_sides`. ambient: with that of what is unshot."""

@@ -25,6 +25,7 @@ from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import matrix, monte_carlo
 from glpath.radiosity.solvers.ahead import compile_ahead
+from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import AnyScene, Scene, load_scene, path_traceable
@@ -138,6 +139,7 @@ def solve_radiosity(
     particles: int = 1_000_000,
     seed: int = 0,
     on_progress: Report | None = None,
+    checkpoint: SolverCheckpoint | None = None,
 ) -> RadiositySolution:
     """The radiosity of a scene's surfaces, on the CPU.
 
@@ -167,6 +169,8 @@ def solve_radiosity(
     particles  : of "monte-carlo", rounded up to whole batches of 16,384
     seed       : of "monte-carlo"
     on_progress: called with a `RadiosityProgress` now and then
+    checkpoint : where the solver's state is kept meanwhile, and from where it goes on, to the same bits; not of
+                 "matrix"
 
     Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
     or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
@@ -183,6 +187,11 @@ def solve_radiosity(
         "receiver_points": receiver_points, "particles": particles, "seed": seed,
     }  # fmt: skip
     check_options(options)
+    if checkpoint is not None and method == "matrix":
+        raise UsageError(
+            'solve_radiosity: method "matrix" has nothing to keep between its beginning and its end.',
+            'Take "progressive" or "monte-carlo", or leave the checkpoint out.',
+        )
     triangles = path_traceable(loaded)
     check_solvable(triangles)
     surface = surfaces(triangles)
@@ -200,13 +209,15 @@ def solve_radiosity(
     compile_ahead(needed)
     with announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
-            return _monte_carlo(run, mesh, particles, seed)
+            return _monte_carlo(run, mesh, particles, seed, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
         transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
         if method == "matrix":
             return _matrix(run, transport)
         refinement = Refinement(transport, overshoot)
-        return _progressive(run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element)
+        return _progressive(
+            run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element, checkpoint
+        )
 
 
 def _progressive(
@@ -218,8 +229,14 @@ def _progressive(
     threshold: float,
     ambient: bool,
     per_element: float,
+    checkpoint: SolverCheckpoint | None,
 ) -> RadiositySolution:
+    if checkpoint is not None:
+        checkpoint.begin(refinement, run.scene.digest(camera=False), run.method, run.settings)
+
     def report(share: float) -> None:
+        if checkpoint is not None:
+            checkpoint.step(refinement)
         run.report("shooting", refinement.steps, share, until, len(refinement.transport.mesh.elements))
 
     def solution() -> RadiositySolution:
@@ -238,7 +255,7 @@ def _progressive(
     before: RadiositySolution | None = None
     try:
         refinement.run(until, max_steps, report)
-        for _ in range(adaptive):
+        for _ in range(len(refinement.splits), adaptive):
             before = solution()
             elements = len(refinement.transport.mesh.elements)
             run.report("refining", refinement.steps, None, until, elements)
@@ -248,6 +265,8 @@ def _progressive(
             refinement.run(until, max_steps, report)
         return solution()
     except KeyboardInterrupt as stop:
+        if checkpoint is not None:
+            checkpoint.write(refinement)
         # While elements are being split, the solution from before is the one that is whole.
         raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
 
@@ -265,11 +284,17 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
     )
 
 
-def _monte_carlo(run: _Run, mesh: Mesh, particles: int, seed: int) -> RadiositySolution:
+def _monte_carlo(
+    run: _Run, mesh: Mesh, particles: int, seed: int, checkpoint: SolverCheckpoint | None
+) -> RadiositySolution:
     shooting = monte_carlo.Shooting(mesh, seed)
+    if checkpoint is not None:
+        checkpoint.begin(shooting, run.scene.digest(camera=False), run.method, run.settings)
     batches = -(-particles // monte_carlo.BATCH)
 
     def report() -> None:
+        if checkpoint is not None:
+            checkpoint.step(shooting)
         left = max(0.0, 1 - shooting.particles / (batches * monte_carlo.BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
 
@@ -283,9 +308,11 @@ def _monte_carlo(run: _Run, mesh: Mesh, particles: int, seed: int) -> RadiosityS
         )
 
     try:
-        shooting.shoot(batches, report)
+        shooting.shoot(batches - shooting.particles // monte_carlo.BATCH, report)
         return solution()
     except KeyboardInterrupt as stop:
+        if checkpoint is not None:
+            checkpoint.write(shooting)
         raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
 
 

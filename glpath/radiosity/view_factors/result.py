@@ -45,7 +45,7 @@ class ViewFactors:
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
     >>> walls = [[0,1,3,2],[4,6,7,5],[0,4,5,1],[2,3,7,6],[0,2,6,4],[1,5,7,3]]
-    >>> float(glpath.view_factors((cube, walls)).matrix[0, 1].round(5))  # floor to ceiling
+    >>> round(float(glpath.view_factors((cube, walls)).matrix[0, 1]), 5)  # floor to ceiling
     0.19982
     """
 

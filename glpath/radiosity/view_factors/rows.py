@@ -462,12 +462,12 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                 planes = form_shaft(own_box, box, eps, -1.0, work.shaft, work.near, work.extent)
                 hidden = False
                 for c in range(begin, end):
-                    o = np.int64(lists[c])  # type: ignore[assignment]
+                    hider = np.int64(lists[c])
                     if place_box(
-                        occluders.boxes, o, -1, own_box, box, work.extent, work.shaft, work.near, planes, False
+                        occluders.boxes, hider, -1, own_box, box, work.extent, work.shaft, work.near, planes, False
                     ) == 0:  # fmt: skip
                         continue
-                    parted = _in_reach(o, occluders, own, n, box, eps)
+                    parted = _in_reach(hider, occluders, own, n, box, eps)
                     if parted == 0:
                         continue
                     if parted == 2 and not leaf:
@@ -475,10 +475,10 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                             work.box[k, 0] = box[3 * (k & 1)]
                             work.box[k, 1] = box[1 + 3 * (k >> 1 & 1)]
                             work.box[k, 2] = box[2 + 3 * (k >> 2)]
-                        if hides_all(own, n, work.box, 8, occluders, o, eps, work.at_a, work.at_b):
+                        if hides_all(own, n, work.box, 8, occluders, hider, eps, work.at_a, work.at_b):
                             hidden = True
                             break
-                    lists[put] = o
+                    lists[put] = hider
                     put += 1
                 if hidden:
                     counts[BRANCHES] += 1

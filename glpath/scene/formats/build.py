@@ -17,6 +17,7 @@ from msgspec import UnsetType
 from glpath.scene import tessellate
 from glpath.scene.check import check_camera
 from glpath.scene.formats import description, lights, materials, transform
+from glpath.scene.formats.assets import Assets
 from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import inline_mesh, read_mesh
 from glpath.scene.formats.values import LARGEST, SMALLEST, light, unit, unknown
@@ -39,11 +40,11 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
     """
     camera = _camera(file)
     check_camera(camera, place.source)
-    if not file.shapes:
+    if not (file.shapes or file.assets):
         raise place.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
-    textures = materials.textures(file.textures, place.field("textures"), folder)
+    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder)
     texture_number = {texture.name: index for index, texture in enumerate(textures)}
     surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
     number = {material.name: index for index, material in enumerate(surfaces)}
@@ -69,22 +70,24 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
                 geometry, matrix = "plane", _plane(given, here)
             case _:
                 matrix = _world(given, here)[:3]
-                textured = surfaces[material].texture is not None
+                textured = surfaces[material].needs_uv
                 geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
         shapes.append(Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind))
 
+    assets = Assets(folder, number, list(surfaces), list(textures))
+    assets.add(file.assets, place.field("assets"))
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
         camera=camera,
-        shapes=Shapes(shapes),
-        materials=surfaces,
+        shapes=Shapes([*shapes, *assets.shapes]),
+        materials=tuple(assets.materials),
         source=place.source,
-        textures=textures,
-        lights=lights.lights(file.lights, place.field("lights")),
+        textures=tuple(assets.textures),
+        lights=(*lights.lights(file.lights, place.field("lights")), *assets.lights),
         ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky")),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
     )
 

@@ -19,7 +19,7 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
         return msgspec.convert(value, kind, strict=strict)
 
 
-def decode_json(text: str, kind: Any) -> Any:
+def decode_json(text: str | bytes, kind: Any) -> Any:
     """JSON as `kind`, with the same lock. Raises msgspec.DecodeError."""
     with _LOCK:
         return msgspec.json.decode(text, type=kind)

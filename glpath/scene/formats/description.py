@@ -47,6 +47,7 @@ MAX_RESOLUTION = 32768
 MAX_SUBDIVISIONS = 8
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
+MAX_ENVIRONMENT_PIXELS = 2**25
 
 Reflectance = Annotated[
     float | Vector,
@@ -112,6 +113,28 @@ class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True
         | UnsetType
     ) = UNSET
     two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+    normal_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: a normal map, of tangent space.")]
+        | UnsetType
+    ) = UNSET
+    normal_scale: Annotated[float, Meta(description="Strength of the normal map: its x and y are multiplied.")] = (
+        1.0
+    )
+    emission_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file, which the emission of shapes is multiplied by.")
+        ]
+        | UnsetType
+    ) = UNSET
+    alpha: Annotated[
+        Literal["opaque", "mask", "blend"],
+        Meta(
+            description="What opacity does: nothing; all or nothing, from `cutoff` on; a share of the light. "
+            "Opacity is multiplied by the alpha of the texture."
+        ),
+    ] = "opaque"
+    cutoff: Annotated[float, Meta(ge=0, le=1, description="Of a mask: opacity below it is a hole.")] = 0.5
+    opacity: Annotated[float, Meta(ge=0, le=1, description="Share of light that the surface meets.")] = 1.0
 
 
 class Diffuse(Surface, tag="diffuse", kw_only=True):
@@ -119,7 +142,7 @@ class Diffuse(Surface, tag="diffuse", kw_only=True):
 
 
 class Phong(Surface, tag="phong", kw_only=True):
-    """Lambertian reflection, Phong's highlight and a mirror: for the integrators classic and t-buffer."""
+    """Lambertian reflection, Phong's highlight and a mirror, as of 1975."""
 
     specular: Annotated[
         float | Vector,
@@ -134,7 +157,67 @@ class Phong(Surface, tag="phong", kw_only=True):
     ] = 0.0
 
 
-AnyMaterial = Diffuse | Phong
+_Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class Principled(Surface, tag="principled", kw_only=True):
+    """Metal, plastic, varnish and glass: the metallic-roughness surface of glTF 2.0."""
+
+    roughness: Annotated[
+        _Share, Meta(description="0 is a mirror, 1 all dull: the alpha of GGX's microfacets is its square.")
+    ] = 0.5
+    metallic: Annotated[
+        _Share, Meta(description="Share of metal, which has its reflectance for a colour and no diffuse base.")
+    ] = 0.0
+    anisotropy: Annotated[_Share, Meta(description="How much rougher it is along the brush than across.")] = 0.0
+    anisotropy_angle: Annotated[
+        float, Meta(description="Angle of the brush in degrees, from where u grows towards where v grows.")
+    ] = 0.0
+    ior: Annotated[
+        float, Meta(ge=1, le=10, description="Index of refraction: 1.33 water, 1.5 glass and plastic, 2.4 diamond.")
+    ] = 1.5
+    specular: Annotated[
+        _Share, Meta(description="Strength of what is not metal's reflection, 1 as its ior says.")
+    ] = 1.0
+    specular_color: Annotated[
+        float | Vector,
+        Meta(description="Its colour at normal incidence, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    ] = 1.0
+    transmission: Annotated[
+        _Share, Meta(description="Share that is glass instead of a diffuse base: 1 is clear glass.")
+    ] = 0.0
+    thin: Annotated[
+        bool,
+        Meta(
+            description="true: glass is a pane, which does not refract. false: the surface of a solid that does, "
+            "which should be closed, with its fronts outward."
+        ),
+    ] = False
+    attenuation: Annotated[
+        float | Vector,
+        Meta(
+            description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
+        ),
+    ] = 0.0
+    clearcoat: Annotated[_Share, Meta(description="Share that is under a varnish.")] = 0.0
+    clearcoat_roughness: Annotated[_Share, Meta(description="The varnish's own roughness.")] = 0.0
+    surface_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: roughness is multiplied by its green, metallic by its "
+                "blue."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    transmission_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: transmission is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+
+
+AnyMaterial = Diffuse | Phong | Principled
 
 Repeats = Annotated[
     float | tuple[float, float],
@@ -153,7 +236,7 @@ class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=Tru
 
 
 class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, kw_only=True):
-    """A picture, repeated endlessly: PNG and JPEG as sRGB, EXR as linear Rec. 709."""
+    """A picture: PNG and JPEG as sRGB, EXR as linear Rec. 709; what is no colour, as of a normal map, as it is."""
 
     file: Annotated[
         str, Meta(description="PNG, JPEG or EXR file; a relative path starts at the folder of the scene file.")
@@ -163,6 +246,10 @@ class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, k
         Literal["linear", "nearest"],
         Meta(description="linear blends neighbouring pixels where they are seen large, nearest shows squares."),
     ] = "linear"
+    wrap: Annotated[
+        Literal["repeat", "clamp", "mirror"],
+        Meta(description="Beyond its edges: repeated, its last pixels, or mirrored."),
+    ] = "repeat"
 
 
 AnyTexture = Checker | Image
@@ -317,6 +404,39 @@ class Mesh(Shape, tag="mesh", kw_only=True):
     ) = UNSET
 
 
+class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
+    """A model file, placed in the scene with what it carries."""
+
+    file: Annotated[
+        str,
+        Meta(
+            description="glTF (.glb, .gltf), OBJ, PLY or STL file; a relative path starts at the folder of the "
+            "scene file."
+        ),
+    ]
+    name: (
+        Annotated[str, Meta(description="Begins the names of its shapes; that of the file without it.")] | UnsetType
+    ) = UNSET
+    transform: Annotated[
+        list[Annotated[Step, Meta(extra_json_schema={"minProperties": 1, "maxProperties": 1})]],
+        Meta(description="Steps that take the model to the world, the first one first; glTF's y axis is up."),
+    ] = []
+    materials: Annotated[
+        dict[str, str],
+        Meta(
+            description="Names of the model's materials, each with the name of a material of this file that "
+            "stands in for it; light that it sends goes with it."
+        ),
+    ] = {}
+    lights: Annotated[
+        bool, Meta(description="false leaves the model's punctual lights out. Their intensity knows no scale.")
+    ] = True
+    time: (
+        Annotated[float, Meta(ge=0, description="Seconds into the animations of a glTF file; at rest without it.")]
+        | UnsetType
+    ) = UNSET
+
+
 AnyShape = Quad | Box | Sphere | Plane | Mesh
 
 Intensity = Annotated[
@@ -378,11 +498,15 @@ AnyLight = PointLight | SpotLight | DirectionalLight
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith."""
+    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith; or an environment map."""
 
-    zenith: Annotated[
-        float | Vector, Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b].")
-    ]
+    zenith: (
+        Annotated[
+            float | Vector,
+            Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b]."),
+        ]
+        | UnsetType
+    ) = UNSET
     horizon: (
         Annotated[
             float | Vector,
@@ -393,6 +517,30 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     up: (
         Annotated[
             Vector, Meta(description="Towards the zenith, of any length but zero; the camera's `up` without it.")
+        ]
+        | UnsetType
+    ) = UNSET
+    file: (
+        Annotated[
+            str,
+            Meta(
+                description="An environment map in place of zenith and horizon: an equirectangular picture, EXR, "
+                "HDR, PNG or JPEG, its first row up; a relative path starts at the folder of the scene file."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    scale: (
+        Annotated[float, Meta(ge=0, description="Of the map: what makes its values W sr^-1 m^-2; 1 without it.")]
+        | UnsetType
+    ) = UNSET
+    rotation: (
+        Annotated[
+            float,
+            Meta(
+                description="Of the map: degrees, counter-clockwise seen from above. At 0 its middle lies towards "
+                "+z where y is up, towards +x where z is."
+            ),
         ]
         | UnsetType
     ) = UNSET
@@ -413,6 +561,9 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     materials: Annotated[dict[str, AnyMaterial], Meta(description="Materials by name.")] = {}
     shapes: Annotated[
         list[AnyShape], Meta(description="The shapes; those with an emission are lights with an extent.")
+    ] = []
+    assets: Annotated[
+        list[Asset], Meta(description="Model files with materials of their own; a scene needs one, or a shape.")
     ] = []
     lights: Annotated[list[AnyLight], Meta(description="Punctual lights: point, spot, directional.")] = []
     ambient: Annotated[
@@ -435,6 +586,9 @@ def scene_schema() -> dict[str, Any]:
         ("Phong", "reflectance", share),
         ("Phong", "specular", positive),
         ("Phong", "mirror", share),
+        ("Principled", "reflectance", share),
+        ("Principled", "specular_color", positive),
+        ("Principled", "attenuation", positive),
         ("Emission", "radiance", positive),
         ("PointLight", "intensity", positive),
         ("SpotLight", "intensity", positive),

@@ -1,7 +1,8 @@
-"""Scenes that are made in Python: dictionaries with arrays, meshes and scenes of trimesh, files of one mesh.
+"""Scenes that are made in Python: dictionaries with arrays, meshes and scenes of trimesh.
 
 What such a scene does not say is filled in, and a SceneWarning says what: a camera that sees everything, and light
-from all around. trimesh is not imported here: who hands in one of its objects has done so.
+from all around. trimesh is not imported here: who hands in one of its objects has done so. Its meshes have the
+materials that they bring, unless they are given others.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from glpath.errors import SceneWarning, UsageError
-from glpath.image import decode_srgb
+from glpath.scene.formats.completed import completed
+from glpath.scene.formats.from_trimesh import Surfaces, lights
+from glpath.scene.formats.gltf.surfaces import Surface
 from glpath.scene.formats.load import scene_of
-from glpath.scene.formats.meshes import read_mesh
-from glpath.scene.model import Camera, Float64, Mesh, Scene, Shapes, Sky
+from glpath.scene.formats.meshes import mesh_of_trimesh
+from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures
 from glpath.scene.place import Place, PythonPlace, shown
 
 if TYPE_CHECKING:
@@ -29,12 +32,6 @@ if TYPE_CHECKING:
 else:
     AnyScene = Any
 
-#: Seen from the front, somewhat from above and from the right.
-_VIEW = np.array([0.5, 0.4, 1.0])
-_FOV = 40.0
-_RESOLUTION = (512, 512)
-# How much farther off the eye is than it must be.
-_MARGIN = 1.1
 _NO_CAMERA = {"position": [0.0, 0.0, 1.0], "target": [0.0, 0.0, 0.0]}
 
 
@@ -48,16 +45,9 @@ def scene_from_python(scene: Any) -> Scene:
     if _of_trimesh(scene, "Trimesh"):
         scene = {"shapes": [{"mesh": scene}]}
     elif _of_trimesh(scene, "Scene"):
-        scene = _dictionary(scene)
+        found, others = lights(scene)
+        return _complete(_dictionary(scene, others), PythonPlace("scene"), Path(), found)
     return _complete(scene, PythonPlace("scene"), Path())
-
-
-def scene_from_mesh_file(path: Path) -> Scene:
-    """The scene of one mesh file, grey: its materials are not read."""
-    mesh = read_mesh(path, Place(str(path)))
-    return _complete(
-        {"name": path.stem, "shapes": [{"mesh": mesh, "name": path.stem}]}, Place(str(path)), path.parent
-    )
 
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
@@ -73,61 +63,28 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
     if isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
-    part = scene_of(_with_colours(data), PythonPlace("shape"), Path(), "shape")
+    part = _scene_with_looks(data, PythonPlace("shape"), Path(), "shape")
     (new,) = part.shapes
     name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
     if isinstance(material, str):
         number, materials = names.index(material), scene.materials
     else:
         number = len(scene.materials)
-        materials = (*scene.materials, replace(part.materials[new.material], name=f"{name}"))
+        moved = moved_textures(part.materials[new.material], len(scene.textures))
+        materials = (*scene.materials, replace(moved, name=f"{name}"))
     return replace(
-        scene, shapes=Shapes((*scene.shapes, replace(new, name=name, material=number))), materials=materials
+        scene,
+        shapes=Shapes((*scene.shapes, replace(new, name=name, material=number))),
+        materials=materials,
+        textures=(*scene.textures, *part.textures),
     )
 
 
-def _complete(data: Mapping[str, Any], place: Place, folder: Path) -> Scene:
+def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Sequence[Light] = ()) -> Scene:
     """The scene with a camera and a light, with a warning of what had to be added."""
-    given = _with_colours(data)
-    scene = scene_of({"camera": _NO_CAMERA, **given}, place, folder, str(given.get("name", place.source)))
-    notes = []
-    if "camera" not in given:
-        scene = replace(
-            scene,
-            camera=framing(
-                scene, scene.camera.resolution if "resolution" in given.get("film", {}) else _RESOLUTION
-            ),
-        )
-        c = scene.camera
-        notes.append(
-            f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
-            f"{shown(c.target.round(3))}, fov {c.fov:g}"
-        )
-    if not (scene.lights or scene.sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes)):
-        scene = _lit_from_all_around(scene)
-        notes.append("no light, so a white sky shines from all around")
-    if notes:
-        warnings.warn(SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=4)
-    return scene
-
-
-def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:
-    """A camera that sees all triangles and spheres, from somewhat above, y up."""
-    lower, upper = scene.bounds
-    centre = 0.5 * (lower + upper)
-    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
-    # How far the eye must be for each corner of the box around everything to be within the picture.
-    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
-    right, up, forward = camera.frame()
-    wide, high = camera.extent
-    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
-    distance = _MARGIN * float(needed.max()) or 1.0
-    return replace(camera, position=centre - distance * forward)
-
-
-def _lit_from_all_around(scene: Scene) -> Scene:
-    """The one place that says what light a scene gets that has none."""
-    return replace(scene, sky=Sky(np.ones(3), np.ones(3)))
+    scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
+    scene = replace(scene, lights=(*scene.lights, *lights))
+    return completed(scene, has_camera="camera" in data, stacklevel=4)
 
 
 # --- trimesh ---
@@ -138,9 +95,13 @@ def _of_trimesh(value: object, kind: str) -> bool:
     return module is not None and isinstance(value, getattr(module, kind, ()))
 
 
-def _dictionary(scene: Any) -> dict[str, Any]:
-    """The scene format's form of a `trimesh.Scene`: an instance for each node, its camera where it has one."""
-    shapes, dropped = [], set()
+def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
+    """The scene format's form of a `trimesh.Scene`: an instance for each node, its camera where it has one.
+
+    others : what of it is not used beside what is found here
+    """
+    shapes: list[dict[str, Any]] = []
+    dropped = set(others)
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -150,8 +111,6 @@ def _dictionary(scene: Any) -> dict[str, Any]:
         shapes.append(
             {"mesh": geometry, "name": str(node), "transform": [{"matrix": np.asarray(transform).tolist()}]}
         )
-    if getattr(scene, "_lights", None):
-        dropped.add("its lights")
     if dropped:
         warnings.warn(SceneWarning(f"scene: dropped {', '.join(sorted(dropped))}."), stacklevel=5)
     data: dict[str, Any] = {"shapes": shapes}
@@ -163,48 +122,54 @@ def _dictionary(scene: Any) -> dict[str, Any]:
     return data
 
 
-def _with_colours(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The dictionary with a material for each mesh of trimesh that has a colour, and is given no material."""
-    if not isinstance(data.get("shapes", []), Sequence):
-        return dict(data)
-    materials = data.get("materials", {})
-    shapes, new = [], {}
-    for index, shape in enumerate(data.get("shapes", [])):
+def _scene_with_looks(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
+    """The scene of a dictionary, where meshes of trimesh that are given no material have their own."""
+    shapes = data.get("shapes", [])
+    if not isinstance(shapes, list | tuple):
+        return scene_of(data, place, folder, name)
+    surfaces = Surfaces()
+    made: dict[int, tuple[Mesh, Surface | None]] = {}  # by identity: instances share a mesh
+    looks: dict[int, Surface] = {}
+    tables = []
+    for index, shape in enumerate(shapes):
         table = shape
         if isinstance(shape, Mapping) and _of_trimesh(shape.get("mesh"), "Trimesh") and "material" not in shape:
-            colour = _base_colour(shape["mesh"], f'scene["shapes"][{index}]["mesh"]')
-            if colour is not None:
-                name = f"mesh-{index}"
-                new[name] = {"reflectance": colour.tolist()}
-                table = {**shape, "material": name}
-        shapes.append(table)
-    return {**data, "shapes": shapes, **({"materials": {**new, **materials}} if new else {})}
+            given = shape["mesh"]
+            if id(given) not in made:
+                here = place.field("shapes").item(index).field("mesh")
+                made[id(given)] = surfaces.of(given, mesh_of_trimesh(given, here))
+            mesh, surface = made[id(given)]
+            table = {**shape, "mesh": mesh}
+            if surface is not None:
+                looks[index] = surface
+        tables.append(table)
+    scene = scene_of({**data, "shapes": tables}, place, folder, name)
+    return _with_looks(scene, looks, surfaces.textures)
 
 
-def _base_colour(mesh: Any, what: str) -> Float64 | None:
-    """(3,) linear Rec. 709; None where the mesh has no colour. Warns of what is dropped."""
-    visual = mesh.visual
-    kind = getattr(visual, "kind", None)
-    dropped = []
-    if kind == "texture":
-        material = visual.material
-        factor = getattr(material, "baseColorFactor", None)
-        # glTF's factor is linear; the colours of other formats are encoded.
-        colour = None if factor is None else np.asarray(factor, np.float64)[:3] / 255
-        if colour is None and getattr(material, "diffuse", None) is not None:
-            colour = decode_srgb(np.asarray(material.diffuse, np.float64)[:3] / 255)
-        if colour is None:
-            colour = np.full(3, 0.5)
-        images = ("image", "baseColorTexture", "normalTexture", "metallicRoughnessTexture", "emissiveTexture")
-        if any(getattr(material, name, None) is not None for name in images):
-            dropped.append("its textures")
-    elif kind in ("vertex", "face"):
-        colours = np.unique(np.asarray(getattr(visual, f"{kind}_colors"))[:, :3], axis=0)
-        colour = decode_srgb(colours.astype(np.float64) / 255).mean(axis=0)
-        if len(colours) > 1:
-            dropped.append(f"its {len(colours)} colours ({kind}), for their mean")
-    else:
-        return None
-    if dropped:
-        warnings.warn(SceneWarning(f"{what}: dropped {', '.join(dropped)}."), stacklevel=6)
-    return np.clip(colour, 0.0, 1.0)
+def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture]) -> Scene:
+    """The scene whose shapes of some numbers have other surfaces, with the light that these send."""
+    if not looks:
+        return scene
+    given = list(dict.fromkeys(map(id, looks.values())))
+    by_id = {id(surface): surface for surface in looks.values()}
+    materials = [moved_textures(by_id[each].material, len(scene.textures)) for each in given]
+    used = [shape.material for index, shape in enumerate(scene.shapes) if index not in looks]
+    kept = [index for index, m in enumerate(scene.materials) if m.name != "default" or index in used]
+    number = {old: new for new, old in enumerate(kept)}
+    shapes = []
+    for index, shape in enumerate(scene.shapes):
+        if index not in looks:
+            shapes.append(replace(shape, material=number[shape.material]))
+            continue
+        surface = looks[index]
+        shape = replace(shape, material=len(kept) + given.index(id(surface)))
+        if not shape.emits and surface.emission.any():
+            shape = replace(shape, emission=surface.emission, emission_two_sided=surface.material.two_sided)
+        shapes.append(shape)
+    return replace(
+        scene,
+        shapes=Shapes(shapes),
+        materials=(*(scene.materials[index] for index in kept), *materials),
+        textures=(*scene.textures, *textures),
+    )

@@ -1,17 +1,23 @@
-"""The light of a scene file: punctual lights, emission, ambient light and the sky."""
+"""The light of a scene file: punctual lights, emission, ambient light, the sky and environment maps."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from msgspec import UnsetType
 
+from glpath.errors import SceneWarning
 from glpath.scene.formats import description
-from glpath.scene.formats.description import AnyLight, Emission
-from glpath.scene.formats.values import light, unit
-from glpath.scene.model import Float64, Light, Sky
+from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
+from glpath.scene.formats.scene_pictures import stored_picture
+from glpath.scene.formats.values import LARGEST, light, unit
+from glpath.scene.model import Environment, Float64, Light, Sky
 from glpath.scene.place import Place
+
+MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 
 
 def lights(given: Sequence[AnyLight], place: Place) -> tuple[Light, ...]:
@@ -74,11 +80,45 @@ def emission(given: Emission | UnsetType, place: Place) -> tuple[Float64, bool]:
     return light(given.radiance, place.field("radiance")), given.two_sided
 
 
-def sky(given: description.Sky | UnsetType, camera_up: Float64, place: Place) -> Sky | None:
-    """The sky, or None where the file has none. Raises SceneError."""
+def sky(
+    given: description.Sky | UnsetType, camera_up: Float64, place: Place, folder: Path
+) -> Sky | Environment | None:
+    """The sky, or None where the file has none; `folder` is where relative paths start. Raises SceneError."""
     if isinstance(given, UnsetType):
         return None
+    up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, place.field("up"), "up = [0, 1, 0]")
+    others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
+    found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
+    if not isinstance(given.file, UnsetType) and not found:
+        scale = 1.0 if isinstance(given.scale, UnsetType) else given.scale
+        rotation = 0.0 if isinstance(given.rotation, UnsetType) else given.rotation
+        return _environment(folder / given.file, scale, rotation, up, place)
+    if isinstance(given.zenith, UnsetType) or found:
+        names = ("zenith", "horizon", "file", "scale", "rotation")
+        has = [name for name in names if not isinstance(getattr(given, name), UnsetType)]
+        raise place.error(
+            f"has {' and '.join(has) or 'no radiance'}, but a sky is `zenith`, perhaps with `horizon`, or `file`, "
+            "perhaps with `scale` and `rotation`.",
+            'For example: zenith = [0.3, 0.5, 1.0], or file = "sky.hdr".',
+        )
     zenith = light(given.zenith, place.field("zenith"))
     horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, place.field("horizon"))
-    up = camera_up if isinstance(given.up, UnsetType) else given.up
-    return Sky(zenith, horizon, unit(up, place.field("up"), "up = [0, 1, 0]"))
+    return Sky(zenith, horizon, up)
+
+
+def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
+    """The environment map of a file. Raises SceneError; warns of what it clips."""
+    place, sky = place.field("file"), place
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place)
+    negative = np.count_nonzero(stored < 0)
+    if negative:
+        warnings.warn(
+            SceneWarning(
+                f"{place}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
+                "they were taken for 0, as light cannot be negative."
+            ),
+            stacklevel=2,
+        )
+    if stored.max() * scale > LARGEST:
+        raise sky.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")
+    return Environment(np.maximum(stored, 0.0).astype(np.float32), up, rotation, scale)

@@ -249,8 +249,8 @@ def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str,
 
 def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
     """The error of the first value of a table (of materials, of textures) that does not convert to its type."""
-    members = _meant(table, data).value_type.types
-    kind = functools.reduce(operator.or_, (member.cls for member in members))
+    each = _meant(table, data).value_type
+    kind = str if isinstance(each, inspect.StrType) else functools.reduce(operator.or_, (m.cls for m in each.types))
     for name, value in data.items():
         try:
             convert(value, kind)

@@ -1,32 +1,38 @@
 """Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
 
 trimesh takes most of a second to import, so it is imported when the first mesh file is read.
-The geometry, the texture coordinates and the normals of vertices in a file are used: its materials, colours and
-pictures are not, which a SceneWarning says, and no normals are made up where it has none.
+Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
+materials, colours and pictures in its file are not (`mesh_models` uses them), which a SceneWarning says. No normals
+are made up where it has none.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from glpath.errors import SceneError, SceneWarning
 from glpath.scene.formats import obj
+from glpath.scene.formats.text import decoded
 from glpath.scene.formats.values import LARGEST, nearby_files
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.place import Place
 from glpath.scene.tessellate import split_faces
 
 FORMATS = (".obj", ".ply", ".stl")
+# In the header of a PLY.
+_RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
+_COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
 #: What describes the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -79,12 +85,9 @@ def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]
 
 def mesh_of_trimesh(mesh: Any, place: Place) -> Mesh:
     """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
-    # The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
-    # exporters ask in this way).
-    normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
-    uv = getattr(mesh.visual, "uv", None)
-    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), _of_all([uv], [mesh], 2), place)
-    normals = _of_all([normals], [mesh], 3)
+    uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
+    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, place)
+    normals = _of_each(_given_normals(mesh), mesh, 3)
     return made if normals is None else replace(made, normals=_unit(normals))
 
 
@@ -139,6 +142,46 @@ def read_mesh(path: Path, place: Place) -> Mesh:
     `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
     broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
     """
+    file = read_mesh_file(path, place, colours=False)
+    _warn_of_what_is_dropped(path, file)
+    meshes = [mesh_of_loaded(mesh, path) for mesh in file.meshes]
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(faces),
+        _joined([mesh.uv for mesh in meshes]),
+        _joined([mesh.normals for mesh in meshes]),
+    )
+
+
+def _joined(parts: list[Float64 | None]) -> Float64 | None:
+    """One array of all; None where a mesh has none."""
+    there = [part for part in parts if part is not None]
+    return np.concatenate(there) if len(there) == len(parts) else None
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What trimesh makes of a file.
+
+    meshes   : objects of trimesh, each with faces
+    obj      : the file in plain form, where it is an OBJ
+    texture  : the name of the picture that a PLY has
+    coloured : vertices or faces have colours, in the file
+    """
+
+    meshes: list[Any]
+    obj: obj.Plain | None = None
+    texture: str | None = None
+    coloured: bool = False
+
+
+def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
+    """What a file holds. `place` and errors as of `read_mesh`.
+
+    colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
+    """
     if path.suffix.lower() not in FORMATS:
         raise place.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
@@ -149,7 +192,7 @@ def read_mesh(path: Path, place: Place) -> Mesh:
             nearby_files("Mesh files", path, FORMATS),
         )
     try:
-        vertices, faces, uv, normals = _parse(path)
+        file = _parse(path, colours)
     except SceneError:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
@@ -157,15 +200,23 @@ def read_mesh(path: Path, place: Place) -> Mesh:
             f"names {path}, which cannot be read as {path.suffix[1:].upper()}: {type(error).__name__}: {error}.",
             "Open the file in another program to see whether it is whole, and write it anew.",
         ) from error
-    if len(faces) == 0:
+    if not file.meshes:
         raise place.error(
             f"names {path}, in which no triangle was found.",
             "The file is empty, broken, of another format than its suffix says, or holds points only.",
         )
+    return file
+
+
+def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
+    """A mesh of trimesh's that was read from a file, without its colours. Raises SceneError for what is broken."""
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
     if len(beyond):
         face, corner = beyond[0]
         raise _no_such_vertex(Place(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
+    uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
+    normals = _of_each(_given_normals(mesh), mesh, 3)
     for name, values in (("vertex", vertices), ("texture coordinate", uv), ("normal of vertex", normals)):
         if values is not None and not np.isfinite(values).all():
             number = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
@@ -175,68 +226,81 @@ def read_mesh(path: Path, place: Place) -> Mesh:
     return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else _unit(normals))
 
 
+def _given_normals(mesh: Any) -> Any:
+    """Those of the vertices of a mesh of trimesh, which it was given; None without.
+
+    The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
+    exporters ask in this way).
+    """
+    return mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+
+
+def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
+    """(V, width) of a mesh's vertices; None where they are not of all."""
+    if values is None or np.shape(values) != (len(mesh.vertices), width):
+        return None
+    return np.array(values, np.float64)
+
+
 def _unit(normals: Float64) -> Float64:
     """Of length 1, and zero where they are."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
-def _parse(path: Path) -> tuple[Float64, NDArray[np.int64], Float64 | None, Float64 | None]:
-    """Vertices (V, 3), faces (F, 3), texture coordinates (V, 2) and normals (V, 3), each as the file has them."""
+def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
     suffix, content = path.suffix.lower(), path.read_bytes()
-    dropped: list[str] = []
+    plain, texture = None, None
     options: dict[str, Any] = {}
     if suffix == ".obj":
-        content, dropped = obj.plain(content, str(path))
-        options = {"skip_materials": True}
+        plain = obj.plain(content, str(path))
+        content = plain.text
+        options = {"resolver": obj.NamesOnly(len(plain.materials))}
     elif suffix == ".ply":
-        content, dropped = _plain_ply(content)
+        content, texture = _plain_ply(content, colours)
+        options = {"skip_materials": True}
     loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
-    # As `load_mesh` joins them, which forgets the normals.
+    # One by one, as `load_mesh` joins them and forgets the normals.
     meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
-    meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh)]
-    _warn_of_what_is_dropped(path, {*dropped, *(each for mesh in meshes for each in _colours(mesh))})
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces.astype(np.int64) + start for mesh, start in zip(meshes, first, strict=False)]
-    # The attribute `vertex_normals` makes up normals; the cache has them only where the file has (trimesh's own
-    # exporters ask in this way).
-    normals = [mesh.vertex_normals if "vertex_normals" in mesh._cache else None for mesh in meshes]
-    return (
-        np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)]),
-        np.concatenate([np.zeros((0, 3), np.int64), *faces]),
-        _of_all([getattr(mesh.visual, "uv", None) for mesh in meshes], meshes, 2),
-        _of_all(normals, meshes, 3),
+    meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    for mesh in meshes:
+        for array in (mesh.vertices, mesh.faces):
+            if np.ndim(array) != 2 or np.shape(array)[1] != 3:
+                raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
+    coloured = (
+        plain.coloured
+        if plain is not None
+        else suffix == ".ply" and _RED.search(content.partition(b"end_header")[0]) is not None
     )
+    return MeshFile(meshes, plain, texture, coloured)
 
 
-def _of_all(parts: list[ArrayLike | None], meshes: list[Any], width: int) -> Float64 | None:
-    """(V, width) of all meshes' vertices; None where it is missing for one of them."""
-    complete = [np.array(p, np.float64) for p, mesh in zip(parts, meshes, strict=True)
-                if p is not None and np.shape(p) == (len(mesh.vertices), width)]  # fmt: skip
-    return np.concatenate(complete) if complete and len(complete) == len(meshes) else None
-
-
-def _plain_ply(content: bytes) -> tuple[bytes, list[str]]:
-    """The file with an ASCII header (comments may hold names that are not), and what it drops."""
+def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
+    """The file with an ASCII header (comments may hold names that are not), and the name of its texture."""
     header, end, rest = content.partition(b"end_header")
-    dropped = ["a texture"] if b"comment TextureFile" in header else []
-    return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, dropped
+    named = re.search(rb"^comment TextureFile\s+(.*?)\s*$", header, re.MULTILINE)
+    texture = decoded(named[1]) if named else None
+    if colours and texture is None and _RED.search(header):
+        header = _COORDINATES.sub(rb"\1unused_\2", header)
+    return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, texture
 
 
-def _colours(mesh: Any) -> list[str]:
-    """What colours a `trimesh.Trimesh` has that are not used here."""
-    kind = getattr(mesh.visual, "kind", None)
-    return [f"{kind} colours"] if kind in ("vertex", "face") else []
-
-
-def _warn_of_what_is_dropped(path: Path, dropped: set[str]) -> None:
+def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
+    kinds = {getattr(mesh.visual, "kind", None) for mesh in file.meshes}
+    dropped = {f"{kind} colours" for kind in kinds if kind in ("vertex", "face")}
+    if file.texture is not None:
+        dropped.add("a texture")
+    if file.obj is not None and (file.obj.materials or file.obj.libraries):
+        dropped.add("materials")
+    if file.obj is not None and file.obj.coloured:
+        dropped.add("vertex colours")
     if dropped:
         warnings.warn(
             SceneWarning(
                 f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
-                "scene gives it."
+                "scene gives it. In an [[assets]] table the file has its own."
             ),
             stacklevel=2,
         )

@@ -11,7 +11,7 @@ import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -20,17 +20,20 @@ from glpath.errors import SceneError, UsageError
 from glpath.files import shipped_folder
 from glpath.scene import tessellate
 from glpath.scene.formats.convert import convert
-from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_mesh_file, scene_from_python
+from glpath.scene.formats.from_python import AnyScene, is_made_in_python, scene_from_python
+from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.load import read_scene_file, scene_from_dict
-from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
+from glpath.scene.formats.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
 from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
 
+_Made = TypeVar("_Made")
 #: Of the files that are scenes.
-SCENE_SUFFIXES = (".toml", *MESH_FORMATS)
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -39,18 +42,20 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, or of an OBJ, PLY or STL file (grey, its materials are not read). A path
+                 the path of a TOML file, or of a model: glTF (.glb, .gltf), OBJ with its MTL, PLY or STL. A path
                  has a folder or such a suffix; `./furnace` is always a file;
                  the name of a shipped scene (`shipped_scenes()`);
                  a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
                  and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
-                 a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, its base colours, and its camera
-                 where it has one;
+                 a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
+                 and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, as text (`-D key=value`) or of the parameter's type
+    parameters : values for a generated scene, or for a glTF file: `camera`, `time` and `light_factor`
+                 (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
 
-    What is no TOML file may leave out the camera, for one that frames everything, and all light, for a white sky; a
-    SceneWarning says so, and what of trimesh's materials is dropped.
+    What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
+    white sky; a SceneWarning says so, and one each what of a model is not used. The picture of a model's camera has
+    its aspect and 512 pixels on the longer side, any other 512 x 512.
 
     Raises SceneError, which names the file, the place in it, what was found and what is allowed. Warns with
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
@@ -62,14 +67,17 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         return _without_parameters(made, made.name, parameters)
     text = os.fspath(scene)  # type: ignore[arg-type]
     if isinstance(scene, str) and text in GENERATED:
-        return _generate(text, parameters or {})
+        return _made(GENERATED[text], Place(text), parameters or {})
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
-    read = scene_from_mesh_file if path.suffix.lower() in MESH_FORMATS else read_scene_file
-    return _without_parameters(read(path), text, parameters)
+    if path.suffix.lower() in GLTF_FORMATS:
+        return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
+    if path.suffix.lower() in MODEL_FORMATS:
+        return _without_parameters(scene_of_model(read_model(path, Place(str(path)))), text, parameters)
+    return _without_parameters(read_scene_file(path), text, parameters)
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -82,13 +90,24 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene; empty for a scene file."""
-    if name not in GENERATED:
-        return {}
-    make = GENERATED[name]
+    """Default and description of each parameter of a generated scene or a glTF file; empty for other files."""
+    if name in GENERATED:
+        return _parameters_of(GENERATED[name])
+    return _parameters_of(read_gltf_as_asked) if name.lower().endswith(GLTF_FORMATS) else {}
+
+
+def scene_cameras(name: str) -> tuple[str, ...]:
+    """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
+    return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]:
     hints = get_type_hints(make, include_extras=True)
-    signature = inspect.signature(make)
-    return {key: (p.default, hints[key].__metadata__[0].description) for key, p in signature.parameters.items()}
+    return {
+        key: (p.default, hints[key].__metadata__[0].description)
+        for key, p in inspect.signature(make).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
 
 
 def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
@@ -153,11 +172,10 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 }
 
 
-def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
-    make = GENERATED[name]
-    known = scene_parameters(name)
+def _made(make: Callable[..., _Made], place: Place, parameters: Mapping[str, object], *given: Path) -> _Made:
+    """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
+    known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
-    place = Place(name)
     values = {}
     for key, value in parameters.items():
         if key not in known:
@@ -170,14 +188,14 @@ def _generate(name: str, parameters: Mapping[str, object]) -> Scene:
             values[key] = convert(value, hints[key], strict=False)
         except msgspec.ValidationError as error:
             raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
-    return make(**values)
+    return make(*given, **values)
 
 
 def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object] | None) -> Scene:
     if parameters:
         raise SceneError(
             f"{name}: has no parameters, but was given {', '.join(parameters)}.",
-            f"Parameters (-D key=value) are for generated scenes: {', '.join(sorted(GENERATED))}.",
+            f"Parameters (-D key=value) are for glTF files and generated scenes: {', '.join(sorted(GENERATED))}.",
         )
     return scene
 

@@ -1,0 +1,75 @@
+"""`glpath export`: a scene for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
+from glpath.cli.values import resolution as read_resolution
+from glpath.files import check_writable
+from glpath.scene.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
+from glpath.terminal import say
+
+_FOR_MITSUBA = "With -o FILE.xml"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command()(export)
+
+
+def export(
+    scene: SceneArgument,
+    out: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--out",
+            help="Write .xml, with a folder of meshes and images beside it, or .glb; may be repeated.",
+        ),
+    ],
+    parameters: Parameters = None,
+    resolution: Annotated[str | None, typer.Option(metavar="WxH", help="Instead of the scene's.")] = None,
+    max_depth: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help=f"Vertices of a path, as of `glpath render`: {MAX_DEPTH} by default.",
+            show_default=False,
+            rich_help_panel=_FOR_MITSUBA,
+        ),
+    ] = None,
+    spp: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help=f"Samples per pixel: {SPP} by default.",
+            show_default=False,
+            rich_help_panel=_FOR_MITSUBA,
+        ),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Only errors and warnings.")] = False,
+) -> None:
+    """Write a scene for other programs: Mitsuba 3 (.xml) or any that reads glTF 2.0 (.glb).
+
+    Warnings say what the format does not know, and what stands for it.
+    """
+    # Said once, for those of the outputs that have a place for it.
+    for_mitsuba = {path: is_for_mitsuba(path) for path in out}
+    settings = {
+        path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)
+        for path, known in for_mitsuba.items()
+    }
+    for path in out:
+        check_export(path, *settings[path])
+    size = None if resolution is None else read_resolution(resolution)
+    loaded = seen(read_scene(scene, parameters), size, {})
+    for path in out:
+        check_writable(path)
+    for path in out:
+        exported(loaded, path, *settings[path])
+        if not quiet:
+            say(f"wrote {path}", err=True)

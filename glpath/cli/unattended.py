@@ -1,0 +1,202 @@
+"""Options of renders that nobody watches: checkpoints, stop rules, ranges, statistics, the watchdog."""
+
+from __future__ import annotations
+
+import json
+import re
+import resource
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from glpath.cli.signals import GO_ON_LATER
+from glpath.errors import GlpathError, UsageError
+from glpath.files import check_writable, save_all, write_bytes
+from glpath.terminal import say
+
+if TYPE_CHECKING:
+    from glpath.film import Film
+    from glpath.jobs.checkpoint import Checkpoint
+
+#: Exit code: all outputs are written, but not the last checkpoint.
+WITHOUT_CHECKPOINT = 3
+
+_LONG = "Long renders"
+
+CheckpointOption = Annotated[
+    str | None,
+    typer.Option(
+        "--checkpoint",
+        metavar="60s|5m|100i",
+        help="So often, by time or path sets, write the film to the first .npz of -o; without one to "
+        "a.checkpoint.npz beside a.png, which is removed when all is done.",
+        rich_help_panel=_LONG,
+    ),
+]
+ResumeOption = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on with that file, to the same bits; begin where there is none. Of another scene, setting or "
+        "version, it is refused.",
+        rich_help_panel=_LONG,
+    ),
+]
+TimeLimitOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="90s|10m|2h",
+        help="End after this time, that before --resume included; without --spp there is no other end.",
+        rich_help_panel=_LONG,
+    ),
+]
+NoiseOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="X",
+        help="End when the relative error of the image is below X with 95 % confidence: 0.02 is a fair picture, "
+        "0.005 a clean one; without --spp there is no other end.",
+        rich_help_panel=_LONG,
+    ),
+]
+RangeOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A:B",
+        help="Path sets A to B - 1 alone, in place of --spp: a shard, which `glpath merge` adds to others.",
+        rich_help_panel=_LONG,
+    ),
+]
+StatsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Write times by stage (whose measuring costs some), memory, device and counts as JSON.",
+        rich_help_panel=_LONG,
+    ),
+]
+HangLimitOption = Annotated[
+    str,
+    typer.Option(
+        metavar="300s|10m|0",
+        help="End the process (exit code 134) when for so long nothing was drawn; 0: wait for ever.",
+        rich_help_panel=_LONG,
+    ),
+]
+
+_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def seconds(option: str, text: str, allow_zero: bool = False) -> float:
+    """90, 90s, 10m, 2h, 1.5h or 1d. Raises UsageError."""
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)", text.strip().lower())
+    value = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else -1.0
+    if not (value > 0 or (allow_zero and value == 0)) or value > 1e9:
+        raise UsageError(f"{option} {text}: expected a time above 0 such as 90s, 10m, 2h or 1d.")
+    return value
+
+
+def interval(text: str) -> tuple[float | None, int | None]:
+    """Seconds or path sets of --checkpoint: 60s, 5m, 100i. Raises UsageError."""
+    if match := re.fullmatch(r"(\d+)i", text.strip().lower()):
+        if int(match[1]) < 1:
+            raise UsageError(f"--checkpoint {text}: must be at least one path set, 1i.")
+        return None, int(match[1])
+    try:
+        return seconds("--checkpoint", text), None
+    except UsageError:
+        raise UsageError(
+            f"--checkpoint {text}: expected a time such as 60s or 5m, or path sets such as 100i."
+        ) from None
+
+
+def sample_range(text: str) -> tuple[int, int]:
+    """First path set and how many of --sample-range. Raises UsageError."""
+    match = re.fullmatch(r"(\d+):(\d+)", text.strip())
+    if not match or int(match[1]) >= int(match[2]):
+        raise UsageError(f"--sample-range {text}: expected A:B, whole numbers of which B is greater, e.g. 0:64.")
+    return int(match[1]), int(match[2]) - int(match[1])
+
+
+def prepared(out: Sequence[Path], every: str | None, resume: bool) -> tuple[Checkpoint | None, Film | None]:
+    """The checkpoint that was asked for, and the film to go on with. Raises GlpathError."""
+    from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
+
+    if every is None and not resume:
+        return None, None
+    by_time, by_sets = (None, None) if every is None else interval(every)
+    checkpoint = Checkpoint(checkpoint_path(out), by_time, by_sets)
+    check_writable(checkpoint.path)
+    if resume:
+        return checkpoint, checkpoint.load()
+    if checkpoint.path.exists():
+        raise UsageError(
+            f"{checkpoint.path}: is there already, and the checkpoint would replace it.",
+            "--resume goes on with it. To begin anew, remove it.",
+        )
+    return checkpoint, None
+
+
+def leave(checkpoint: Checkpoint, film: Film) -> typer.Exit:
+    """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
+    if not film.path_sets:
+        say("glpath: ended by a signal before the first path set was done; start it again", err=True)
+        return typer.Exit(GO_ON_LATER)
+    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+    _, failure = save_all({checkpoint.path: film.save}, {"film.npz": film.save}, kept)
+    if failure is not None:
+        raise failure
+    say(
+        f"glpath: ended by a signal: {film.path_sets} path sets are in {checkpoint.path}; "
+        "the same command with --resume goes on",
+        err=True,
+    )
+    return typer.Exit(GO_ON_LATER)
+
+
+def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
+    """What was rendered before something failed goes into the checkpoint, too."""
+    film = None if checkpoint is None else checkpoint.film
+    if checkpoint is None or film is None or not film.path_sets:
+        return
+    if checkpoint.write(film) and isinstance(error, GlpathError):
+        kept = f"{film.path_sets} path sets are in {checkpoint.path}; the same command with --resume goes on."
+        error.remedy = f"{error.remedy}\n{kept}".strip()
+
+
+def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: int, files: Sequence[Path]) -> None:
+    """What a render took, as JSON. Raises ImageError.
+
+    before : path sets that the film came with
+    """
+    m = film.metadata
+    statistics = dict(m.statistics)
+    found: dict[str, Any] = {
+        "scene": m.scene,
+        "scene_hash": m.scene_hash,
+        "integrator": m.integrator,
+        "settings": {"seed": m.seed, "max_depth": m.max_depth, **m.settings},
+        "window": m.window,
+        "path_sets": film.path_sets,
+        "path_sets_before": before,
+        "ranges": film.ranges,
+        "stop_rule": m.stop_rule,
+        "relative_error": film.relative_error(),
+        "error_bound": m.error_bound,
+        "elapsed_s": round(m.elapsed_s, 4),
+        "stage_ms": statistics.pop("stage_ms", {}),
+        "counts": statistics,
+        "memory": {
+            "peak_resident_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+            "film_bytes": film.radiance_sums.nbytes + sum(sums.nbytes for sums in film.aov_sums.values()),
+        },
+        "device": m.device,
+        "versions": m.versions,
+        "checkpoint": None
+        if checkpoint is None
+        else {"path": str(checkpoint.path), "written": checkpoint.written, "failure": checkpoint.failure},
+        "files": [str(file) for file in files],
+    }
+    write_bytes((json.dumps(found, indent=2) + "\n").encode(), path)

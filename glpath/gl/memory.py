@@ -1,0 +1,56 @@
+"""What a device has no memory for is named with its size, when it is asked for; OpenGL itself stays silent."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from glpath.errors import ContextError
+
+OUT_OF_MEMORY = (
+    "Render the image in parts (--crop X,Y,W,H, whose .exr have their place in the whole), or fewer pixels; take\n"
+    "smaller textures or shadow-buffers, or another --device."
+)
+
+# Bytes below which no device fails that could do anything else.
+_WORTH_ASKING = 1 << 20
+
+
+class NamingContext(moderngl.Context):
+    """moderngl's context, which raises ContextError for a buffer or texture that the device has no memory for."""
+
+    def buffer(self, *data: Any, **how: Any) -> moderngl.Buffer:
+        made = super().buffer(*data, **how)
+        self._check(made.size, "a buffer")
+        return made
+
+    def texture(self, size: Any, components: int, *data: Any, **how: Any) -> moderngl.Texture:
+        made = super().texture(size, components, *data, **how)
+        self._check(_texels(size, components, how), f"a texture of {_shape(size)}")
+        return made
+
+    def texture_array(self, size: Any, components: int, *data: Any, **how: Any) -> moderngl.TextureArray:
+        made = super().texture_array(size, components, *data, **how)
+        self._check(_texels(size, components, how), f"a texture of {_shape(size)}")
+        return made
+
+    def _check(self, size: int, what: str) -> None:
+        if size < _WORTH_ASKING or (error := self.error) == "GL_NO_ERROR":
+            return
+        asks = sys._getframe(2).f_code.co_qualname
+        raise ContextError(
+            f"{self.info['GL_RENDERER']}: {error} for {what}, {size / 2**20:,.0f} MiB, in {asks}.", OUT_OF_MEMORY
+        )
+
+
+def _texels(size: Any, components: int, how: dict[str, Any]) -> int:
+    kinds = {"f1": 1, "f2": 2, "f4": 4, "i1": 1, "i2": 2, "i4": 4, "u1": 1, "u2": 2, "u4": 4, "nu1": 1, "nu2": 2}
+    each = kinds.get(how.get("dtype", "f1"), 4)
+    return int(np.prod(np.asarray(size, np.int64))) * components * each
+
+
+def _shape(size: Any) -> str:
+    return " x ".join(str(n) for n in size)

@@ -1,0 +1,167 @@
+"""The textures of a scene as tables for the device: slots of materials, and the images that they show.
+
+A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie
+in a store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
+`shaders/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel,
+and what paths see over their directions.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError
+from glpath.gl.texel_store import WIDTH
+from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
+from glpath.scene.model import Scene
+
+#: What `slot_texel(n, SLOT_IMAGE).w` tells: bits, and where two bits of a wrap mode begin.
+IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
+#: By their numbers in GLSL.
+WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
+ALPHAS = ("opaque", "mask", "blend")
+#: Bytes that all textures may take on the device.
+MAX_TEXTURE_BYTES = 2 << 30
+
+_DEFINES = {
+    "surface_texture": ("HAS_SURFACE_TEXTURES",),
+    "normal_texture": ("HAS_NORMAL_MAPS", "HAS_NORMALS"),
+    "emission_texture": ("HAS_EMISSION_TEXTURES",),
+    "transmission_texture": ("HAS_TRANSMISSION_TEXTURES",),
+}
+
+
+class TextureImages:
+    """What shaders read of textures.
+
+    of_materials : (materials, 2, 4) int64, section "slots"
+    slots        : (slots, 1, 4) int64, section "slot"
+    maps         : (slots, 2, 4) float64, section "slot_map"
+    floats       : (texels, 1, 4) float32, section "image"
+    defines      : for `load_program`
+
+    Raises SceneError for more than MAX_TEXTURE_BYTES.
+    """
+
+    def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
+        self._gl = gl
+        used = {shape.material for shape in scene.shapes}
+        shown = [
+            (number, name, slot)
+            for number, material in enumerate(scene.materials)
+            if number in used
+            for name, slot in material.slots.items()
+        ]
+        numbers = list(dict.fromkeys(slot.texture for _, _, slot in shown))
+        textures = {number: scene.textures[number] for number in numbers}
+        _check_budget(scene, list(textures.values()))
+        self.defines: dict[str, object] = {}
+        if shown:
+            self.defines["HAS_TEXTURES"] = 1
+        for name in dict.fromkeys(name for _, name, _ in shown):
+            self.defines |= dict.fromkeys(_DEFINES.get(name, ()), 1)
+        if any(slot.uv_set == 1 for _, _, slot in shown):
+            self.defines["HAS_UV1"] = 1
+        if any(wrap != "repeat" for texture in textures.values() for wrap in texture.wrap):
+            self.defines["HAS_WRAPS"] = 1
+
+        self._bytes = [t for t in textures.values() if t.image.dtype == np.uint8]
+        self._width = self._wide_enough(scene)
+        if self._bytes:
+            self.defines |= {"HAS_BYTE_IMAGES": 1, "BYTES_SHIFT": self._width.bit_length() - 1}
+        floats = [t for t in textures.values() if t.image.dtype != np.uint8]
+        if floats:
+            self.defines["HAS_FLOAT_IMAGES"] = 1
+        first: dict[int, int] = {}
+        rows = texels = 0
+        for number, texture in textures.items():
+            height, across = texture.image.shape[:2]
+            if texture.image.dtype == np.uint8:
+                first[number] = rows * self._width
+                rows += _rows(texture, self._width)
+            else:
+                first[number] = texels
+                texels += height * across
+        self._rows = rows
+        self.floats: NDArray[np.float32] = np.ones((texels, 1, 4), np.float32)
+        for number, texture in textures.items():
+            if texture.image.dtype != np.uint8:
+                pixels = texture.image.reshape(-1, texture.image.shape[2])
+                self.floats[first[number] : first[number] + len(pixels), 0, : pixels.shape[1]] = pixels
+
+        self.of_materials = np.zeros((len(scene.materials), 2, 4), np.int64)
+        for number, material in enumerate(scene.materials):
+            self.of_materials[number, 1, 1:3] = ALPHAS.index(material.alpha), material.unlit
+        self.slots = np.zeros((len(shown), 1, 4), np.int64)
+        self.maps = np.zeros((len(shown), 2, 4))
+        for i, (number, name, slot) in enumerate(shown):
+            self.of_materials[number].flat[SLOTS.index(name)] = i + 1
+            texture = textures[slot.texture]
+            height, width = texture.image.shape[:2]
+            self.slots[i, 0] = first[slot.texture], width, height, _flags(texture, slot)
+            self.maps[i, :, :3] = slot.uv_transform * np.array(texture.scale)[:, None]
+            self.maps[i, 0, 3] = scene.materials[number].normal_scale
+
+    def bytes_on_device(self) -> moderngl.Texture:
+        """The images of bytes, written one by one, as all together are large."""
+        size = (self._width, self._rows) if self._bytes else (1, 1)
+        store = self._gl.texture(size, 4, dtype="f1", alignment=1)
+        store.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        row = 0
+        for texture in self._bytes:
+            pixels = texture.image.reshape(-1, texture.image.shape[2])
+            rows = _rows(texture, self._width)
+            texels = np.full((rows * self._width, 4), 255, np.uint8)
+            texels[: len(pixels), : pixels.shape[1]] = pixels
+            store.write(texels, viewport=(0, row, self._width, rows), alignment=1)
+            row += rows
+        return store
+
+    def _wide_enough(self, scene: Scene) -> int:
+        """Texels of a row of the store of bytes, a power of two; each image begins a row."""
+        most, width = int(self._gl.info["GL_MAX_TEXTURE_SIZE"]), WIDTH
+        while sum(_rows(t, width) for t in self._bytes) > most:
+            width *= 2
+            if width > most:
+                raise _too_much(scene, self._bytes, most * most * 4)
+        return width
+
+
+def _rows(texture: Texture, width: int) -> int:
+    height, across = texture.image.shape[:2]
+    return int(-(-height * across // width))
+
+
+def _flags(texture: Texture, slot: TextureSlot) -> int:
+    flags = IMAGE_FLAGS
+    bits = flags["FILTERED"] * (texture.filter == "linear") + flags["UV1"] * (slot.uv_set == 1)
+    bits += flags["BYTES"] * (texture.image.dtype == np.uint8) + flags["SRGB"] * texture.srgb
+    u, v = (WRAPS.index(wrap) for wrap in texture.wrap)
+    return bits + (u << flags["WRAP_U"]) + (v << flags["WRAP_V"])
+
+
+def texture_bytes(texture: Texture) -> int:
+    """Bytes that a texture takes on the device."""
+    height, width = texture.image.shape[:2]
+    return int(height * width * (4 if texture.image.dtype == np.uint8 else 16))
+
+
+def _check_budget(scene: Scene, textures: list[Texture]) -> None:
+    if sum(map(texture_bytes, textures)) > MAX_TEXTURE_BYTES:
+        raise _too_much(scene, textures, MAX_TEXTURE_BYTES)
+
+
+def _too_much(scene: Scene, textures: list[Texture], allowed: int) -> SceneError:
+    total, largest = sum(map(texture_bytes, textures)), max(textures, key=texture_bytes)
+    height, width = largest.image.shape[:2]
+    remedy = "Make the images smaller"
+    if largest.image.dtype != np.uint8:
+        remedy += ", or take images of 8 bits, which take a quarter"
+    return SceneError(
+        f"{scene.source or scene.name}: {len(textures)} textures of {total / 2**20:,.0f} MiB on the device, where "
+        f'they may take {allowed / 2**20:,.0f}; the largest is "{largest.name}", {width:,} x {height:,} texels of '
+        f"{texture_bytes(largest) / 2**20:,.0f} MiB.",
+        remedy + ".",
+    )

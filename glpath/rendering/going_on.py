@@ -1,0 +1,60 @@
+"""A film that a render goes on with has to be of that very render: what differs is said, nothing is guessed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection
+
+from glpath.errors import UsageError
+from glpath.film import Film
+from glpath.film_metadata import FilmMetadata, differences, shown
+
+
+class AnotherRenderError(UsageError):
+    """The film is not of the render that is asked for; `reason` says all that differs."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"film: cannot be gone on with: {reason}.",
+            "Ask for what it was made with, or leave it and begin anew.",
+        )
+        self.reason = reason
+
+
+log = logging.getLogger("glpath")
+
+
+def check_same_render(
+    film: Film, metadata: FilmMetadata, path_sets: tuple[int, int], unknown: Collection[str]
+) -> None:
+    """Raise AnotherRenderError, with all that differs, unless the film has been begun by a render of this metadata.
+
+    unknown : what is not compared yet, as `differences` calls it
+
+    Another device, driver or library is told in the log alone: a render may move to another machine, though the sum
+    is then not that of one device to the bit.
+    """
+    found = [pair for pair in differences(film.metadata, metadata) if pair[0] not in unknown]
+    before, now = (m.versions.get("glpath", "absent") for m in (film.metadata, metadata))
+    if before != now:
+        found.append(("version of glpath", before, now))
+    start, stop = path_sets
+    if film.ranges and not (start <= film.ranges[0][0] and film.ranges[-1][1] <= stop):
+        held = ", ".join(f"{a}:{b}" for a, b in film.ranges)
+        found.append(("range of path sets", held, f"{start}:{stop}"))
+    if found:
+        raise AnotherRenderError(
+            "; ".join(f"{what} is {theirs} in it, {ours} is asked for" for what, theirs, ours in found)
+        )
+    kinds: dict[str, tuple[object, object]] = {
+        "device": (film.metadata.device, metadata.device),
+        "versions": (film.metadata.versions, metadata.versions),
+    }
+    for what, (inside, here) in kinds.items():
+        if film.path_sets and inside != here:
+            log.info(
+                "going on with another %s: %s in the film, %s here; its bits are not those of one machine",
+                what,
+                shown(inside),
+                shown(here),
+            )

@@ -1,0 +1,284 @@
+"""What textures and the colours of vertices make of materials at points of surfaces, on the CPU.
+
+`shaders/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
+and the elements of radiosity.
+
+Cost:     a look-up of N points is a dozen numpy calls; a mean over a triangle takes 16 to 4096 points, by how many
+          texels the triangle covers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.image import decode_srgb
+from glpath.scene.geometry import Float64, Shape
+from glpath.scene.material import Material, Texture, TextureSlot
+from glpath.scene.model import Scene
+
+Int64 = NDArray[np.int64]
+
+#: A whole triangle, as the barycentric coordinates b1, b2 of its corners.
+WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+# Points of a mean lie in parts of a triangle whose edges are in so many: as fine as texels, within bounds.
+_PARTS = (4, 8, 16, 32, 64)
+_TOGETHER = 1 << 18  # points looked up in one go
+
+
+def texture_at(texture: Texture, uv: Float64) -> Float64:
+    """(N, 4) float64: colour, linear Rec. 709, and alpha, 1 where it has none, at texture coordinates (N, 2)."""
+    height, width = texture.image.shape[:2]
+    where = []
+    for axis, size in enumerate((width, height)):
+        x, wrap = uv[:, axis] * texture.scale[axis], texture.wrap[axis]
+        if wrap == "repeat":
+            x = x - np.floor(x)
+        elif wrap == "mirror":
+            x = 1.0 - np.abs(x % 2.0 - 1.0)
+        # Row 0 is the top, where v = 1.
+        position = (1.0 - x if axis else x) * size
+        where.append(position if wrap == "repeat" else np.clip(position, 0.5, size - 0.5))
+    x, y = where
+    if texture.filter == "nearest":
+        return _texels(texture, np.floor(y).astype(np.int64) % height, np.floor(x).astype(np.int64) % width)
+    column, row = np.floor(x - 0.5), np.floor(y - 0.5)
+    right, below = (x - 0.5 - column)[:, None], (y - 0.5 - row)[:, None]
+    j, i = column.astype(np.int64), row.astype(np.int64)
+
+    def rows(i: Int64) -> Float64:
+        i = i % height
+        left = (1 - right) * _texels(texture, i, j % width)
+        return np.asarray(left + right * _texels(texture, i, (j + 1) % width))
+
+    return np.asarray((1 - below) * rows(i) + below * rows(i + 1))
+
+
+def _texels(texture: Texture, row: Int64, column: Int64) -> Float64:
+    stored = texture.image[row, column]
+    values = np.ones((len(row), 4))
+    if texture.image.dtype == np.uint8:
+        values[:, : stored.shape[1]] = stored / 255.0
+        if texture.srgb:
+            values[:, :3] = _SRGB[stored[:, :3]]
+    else:
+        values[:, : stored.shape[1]] = stored
+    return values
+
+
+_SRGB = decode_srgb(np.arange(256) / 255.0)
+
+
+class Appearance:
+    """Reflectance, opacity and emission of a scene's triangles.
+
+    Points are the number of a triangle (N,) and barycentric coordinates b1, b2 in it (N, 2), of corners 1 and 2.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._materials = [scene.materials[shape.material] for shape in scene.shapes]
+
+    # At points.
+
+    def opacity(self, triangle: Int64, b: Float64) -> Float64:
+        """(N,) float64 in [0, 1]: the share of light that meets the surface; 0 or 1 of a mask."""
+        return self._by_shape(triangle, b, self._opacity, 1, lambda shape, material: 1.0)[:, 0]
+
+    def reflectance(self, triangle: Int64, b: Float64) -> Float64:
+        """(N, 3) float64: of the front, times the opacity, as what passes through a surface is not reflected."""
+        return self._by_shape(triangle, b, self._reflectance, 3, lambda shape, material: material.reflectance)
+
+    def emission(self, triangle: Int64, b: Float64) -> Float64:
+        """(N, 3) float64 radiance W sr^-1 m^-2, times the opacity."""
+        return self._by_shape(triangle, b, self._emission, 3, lambda shape, material: shape.emission)
+
+    def sphere_emission(self, shape: int, unit: Float64) -> Float64:
+        """(N, 3) float64, the same of a shape of spheres at points of the unit sphere (N, 3)."""
+        of, material = self.scene.shapes[shape], self._materials[shape]
+        longitude = np.arctan2(unit[:, 1], unit[:, 0]) / (2 * np.pi) % 1.0
+        uv = np.stack([longitude, 0.5 + np.arcsin(np.clip(unit[:, 2], -1, 1)) / np.pi], axis=1)
+
+        def at(slot: TextureSlot | None) -> Float64:
+            if slot is None:
+                return np.ones((len(uv), 4))
+            mapped = uv @ slot.uv_transform[:, :2].T + slot.uv_transform[:, 2]
+            return texture_at(self.scene.textures[slot.texture], mapped)
+
+        light = of.emission * at(material.emission_texture)[:, :3]
+        return np.asarray(light * opacity_of(material, at(material.texture)[:, 3:]))
+
+    def mean_sphere_emission(self, shape: int) -> Float64:
+        """(3,) float64 over all of the unit sphere."""
+        return np.asarray(self.sphere_emission(shape, _sphere_points(4096)).mean(axis=0))
+
+    # Means over parts of triangles.
+
+    def mean_opacity(self) -> Float64:
+        """(T,) float64 of each triangle."""
+        return self._means(self.opacity, "opacity", self._all, WHOLE, 1)[:, 0]
+
+    def mean_reflectance(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
+        """(P, 3) float64 of parts of triangles (P,), each by its corners (P, 3, 2) in barycentric coordinates.
+
+        Without arguments, of all triangles.
+        """
+        return self._means(self.reflectance, "reflectance", triangle, corners, 3)
+
+    def mean_emission(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
+        """(P, 3) float64 radiance W sr^-1 m^-2, the same."""
+        return self._means(self.emission, "emission", triangle, corners, 3)
+
+    @cached_property
+    def _all(self) -> Int64:
+        return np.arange(len(self.scene.triangle_shape))
+
+    def varies(self, what: str) -> NDArray[np.bool_]:
+        """(shapes,) bool: is "reflectance", "opacity" or "emission" anything but one number for the whole shape?"""
+        return np.array(
+            [what in _varying(s, m) for s, m in zip(self.scene.shapes, self._materials, strict=True)], bool
+        )
+
+    def slot_uv(self, slot: TextureSlot, triangle: Int64, b: Float64) -> Float64:
+        """(N, 2) texture coordinates as a slot has them."""
+        shapes = self.scene.shapes
+        uv = (shapes.vertex_uv1 if slot.uv_set else shapes.vertex_uv)[shapes.faces[triangle]]
+        at = uv[:, 0] + b[:, :1] * (uv[:, 1] - uv[:, 0]) + b[:, 1:] * (uv[:, 2] - uv[:, 0])
+        return np.asarray(at @ slot.uv_transform[:, :2].T + slot.uv_transform[:, 2])
+
+    def _at(self, slot: TextureSlot | None, triangle: Int64, b: Float64) -> Float64:
+        if slot is None:
+            return np.ones((len(triangle), 4))
+        return texture_at(self.scene.textures[slot.texture], self.slot_uv(slot, triangle, b))
+
+    def _colours(self, shape: Shape, triangle: Int64, b: Float64) -> Float64:
+        if not has_colours(shape):
+            return np.ones((len(triangle), 4))
+        shapes = self.scene.shapes
+        c = shapes.vertex_colours[shapes.faces[triangle]]
+        return np.asarray(c[:, 0] + b[:, :1] * (c[:, 1] - c[:, 0]) + b[:, 1:] * (c[:, 2] - c[:, 0]))
+
+    def _base(self, shape: Shape, material: Material, triangle: Int64, b: Float64) -> tuple[Float64, Float64]:
+        """Colour (N, 3) that reflectance is multiplied by, and opacity (N, 1)."""
+        base = self._at(material.texture, triangle, b) * self._colours(shape, triangle, b)
+        return base[:, :3], opacity_of(material, base[:, 3:])
+
+    def _opacity(self, shape: Shape, material: Material, triangle: Int64, b: Float64) -> Float64:
+        return self._base(shape, material, triangle, b)[1]
+
+    def _reflectance(self, shape: Shape, material: Material, triangle: Int64, b: Float64) -> Float64:
+        colour, opacity = self._base(shape, material, triangle, b)
+        return material.reflectance * colour * opacity
+
+    def _emission(self, shape: Shape, material: Material, triangle: Int64, b: Float64) -> Float64:
+        light = shape.emission * self._at(material.emission_texture, triangle, b)[:, :3]
+        if material.unlit:
+            light = light * self._colours(shape, triangle, b)[:, :3]
+        return light if material.alpha == "opaque" else light * self._opacity(shape, material, triangle, b)
+
+    def _by_shape(
+        self,
+        triangle: Int64,
+        b: Float64,
+        of: Callable[[Shape, Material, Int64, Float64], Float64],
+        width: int,
+        constant: Callable[[Shape, Material], Float64 | float],
+    ) -> Float64:
+        what = of.__name__[1:]
+        found = np.empty((len(triangle), width))
+        shape_of = self.scene.triangle_shape[triangle]
+        for number in np.unique(shape_of):
+            shape, material = self.scene.shapes[number], self._materials[number]
+            own = np.flatnonzero(shape_of == number)
+            if what not in _varying(shape, material):
+                found[own] = 0.0 if what == "reflectance" and material.unlit else constant(shape, material)
+            else:
+                found[own] = of(shape, material, triangle[own], b[own])
+        return found
+
+    def _means(
+        self,
+        of: Callable[[Int64, Float64], Float64],
+        what: str,
+        triangle: Int64 | None,
+        corners: Float64,
+        width: int,
+    ) -> Float64:
+        triangle = self._all if triangle is None else triangle
+        corners = np.broadcast_to(corners, (len(triangle), 3, 2))
+        found = of(triangle, corners.mean(axis=1)).reshape(len(triangle), width)
+        varying = np.flatnonzero(self.varies(what)[self.scene.triangle_shape[triangle]])
+        parts = self._parts_of(triangle[varying], corners[varying])
+        for k in np.unique(parts):
+            own = varying[parts == k]
+            weights = _middles(int(k))
+            for first in range(0, len(own), max(1, _TOGETHER // len(weights))):
+                some = own[first : first + max(1, _TOGETHER // len(weights))]
+                b = np.einsum("kc,pcx->pkx", weights, corners[some]).reshape(-1, 2)
+                values = of(np.repeat(triangle[some], len(weights)), b)
+                found[some] = values.reshape(len(some), len(weights), width).mean(axis=1)
+        return found
+
+    def _parts_of(self, triangle: Int64, corners: Float64) -> Int64:
+        """(P,) into how many parts edges are divided: of parts of triangles that cover many texels more."""
+        texels = np.zeros(len(triangle))
+        shape_of = self.scene.triangle_shape[triangle]
+        for number in np.unique(shape_of):
+            own = np.flatnonzero(shape_of == number)
+            for slot in self._materials[number].slots.values():
+                texture = self.scene.textures[slot.texture]
+                flat = corners[own].reshape(-1, 2)
+                uv = self.slot_uv(slot, np.repeat(triangle[own], 3), flat).reshape(-1, 3, 2)
+                (x0, y0), (x1, y1) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+                size = np.prod(texture.scale) * texture.image.shape[0] * texture.image.shape[1]
+                texels[own] = np.maximum(texels[own], 0.5 * np.abs(x0 * y1 - x1 * y0) * size)
+        steps = np.array(_PARTS)
+        return steps[np.minimum(np.searchsorted(steps**2, texels), len(steps) - 1)]
+
+
+def has_colours(shape: Shape) -> bool:
+    """Do its vertices have colours?"""
+    return getattr(shape.geometry, "colours", None) is not None
+
+
+def opacity_of(material: Material, alpha: Float64) -> Float64:
+    """What a material makes of the alpha of its texture and vertices, of any shape."""
+    if material.alpha == "opaque":
+        return np.ones_like(alpha)
+    opacity = material.opacity * alpha
+    return (
+        (opacity >= material.cutoff).astype(np.float64) if material.alpha == "mask" else np.clip(opacity, 0.0, 1.0)
+    )
+
+
+def _varying(shape: Shape, material: Material) -> set[str]:
+    painted, coloured = material.texture is not None, has_colours(shape)
+    found = set()
+    if material.alpha != "opaque":
+        found |= {"opacity", "reflectance"} | ({"emission"} if shape.emits else set())
+    if painted or coloured:
+        found.add("reflectance")
+    if shape.emits and (material.emission_texture is not None or (material.unlit and coloured)):
+        found.add("emission")
+    return found - ({"reflectance"} if material.unlit else set())
+
+
+def _sphere_points(n: int) -> Float64:
+    """(n, 3) of the unit sphere, evenly, by the golden ratio."""
+    i = np.arange(n)
+    z, phi = 1 - (2 * i + 1) / n, 2 * np.pi * (i * 0.6180339887498949 % 1.0)
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
+
+
+def _middles(k: int) -> Float64:
+    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
+    j, i = np.divmod(np.arange(k * k), k)
+    lower = i + j < k
+    # What lies beyond the diagonal is turned back over it: the parts that are the other way up.
+    x, y = np.where(lower, i + 1 / 3, k - i - 1 / 3), np.where(lower, j + 1 / 3, k - j - 1 / 3)
+    b1, b2 = x / k, y / k
+    return np.stack([1 - b1 - b2, b1, b2], axis=1)

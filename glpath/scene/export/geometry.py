@@ -1,0 +1,126 @@
+"""Geometry as other programs take it: triangles, with a normal at every corner of what is shaded smoothly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
+from glpath.scene.model import Scene
+from glpath.scene.triangulate import path_traceable
+
+#: An endless plane becomes a square whose half side is so many times the scene's diagonal, the camera included.
+_HORIZON = 100.0
+
+
+class Notes:
+    """What a file says otherwise than the scene, in the order in which it was met, each text once."""
+
+    def __init__(self) -> None:
+        self._subjects: dict[tuple[str, str], dict[str, None]] = {}
+
+    def add(self, text: str, kind: str = "", name: str = "") -> None:
+        """kind, name: the material, light or shape that it is about, if it is about one."""
+        self._subjects.setdefault((kind, text), {})[name] = None
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Sentences without a full stop."""
+        return tuple(
+            f"{kind}{'s' * (len(names) > 1)} {listed(list(names))}: {text}" if kind else text
+            for (kind, text), names in self._subjects.items()
+        )
+
+
+def listed(names: list[str]) -> str:
+    """The first names, in quotation marks."""
+    return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")
+
+
+def in_triangles(scene: Scene, notes: Notes) -> Scene:
+    """The scene in the triangles that path tracing renders; endless planes are large squares, which is noted."""
+    planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
+    if planes:
+        notes.add(f"endless planes ({listed(planes)}) are squares of {2 * _HORIZON:g} times the scene's diagonal")
+        shapes = (_square(scene, shape) if shape.primitive == "plane" else shape for shape in scene.shapes)
+        scene = replace(scene, shapes=Shapes(shapes))
+    return path_traceable(scene)
+
+
+def in_world(shape: Shape) -> Mesh:
+    """All instances of a shape as one mesh in world space."""
+    mesh, alone = shape.geometry, Shapes((shape,))
+    assert isinstance(mesh, Mesh)
+    return Mesh(
+        alone.vertices,
+        alone.faces,
+        None if mesh.uv is None else alone.vertex_uv,
+        None if mesh.normals is None else alone.vertex_normals,
+        None if mesh.uv1 is None else alone.vertex_uv1,
+        None if mesh.colours is None else alone.vertex_colours,
+    )
+
+
+def mirrors(world_from_object: Float64) -> bool:
+    """Whether an affine map (3, 4) does: here fronts are on the other side then, elsewhere they stay."""
+    return bool(np.linalg.det(world_from_object[:, :3]) < 0)
+
+
+def with_all_normals(mesh: Mesh) -> Mesh:
+    """With the face's own normal where those of the vertices are zeros; itself where there are none."""
+    if mesh.normals is None or np.all(np.any(mesh.normals != 0, axis=1)):
+        return mesh
+    if not np.any(mesh.normals):
+        return replace(mesh, normals=None)
+    apart = mesh.unshared()
+    assert apart.normals is not None
+    flat = ~np.any(apart.normals != 0, axis=1, keepdims=True)
+    return replace(apart, normals=np.where(flat, np.repeat(face_normals(mesh), 3, axis=0), apart.normals)).welded()
+
+
+def face_normals(mesh: Mesh) -> Float64:
+    """(F, 3) float64 unit, out of the front."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.maximum(length, np.finfo(float).tiny))
+
+
+def v_downwards(uv: Float64) -> Float64:
+    """(V, 2): texture coordinates for programs to which the first row of an image is at v = 0."""
+    return uv * [1.0, -1.0] + [0.0, 1.0]
+
+
+def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
+    """(3, 3): a slot's map with the repeats of its texture, of coordinates with v downwards."""
+    matrix, over = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+    matrix[:2] = uv_transform * np.array(scale)[:, None]
+    return np.asarray(over @ matrix @ over)
+
+
+def _square(scene: Scene, plane: Shape) -> Shape:
+    """About the points of the planes that are nearest to the middle of the scene."""
+    low, high = scene.bounds
+    low, high = np.minimum(low, scene.camera.position), np.maximum(high, scene.camera.position)
+    half = _HORIZON * float(np.linalg.norm(high - low))
+    meshes: list[tuple[Float64, Float64]] = []
+    for matrix in plane.world_from_object:
+        u, v, normal, point = matrix.T
+        middle = np.array([axis @ (0.5 * (low + high) - point) / (axis @ axis) for axis in (u, v)])
+        sides = half / np.array([np.linalg.norm(u), np.linalg.norm(v)])
+        uv = middle + sides * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+        turned = np.cross(u, v) @ normal < 0
+        order = [3, 2, 1, 0] if turned else [0, 1, 2, 3]
+        uv = np.asarray(uv[order])
+        meshes.append((point + uv[:, :1] * u + uv[:, 1:] * v, uv))
+    vertices, uvs = (np.concatenate(parts) for parts in zip(*meshes, strict=True))
+    first = 4 * np.arange(len(meshes), dtype=np.int32)[:, None, None]
+    faces = (first + np.array([(0, 1, 2), (0, 2, 3)], np.int32)).reshape(-1, 3)
+    return Shape(
+        plane.name,
+        Mesh(vertices, faces, uv=uvs),
+        plane.material,
+        emission=plane.emission,
+        emission_two_sided=plane.emission_two_sided,
+    )

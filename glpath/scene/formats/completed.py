@@ -1,0 +1,59 @@
+"""What a scene gets that does not say it: a camera that sees everything, and light from all around."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from glpath.errors import SceneWarning
+from glpath.scene.model import Camera, Scene, Sky
+from glpath.scene.place import shown
+
+#: Pixels, where nothing says how many.
+RESOLUTION = (512, 512)
+#: Stands in until a scene has its own.
+NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
+#: Seen from the front, somewhat from above and from the right.
+_VIEW = np.array([0.5, 0.4, 1.0])
+_FOV = 40.0
+# How much farther off the eye is than it must be.
+_MARGIN = 1.1
+
+
+def completed(scene: Scene, *, has_camera: bool, stacklevel: int) -> Scene:
+    """The scene with a camera and with light; a SceneWarning says what had to be added.
+
+    has_camera : False sets one that frames everything, of the resolution of the scene's
+    """
+    notes = []
+    if not has_camera:
+        scene = replace(scene, camera=framing(scene, scene.camera.resolution))
+        c = scene.camera
+        notes.append(
+            f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
+            f"{shown(c.target.round(3))}, fov {c.fov:g}"
+        )
+    if not (scene.lights or scene.sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes)):
+        scene = replace(scene, sky=Sky(np.ones(3), np.ones(3)))
+        notes.append("no light, so a white sky shines from all around")
+    if notes:
+        warnings.warn(
+            SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=stacklevel + 1
+        )
+    return scene
+
+
+def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:
+    """A camera that sees all triangles and spheres, from somewhat above, y up."""
+    lower, upper = scene.bounds
+    centre = 0.5 * (lower + upper)
+    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
+    # How far the eye must be for each corner of the box around everything to be within the picture.
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
+    right, up, forward = camera.frame()
+    wide, high = camera.extent
+    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
+    distance = _MARGIN * float(needed.max()) or 1.0
+    return replace(camera, position=centre - distance * forward)

@@ -1,0 +1,104 @@
+"""Punctual lights and cameras of nodes. Both look along -z of their node.
+
+Candela are taken as W sr^-1 and lux as W m^-2, one to one, as lamps and surfaces that send light keep their ratio.
+
+Source: KHR_lights_punctual; glTF 2.0, 3.10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from glpath.scene.formats.gltf.document import Document
+from glpath.scene.formats.gltf.table import Table
+from glpath.scene.formats.values import LARGEST
+from glpath.scene.model import Float64, Light, LightKind
+
+_KINDS: dict[str, LightKind] = {"point": "point", "spot": "spot", "directional": "directional"}
+_PROJECTIONS = {"perspective": True, "orthographic": False}
+
+
+@dataclass(frozen=True)
+class ModelCamera:
+    """A perspective camera of a model, without a resolution.
+
+    position, target, up : (3,) float64, scene units; the target is at distance 1
+    fov                  : vertical field of view, degrees
+    aspect               : width over height of the image that it is meant for; None: any
+    """
+
+    name: str
+    position: Float64
+    target: Float64
+    up: Float64
+    fov: float
+    aspect: float | None = None
+
+
+def light_of(document: Document, node: Table, world: Float64, factor: float) -> Light | None:
+    """The light of a node, None where it has none."""
+    extension = node.extension("KHR_lights_punctual")
+    if extension is None:
+        return None
+    every = (document.root.extension("KHR_lights_punctual") or Table({}, document.place)).tables("lights")
+    table = every[extension.required_index("light", every, "lights")]
+    kind = table.required_choice("type", _KINDS)
+    name = node.name(table.name(f"light-{node.place.path.rpartition('[')[2].rstrip(']')}"))
+    colour = table.numbers("color", (1, 1, 1), 0.0)
+    intensity = factor * table.number("intensity", 1.0, 0.0) * colour
+    position, direction = world[:3, 3], _along(node, world, 2)
+    if "range" in table:
+        document.notes.add("The range of lights: light falls off with the square of the distance, without end.")
+    if kind == "point":
+        return Light(name, kind, intensity, position)
+    if kind == "directional":
+        return Light(name, kind, intensity, direction=direction)
+    cone = table.table("spot")
+    inner, outer = (
+        cone.number("innerConeAngle", 0.0, 0.0, np.pi),
+        cone.number("outerConeAngle", np.pi / 4, 0.0, np.pi),
+    )
+    if not (inner <= outer and outer > 0):
+        raise cone.place.error(
+            f"has an innerConeAngle of {inner:g} and an outerConeAngle of {outer:g}, but the inner is at most the "
+            "outer, which is above 0.",
+            "Angles are in radians, from the axis.",
+        )
+    return Light(name, kind, intensity, position, direction, (float(np.degrees(inner)), float(np.degrees(outer))))
+
+
+def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
+    """The camera of a node; None where it has none, or an orthographic one."""
+    cameras = document.all("cameras")
+    index = node.index("camera", cameras, "cameras")
+    if index is None:
+        return None
+    table = cameras[index]
+    if not table.required_choice("type", _PROJECTIONS):
+        document.notes.add("Orthographic cameras.")
+        return None
+    view = table.table("perspective")
+    fov = float(np.degrees(view.number("yfov", 0.0)))
+    if not 0 < fov < 180:
+        raise view.place.field("yfov").wrong(view.values.get("yfov"), "above 0 and below pi", "It is in radians.")
+    aspect = view.number("aspectRatio", 0.0, 0.0, LARGEST) if "aspectRatio" in view else None
+    position = world[:3, 3]
+    return ModelCamera(
+        node.name(table.name(f"camera-{index}")),
+        position,
+        position + _along(node, world, 2),
+        -_along(node, world, 1),
+        fov,
+        aspect or None,
+    )
+
+
+def _along(node: Table, world: Float64, axis: int) -> Float64:
+    """(3,) unit: where an axis of the node points, reversed."""
+    column = world[:3, axis]
+    length = np.linalg.norm(column)
+    if not length > 0:
+        raise node.place.error("is scaled to nothing, but a light or camera needs a direction.", "Check its scale.")
+    return np.asarray(-column / length)

@@ -1,0 +1,258 @@
+"""glTF 2.0 models: `read_gltf`.
+
+What is not used of a file is said in `Model.notes`; what must not be in one (paths that leave its folder, lengths
+that lie, nodes in a circle) is a SceneError that names the place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from glpath.errors import UsageError
+from glpath.scene.formats.gltf import limits
+from glpath.scene.formats.gltf.accessors import Accessors
+from glpath.scene.formats.gltf.animation import poses_at
+from glpath.scene.formats.gltf.document import Document, read_document
+from glpath.scene.formats.gltf.lights import ModelCamera, camera_of, light_of
+from glpath.scene.formats.gltf.nodes import Nodes, Pose, instances
+from glpath.scene.formats.gltf.primitives import Primitives, Skin, is_open, skin_of
+from glpath.scene.formats.gltf.surfaces import Surfaces
+from glpath.scene.formats.gltf.table import Table
+from glpath.scene.formats.values import LARGEST
+from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
+from glpath.scene.place import shown
+
+# Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
+_FLAT = 1e-9
+# Faces above which it is not asked whether a mesh is closed.
+_LONG_TEST = 2**20
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file holds, as glpath's own data.
+
+    source    : the file
+    name      : of its scene, or of the file
+    shapes    : one for each primitive, with all its instances
+    lights    : punctual ones
+    cameras   : all perspective ones of the scene
+    camera    : the one that was asked for, else the first; None where there is none
+    notes     : what the file holds that is not used, each said once
+    """
+
+    source: str
+    name: str
+    shapes: tuple[Shape, ...]
+    materials: tuple[Material, ...]
+    textures: tuple[Texture, ...]
+    lights: tuple[Light, ...]
+    cameras: tuple[ModelCamera, ...]
+    camera: ModelCamera | None
+    notes: tuple[str, ...]
+
+
+def read_gltf(
+    path: Path, *, time: float | None = None, camera: str | int | None = None, light_factor: float = 1.0
+) -> Model:
+    """Read a .gltf or .glb.
+
+    time         : seconds into its animations; None shows it at rest
+    camera       : name or number of one of its cameras, for `Model.camera`
+    light_factor : what the intensity of punctual lights is multiplied by: candela are taken as W sr^-1, lux as
+                   W m^-2. Blender's exporter writes 683 lumen for a watt, so 1 / 683 brings back its watts.
+                   Surfaces that send light keep theirs
+
+    Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
+    a camera that it does not have and numbers that are not finite.
+    """
+    path = Path(path)
+    if not (np.isfinite(light_factor) and light_factor >= 0):
+        raise UsageError(f"light_factor is {light_factor}; must be a finite number, at least 0.")
+    document = read_document(path)
+    accessors = Accessors(document)
+    poses = poses_at(document, accessors, time)
+    nodes = Nodes.of(document, poses)
+    surfaces = Surfaces(document)
+    shapes = _Shapes(document, accessors, nodes, poses, surfaces).all()
+    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor) for i in nodes.drawn]
+    found = [camera_of(document, nodes.tables[i], nodes.world[i]) for i in nodes.drawn]
+    cameras = tuple(each for each in found if each is not None)
+    scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
+    return Model(
+        source=document.place.source,
+        name=scenes[chosen].name(path.stem) if len(scenes) else path.stem,
+        shapes=tuple(shapes),
+        materials=tuple(surface.material for surface in surfaces.surfaces),
+        textures=tuple(surfaces.textures),
+        lights=tuple(light for light in lights if light is not None),
+        cameras=cameras,
+        camera=_chosen(cameras, camera, document),
+        notes=tuple(document.notes.texts),
+    )
+
+
+def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: Document) -> ModelCamera | None:
+    if wanted is None:
+        return cameras[0] if cameras else None
+    if isinstance(wanted, int) and 0 <= wanted < len(cameras):
+        return cameras[wanted]
+    for each in cameras:
+        if each.name == wanted:
+            return each
+    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no perspective camera"
+    raise UsageError(f"{document.place} camera {shown(wanted)} was asked for, but the file has {listed}.")
+
+
+@dataclass
+class _Group:
+    """Instances of one mesh of one primitive, until all are found."""
+
+    name: str
+    mesh: Mesh
+    surface: int
+    maps: list[Float64]
+
+
+class _Shapes:
+    """Makes the shapes of a document."""
+
+    def __init__(
+        self,
+        document: Document,
+        accessors: Accessors,
+        nodes: Nodes,
+        poses: dict[int, dict[str, Float64]],
+        surfaces: Surfaces,
+    ) -> None:
+        self.document, self.accessors, self.nodes = document, accessors, nodes
+        self.poses: dict[int, dict[str, Float64]] = poses
+        self.surfaces = surfaces
+        self.primitives = Primitives(accessors)
+        self.skins: dict[int, Skin] = {}
+        self.turned: dict[Mesh, Mesh] = {}
+        self.groups: dict[tuple[Mesh, int], _Group] = {}
+        self.triangles = 0
+
+    def all(self) -> list[Shape]:
+        for index in self.nodes.drawn:
+            self._add_node(index)
+        shapes = []
+        for group in self.groups.values():
+            surface = self.surfaces.surfaces[group.surface]
+            shapes.append(
+                Shape(
+                    group.name,
+                    group.mesh,
+                    group.surface,
+                    np.concatenate(group.maps),
+                    surface.emission,
+                    surface.material.two_sided,
+                )
+            )
+        self._note_single_sided()
+        return shapes
+
+    def _add_node(self, index: int) -> None:
+        node = self.nodes.tables[index]
+        meshes = self.document.all("meshes")
+        number = node.index("mesh", meshes, "meshes")
+        if number is None:
+            return
+        mesh, world = meshes[number], self.nodes.world[index]
+        weights = self._weights(node, mesh, self.poses.get(index, {}))
+        skin = self._skin(node)
+        primitives = mesh.tables("primitives")
+        name = mesh.name(node.name(f"mesh-{number}"))
+        # A skin's joints stand in the world, and where its node does is of no meaning.
+        maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
+        for i, primitive in enumerate(primitives):
+            part = name if len(primitives) == 1 else f"{name}-{i}"
+            material = primitive.index("material", self.document.all("materials"), "materials")
+            surface = self.surfaces.number(material)
+            slots = self.surfaces.surfaces[surface].material.slots.values()
+            uv_sets = frozenset(slot.uv_set for slot in slots)
+            if skin is None:
+                made = self.primitives.mesh(primitive, weights, uv_sets)
+            else:
+                made = self.primitives.skinned(primitive, weights, uv_sets, skin)
+            if made is not None:
+                self._place(part, made, surface, maps, primitive)
+
+    def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
+        """(M,) of the morph targets: animated, the node's, or the mesh's."""
+        if "weights" in pose:
+            return pose["weights"]
+        return node.any_numbers("weights") if "weights" in node else mesh.any_numbers("weights")
+
+    def _skin(self, node: Table) -> Skin | None:
+        skins = self.document.all("skins")
+        index = node.index("skin", skins, "skins")
+        if index is None:
+            return None
+        if index not in self.skins:
+            self.skins[index] = skin_of(skins[index], self.nodes.world, self.accessors)
+        return self.skins[index]
+
+    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table) -> None:
+        """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
+        determinant, size = _stretch(maps[:, :, :3])
+        flat = ~(np.abs(determinant) > _FLAT * size)
+        if flat.any():
+            self.document.notes.add("Meshes that are scaled to nothing.")
+        mirrored = determinant < 0
+        self.triangles += len(mesh.faces) * int(np.count_nonzero(~flat))
+        if self.triangles > limits.MAX_TRIANGLES:
+            raise primitive.place.error(
+                f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
+                f"{limits.MAX_TRIANGLES:,} are read.",
+                "Simplify the model.",
+            )
+        self._check_extent(mesh, maps[~flat], primitive)
+        for chosen, suffix in ((~flat & ~mirrored, ""), (~flat & mirrored, " (mirrored)")):
+            if not chosen.any():
+                continue
+            geometry = mesh
+            if suffix:
+                if mesh not in self.turned:
+                    self.turned[mesh] = mesh.turned()
+                geometry = self.turned[mesh]
+            key = (geometry, surface)
+            if key not in self.groups:
+                self.groups[key] = _Group(name + suffix, geometry, surface, [])
+            self.groups[key].maps.append(maps[chosen])
+
+    def _check_extent(self, mesh: Mesh, maps: Float64, primitive: Table) -> None:
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+        extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
+        if not np.all(np.abs(centre) + extent <= LARGEST):
+            raise primitive.place.error(
+                f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                "Check the transforms of its nodes.",
+            )
+
+    def _note_single_sided(self) -> None:
+        seen = (
+            group
+            for group in self.groups.values()
+            if not self.surfaces.surfaces[group.surface].material.two_sided and len(group.mesh.faces) <= _LONG_TEST
+        )
+        if any(is_open(group.mesh) for group in seen):
+            self.document.notes.add(
+                "Culling of backs: materials that are not doubleSided are black from behind and block light, where "
+                "viewers do not draw them."
+            )
+
+
+def _stretch(linear: Float64) -> tuple[Float64, Float64]:
+    """(N,) determinants of maps (N, 3, 3), and their like for maps that are as thick as they are long."""
+    x, y, z = (linear[:, row] for row in range(3))
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    determinant = np.sum(x * cofactors[:, 0], axis=1)
+    norms = [np.linalg.norm(each.reshape(-1, 9), axis=1) for each in (cofactors, linear)]
+    return np.asarray(determinant), np.asarray(norms[0] * norms[1])

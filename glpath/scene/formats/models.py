@@ -1,0 +1,102 @@
+"""Model files: shapes with materials and textures of their own, and lights and cameras where the format has them.
+
+A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from glpath.errors import SceneWarning
+from glpath.scene.check import check_camera
+from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
+from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
+from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.scene.formats.gltf.document import read_document
+from glpath.scene.formats.gltf.lights import camera_of
+from glpath.scene.formats.gltf.nodes import Nodes
+from glpath.scene.formats.mesh_models import read_mesh_model
+from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.model import Camera, Scene, Shapes
+from glpath.scene.place import Place
+
+#: Of the files that are read as models.
+FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
+
+
+def read_gltf_as_asked(
+    path: Path,
+    *,
+    camera: Annotated[
+        int | str, Meta(description="name or number, from 0, of one of the file's cameras, or first")
+    ] = "first",
+    time: Annotated[
+        Annotated[float, Meta(ge=0)] | Literal["rest"],
+        Meta(description="seconds into the file's animations, from 0, or rest"),
+    ] = "rest",
+    light_factor: Annotated[
+        float,
+        Meta(
+            ge=0,
+            description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
+        ),
+    ] = 1.0,
+) -> Model:
+    """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
+    wanted: int | str | None = None if camera == "first" else camera
+    if isinstance(wanted, str) and wanted.isdecimal():
+        wanted = int(wanted)
+    return read_gltf(path, time=None if time == "rest" else time, camera=wanted, light_factor=light_factor)
+
+
+def read_model(path: Path, place: Place, time: float | None = None) -> Model:
+    """The model of a file of one of `FORMATS`; `place` is where it is named. Raises SceneError.
+
+    time : as of `read_gltf`
+    """
+    if path.suffix.lower() in GLTF_FORMATS:
+        return read_gltf(path, time=time)
+    return read_mesh_model(path, place)
+
+
+def gltf_cameras(path: Path) -> tuple[str, ...]:
+    """The names of the cameras that the parameter `camera` chooses from, in order. Raises SceneError."""
+    document = read_document(path)
+    nodes = Nodes.of(document, {})
+    found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)
+    return tuple(camera.name for camera in found if camera is not None)
+
+
+def scene_of_model(model: Model) -> Scene:
+    """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used."""
+    place = Place(model.source)
+    if not model.shapes:
+        raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
+    for note in model.notes:
+        warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=3)
+    scene = Scene(
+        name=model.name,
+        camera=NO_CAMERA if model.camera is None else _camera(model.camera),
+        shapes=Shapes(model.shapes),
+        materials=model.materials,
+        source=model.source,
+        textures=model.textures,
+        lights=model.lights,
+    )
+    if model.camera is not None:
+        check_camera(scene.camera, place)
+    return completed(scene, has_camera=model.camera is not None, stacklevel=3)
+
+
+def _camera(given: ModelCamera) -> Camera:
+    """With a resolution: the longer side as that of `RESOLUTION`, the other by the aspect."""
+    longest = max(RESOLUTION)
+    aspect = given.aspect or 1.0
+    width, height = (longest, longest / aspect) if aspect >= 1 else (longest * aspect, longest)
+    size = max(1, round(width)), max(1, round(height))
+    return Camera(given.position, given.target, np.asarray(given.up), given.fov, size)

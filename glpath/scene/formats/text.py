@@ -1,0 +1,48 @@
+"""Statements of Wavefront's text formats, OBJ and MTL.
+
+They are indented, separated by tabs, continued on the next line after a backslash, followed by comments; the text
+is UTF-8, UTF-16 or, in old files, Latin-1.
+"""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator
+
+
+def statements(text: str) -> Iterator[tuple[int, list[str]]]:
+    """The words of each statement, and the number of the line on which it begins, from 1."""
+    return ((number, words) for number, line in _lines(text) if (words := line.split()))
+
+
+def decoded(content: bytes) -> str:
+    """The text, whose geometry is ASCII in any case."""
+    for mark, encoding in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if content.startswith(mark):
+            return content.decode(encoding, errors="replace")
+    if b"\0" in content[:2]:
+        return content.decode("utf-16-be" if content[:1] == b"\0" else "utf-16-le", errors="replace")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Statements without comments, and the number of the line on which each begins, from 1."""
+    begun, before = 0, ""
+    # Not splitlines, which knows ends of lines that are letters in Latin-1.
+    for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
+        line = line.partition("#")[0].rstrip()
+        begun = begun or number
+        if line.endswith("\\"):
+            before += line[:-1] + " "
+            continue
+        yield begun, before + line
+        begun, before = 0, ""
+    if before:
+        yield begun, before

@@ -1,0 +1,209 @@
+"""What surfaces do with light, as plain data: materials and the textures that they use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.image import decode_srgb
+from glpath.scene.geometry import Float64
+
+Wrap = Literal["repeat", "clamp", "mirror"]
+#: GGX's alpha below which microfacets are a mirror.
+SMOOTH = 1e-3
+_MOST_REFLECTED = 0.97
+#: The fields of a `Material` that are texture slots.
+SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A picture that colours surfaces, repeated endlessly. A checker is one of 2 x 2 texels, not filtered.
+
+    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1: float32, linear Rec. 709, or uint8,
+             of which 255 is one
+    scale  : repeats per unit of u and of v
+    filter : "linear" or "nearest"
+    srgb   : colours of uint8 are sRGB's; without it linear, as what is no colour always is. Alpha is linear
+    wrap   : beyond 0 and 1, for u and for v
+    """
+
+    name: str
+    image: NDArray[np.float32] | NDArray[np.uint8]
+    scale: tuple[float, float] = (1.0, 1.0)
+    filter: Literal["linear", "nearest"] = "linear"
+    srgb: bool = False
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+
+    def linear(self) -> NDArray[np.float32]:
+        """(h, w, 3) or (h, w, 4) float32: the image with colours linear Rec. 709."""
+        if self.image.dtype != np.uint8:
+            return np.asarray(self.image, np.float32)
+        values = np.arange(256) / 255.0
+        linear = values.astype(np.float32)[self.image]
+        if self.srgb:
+            linear[..., :3] = decode_srgb(values).astype(np.float32)[self.image[..., :3]]
+        return linear
+
+    @cached_property
+    def mean(self) -> Float64:
+        """(3,) float64, linear Rec. 709: of all texels, by their alpha where they have one."""
+        image = self.linear()
+        weight = image[..., 3] if image.shape[2] == 4 and image[..., 3].any() else None
+        colours = image[..., :3].reshape(-1, 3).astype(np.float64)
+        return np.average(colours, axis=0, weights=None if weight is None else weight.ravel())
+
+    @cached_property
+    def max(self) -> Float64:
+        """(3,) float64, linear Rec. 709: the largest of each channel."""
+        return np.asarray(self.linear()[..., :3].max(axis=(0, 1)), np.float64)
+
+
+@dataclass(frozen=True)
+class TextureSlot:
+    """A texture where a material uses it.
+
+    texture      : index into `Scene.textures`
+    uv_set       : which of a mesh's texture coordinates: 0 is `Mesh.uv`, 1 `Mesh.uv1`
+    uv_transform : (2, 3) float64, an affine map of them before they are looked up
+    """
+
+    texture: int
+    uv_set: Literal[0, 1] = 0
+    uv_transform: Float64 = field(default_factory=lambda: np.eye(2, 3))
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a surface does with light: a base, diffuse or of metal, under layers that mirror.
+
+    The base has a roughness or none. With one it is glTF's metallic-roughness surface [glTF 2.0, appendix B]: GGX's
+    microfacets [Walter et al. 2007] over Lambert's diffuse base, of metal, or over glass. Without one it is
+    Lambert's, with Phong's highlight and a mirror [TB IV].
+
+    reflectance      : (3,) float64 in [0, 1], linear Rec. 709: of the diffuse base, of metal at normal incidence;
+                       of glass the share that is let through
+    two_sided        : False makes the back black (it still blocks light); that of glass is its inside
+    specular         : (3,) float64 >= 0, Phong's coefficient
+    exponent         : Phong's, > 0
+    mirror           : (3,) float64 in [0, 1], share of the light from the mirror direction
+    roughness        : in [0, 1], GGX's alpha is its square; None for a base without microfacets
+    metallic         : in [0, 1], share of metal
+    anisotropy       : in [0, 1]: along the brush alpha is mixed by its square towards 1 [KHR_materials_anisotropy]
+    anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows
+    ior              : index of refraction of what is neither metal nor air, >= 1
+    specular_weight  : in [0, 1], of the dielectric's reflection, and specular_colour (3,) of it at normal incidence
+    transmission     : in [0, 1], share of the base that is glass instead of diffuse
+    thin             : the glass is a pane that does not refract; False: the surface of a solid that does
+    attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
+    clearcoat        : in [0, 1], share that a varnish of index 1.5 covers, and clearcoat_roughness
+    unlit            : shows its emission alone, and is not lit
+    opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
+    alpha            : what opacity does: nothing; all or nothing, from `cutoff` on; a share of the light
+    texture              : colour and alpha, which reflectance and opacity are multiplied by
+    surface_texture      : roughness is multiplied by its green, metallic by its blue
+    normal_texture       : of the tangent space [glTF 2.0, 3.9.3], x and y multiplied by normal_scale
+    emission_texture     : what the emission of shapes is multiplied by
+    transmission_texture : its red multiplies transmission
+    """
+
+    name: str
+    reflectance: Float64
+    two_sided: bool = True
+    specular: Float64 = field(default_factory=lambda: np.zeros(3))
+    exponent: float = 32.0
+    mirror: Float64 = field(default_factory=lambda: np.zeros(3))
+    texture: TextureSlot | None = None
+    roughness: float | None = None
+    metallic: float = 0.0
+    anisotropy: float = 0.0
+    anisotropy_angle: float = 0.0
+    ior: float = 1.5
+    specular_weight: float = 1.0
+    specular_colour: Float64 = field(default_factory=lambda: np.ones(3))
+    transmission: float = 0.0
+    thin: bool = True
+    attenuation: Float64 = field(default_factory=lambda: np.zeros(3))
+    clearcoat: float = 0.0
+    clearcoat_roughness: float = 0.0
+    unlit: bool = False
+    opacity: float = 1.0
+    alpha: Literal["opaque", "mask", "blend"] = "opaque"
+    cutoff: float = 0.5
+    surface_texture: TextureSlot | None = None
+    normal_texture: TextureSlot | None = None
+    normal_scale: float = 1.0
+    emission_texture: TextureSlot | None = None
+    transmission_texture: TextureSlot | None = None
+
+    @property
+    def has_lobes(self) -> bool:
+        """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
+        return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def needs_uv(self) -> bool:
+        """Where it is has to have texture coordinates: for its textures, or for the way of its brush."""
+        return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
+
+    @property
+    def is_pane(self) -> bool:
+        """Glass that light goes straight through."""
+        smooth = self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
+        return smooth and self.transmission > 0 and self.thin
+
+    @property
+    def dielectric(self) -> tuple[Float64, float]:
+        """What its dielectric reflects at normal incidence, (3,) float64, and at grazing incidence.
+
+        Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
+        """
+        normal = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
+        return np.minimum(normal * self.specular_colour, 1.0) * self.specular_weight, self.specular_weight
+
+    def hemispherical_reflectance(self, base: Float64) -> Float64:
+        """(3,) float64: the share of light from everywhere that is sent back, or through; for `reflectance` base.
+
+        By Schlick's formula, whose mean over the cosine is a 21st of the way from normal to grazing incidence. For
+        solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
+        """
+        if not self.has_lobes:
+            return base
+        if self.roughness is None:
+            return np.asarray(np.minimum(base + self.mirror, _MOST_REFLECTED))
+        f0, f90 = self.dielectric
+        layer = f0 + (f90 - f0) / 21.0
+        under = layer + (1.0 - layer.max()) * base
+        metal = base + (1.0 - base) / 21.0
+        coat = self.clearcoat * (0.04 + 0.96 / 21.0)
+        all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)
+        return np.asarray(np.minimum(all_, _MOST_REFLECTED))
+
+    def described(self) -> str:
+        """What it is beside diffuse, in a few words; "" where it is nothing else."""
+        words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
+        words += ["mirror"] * bool(np.any(self.mirror > 0))
+        if self.roughness is not None:
+            words.append(f"roughness {self.roughness:g}")
+            words += [f"metal {self.metallic:g}"] * (self.metallic > 0)
+            words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
+            words += ["pane"] * (self.transmission > 0 and self.thin)
+            words += [f"varnish {self.clearcoat:g}"] * (self.clearcoat > 0)
+        words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
+        return ", ".join(words + ["one-sided"] * (not self.two_sided))
+
+    @property
+    def slots(self) -> dict[str, TextureSlot]:
+        """The textures that it uses, by the names of the fields."""
+        found = {name: getattr(self, name) for name in SLOTS}
+        return {name: slot for name, slot in found.items() if slot is not None}
+
+
+def moved_textures(material: Material, first: int) -> Material:
+    """The material where its textures stand behind `first` others."""
+    moved = {name: replace(slot, texture=slot.texture + first) for name, slot in material.slots.items()}
+    return replace(material, **moved)  # type: ignore[arg-type]

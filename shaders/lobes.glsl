@@ -1,0 +1,135 @@
+// lobes.glsl: in which lobe of its surface a path goes on, and where in it. Each lobe has its share of the light by itself,
+// and its own density beside the light samples'.
+// Needs:  path_vertex.glsl, light_sample.glsl
+// Frame:  world.
+
+// Density of a direction that no light sample finds.
+const float MIRRORED = 1e18;
+
+// Chances; what they lack of one is that the path ends.
+struct Lobes
+{
+    float dull;
+    float microfacets;
+    float coat;
+    float mirror;
+};
+
+// dull_goes_on: a path that is looked up leaves by the others alone, as often as they reflect.
+Lobes lobes_of(PathVertex v, bool dull_goes_on, bool others_go_on)
+{
+    Bsdf b = v.bsdf;
+    Lobes q = Lobes(mean(b.diffuse + b.specular), 0.0, 0.0, mean(b.mirror));
+#ifdef HAS_MICROFACETS
+    float cosine = dot(v.n, v.wo), under = let_under(b, cosine);
+    q.coat = coat_reflects(b, cosine);
+    q.dull *= under * (1.0 - q.coat);
+    q.microfacets = (mean(microfacet_reflects(b, cosine)) + mean(b.clear) * under) * (1.0 - q.coat);
+#endif
+    if (!others_go_on) q.microfacets = q.coat = q.mirror = 0.0;
+    if (!dull_goes_on) q.dull = 0.0;
+    float sum = q.dull + q.microfacets + q.coat + q.mirror;
+    float scale = 1.0 / max(sum, dull_goes_on ? 1e-9 : 1.0);
+    return Lobes(q.dull * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
+}
+
+// Veach's share of a light sample beside the direction of a lobe; lights without extent (density 0) are found by nothing
+// else.
+float share_beside(float light, float direction)
+{
+    return light > 0.0 ? power_heuristic(light, direction) : 1.0;
+}
+
+// What a vertex makes of a light sample, which is told without shares: of the dull lobe and of the others.
+void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec3 others)
+{
+    float cosine = dot(v.normal, direct.wi);
+    dull = dull_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
+         * share_beside(direct.density, q.dull * cosine / PI);
+    others = vec3(0.0);
+#ifdef HAS_MICROFACETS
+    mat3 axes = surface_axes(v.bsdf, v.n);
+    vec3 wo = v.wo * axes, wi = direct.wi * axes;
+    Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
+    vec3 f = base.f * share_beside(direct.density, q.microfacets * base.density)
+           + coat.f * share_beside(direct.density, q.coat * coat.density);
+    others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
+#endif
+}
+
+#ifdef HAS_GLASS
+// Of a light sample on the other side.
+vec3 lit_through(PathVertex v, Lobes q, DirectLight direct)
+{
+    mat3 axes = surface_axes(v.bsdf, v.n);
+    vec3 wi = direct.wi * axes;
+    Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
+    float cosine = -dot(v.normal, direct.wi);
+    return lobe.f * direct.light
+         * (share_beside(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+}
+#endif
+
+struct Departure
+{
+    vec3 direction;
+    vec3 weight;    // that of the lobe's choice included
+    float density;  // per solid angle
+    bool through;   // to the other side
+    bool straight;  // by a pane, which light samples see through
+};
+
+// By microfacets, varnish or a mirror. chosen: beyond the dull lobe's chance.
+Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
+{
+    Bsdf b = v.bsdf;
+    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
+#ifdef HAS_MICROFACETS
+    if (chosen >= q.mirror) {
+        bool coat = chosen < q.mirror + q.coat;
+        vec2 alpha = coat ? vec2(b.coat_alpha) : b.alpha;
+        bool smooth_one = max(alpha.x, alpha.y) < SMOOTH;
+        mat3 axes = surface_axes(v.bsdf, v.n);
+        vec3 wo = v.wo * axes, m = smooth_one ? vec3(0.0, 0.0, 1.0) : visible_normal(wo, alpha, numbers);
+        float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
+        vec3 wi = reflect(-wo, m);
+        // What the choice of the lobe leaves of its number.
+        d.through = chosen - q.mirror - q.coat >= part * q.microfacets && !coat;
+        if (d.through) {
+#ifdef HAS_GLASS
+            // Radiance over the square of the index is kept, and both ends of a path lie in air.
+            d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
+            wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            d.straight = b.eta == PANE;
+            if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
+#endif
+        } else {
+            d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
+            if (!smooth_one) d.density = chance * part * ggx_seen(wo, alpha) * ggx(m, alpha) / (4.0 * wo.z);
+        }
+        bool right_side = d.through ? wi.z < 0.0 : wi.z > 0.0;
+        float seen = smooth_one ? 1.0 : ggx_seen(wi, alpha);
+        d.weight *= (right_side ? seen : 0.0) * (coat ? 1.0 : 1.0 - coat_reflects(b, wo.z)) / chance;
+        d.direction = normalize(axes * wi);
+    }
+#endif
+    float side = dot(d.direction, v.normal);
+    if (d.through ? side >= 0.0 : side <= 0.0) {
+        // A smooth normal has sent it to the wrong side; a mirror is one of the surface itself then.
+        if (d.density == MIRRORED && !d.through) d.direction = reflect(-v.wo, v.normal);
+        else d.weight = vec3(0.0);
+    }
+    return d;
+}
+
+#ifdef HAS_PANES
+vec3 pane_lets_through(int triangle, vec3 position, vec3 direction)
+{
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    Surface s = surface_of_triangle(triangle, position, plane);
+    bool front = front_hit(plane.xyz, direction);
+    Bsdf b = bsdf_at(s, front);
+    float cosine = dot(shading_normal(s, front, -direction), -direction);
+    return b.eta == PANE ? b.clear * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine))) : vec3(0.0);
+}
+#endif

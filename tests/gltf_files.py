@@ -1,0 +1,112 @@
+"""Small glTF files, built in tests."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from PIL import Image
+
+COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
+TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+#: A triangle in the plane z = 0, front towards +z.
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+class Gltf:
+    """A document that grows: `json` is what is written, `binary` its one buffer."""
+
+    def __init__(self) -> None:
+        self.binary = bytearray()
+        self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
+
+    def add(self, kind: str, /, **fields: Any) -> int:
+        """Put an object into one of the lists; returns its number."""
+        self.json.setdefault(kind, []).append(fields)
+        return len(self.json[kind]) - 1
+
+    def view(self, data: bytes, **fields: Any) -> int:
+        self.binary += bytes(-len(self.binary) % 4)
+        offset = len(self.binary)
+        self.binary += data
+        return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **fields)
+
+    def accessor(self, values: ArrayLike, dtype: str = "float32", **fields: Any) -> int:
+        array = np.asarray(values, dtype)
+        width = 1 if array.ndim == 1 else array.shape[1]
+        return self.add(
+            "accessors",
+            bufferView=self.view(array.tobytes()),
+            componentType=COMPONENTS[dtype],
+            count=len(array),
+            type=TYPES[width],
+            **fields,
+        )
+
+    def mesh(self, positions: ArrayLike = TRIANGLE, indices: ArrayLike | None = None, **attributes: Any) -> int:
+        """A mesh of one primitive; further attributes as arrays, fields of the primitive in lower case."""
+        fields = {name: value for name, value in attributes.items() if name.islower()}
+        arrays = {name: self.accessor(value) for name, value in attributes.items() if not name.islower()}
+        if indices is not None:
+            fields["indices"] = self.accessor(indices, "uint16")
+        return self.add(
+            "meshes", primitives=[{"attributes": {"POSITION": self.accessor(positions), **arrays}, **fields}]
+        )
+
+    def node(self, **fields: Any) -> int:
+        return self.add("nodes", **fields)
+
+    def image(self, pixels: ArrayLike, kind: str = "PNG", **options: Any) -> int:
+        return self.add("images", bufferView=self.view(encoded(pixels, kind, **options)), mimeType="image/png")
+
+    def texture(self, pixels: ArrayLike, **sampler: Any) -> int:
+        fields: dict[str, Any] = {"source": self.image(pixels)}
+        if sampler:
+            fields["sampler"] = self.add("samplers", **sampler)
+        return self.add("textures", **fields)
+
+    def one_triangle(self, **material: Any) -> Gltf:
+        """A triangle with texture coordinates and this material."""
+        number = self.add("materials", **material)
+        self.node(mesh=self.mesh(TEXCOORD_0=[[0, 0], [1, 0], [0, 1]], material=number))
+        return self
+
+    def whole(self) -> dict[str, Any]:
+        if self.binary:
+            uri = "data:application/octet-stream;base64," + base64.b64encode(self.binary).decode()
+            self.json.setdefault("buffers", [{"byteLength": len(self.binary), "uri": uri}])
+        return self.json
+
+    def write(self, folder: Path, name: str = "model.gltf") -> Path:
+        path = folder / name
+        path.write_text(json.dumps(self.whole()))
+        return path
+
+    def glb(self) -> bytes:
+        document = {**self.json, "buffers": [{"byteLength": len(self.binary)}]} if self.binary else self.json
+        return glb(json.dumps(document).encode(), bytes(self.binary))
+
+
+def glb(text: bytes, binary: bytes) -> bytes:
+    """A .glb of the JSON and the binary chunk."""
+    text += b" " * (-len(text) % 4)
+    binary += bytes(-len(binary) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if binary:
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def encoded(pixels: ArrayLike, kind: str = "PNG", **options: Any) -> bytes:
+    """An image file of pixels (h, w), (h, w, 3) or (h, w, 4)."""
+    array = np.asarray(pixels)
+    stream = io.BytesIO()
+    Image.fromarray(array if array.dtype == np.uint16 else array.astype(np.uint8)).save(stream, kind, **options)
+    return stream.getvalue()

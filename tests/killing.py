@@ -1,0 +1,68 @@
+"""Renders in processes of their own, to be killed: what a test of checkpoints stands on."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from glpath.film import Film
+
+#: Small, of own rays, and about a millisecond a path set.
+SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    """`glpath render` with progress as JSON."""
+    command = [sys.executable, "-m", "glpath", "render", *map(str, (*SMALL, *arguments)), "--progress", "json"]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+def until_rendering(process: subprocess.Popen[str]) -> str:
+    """All lines up to the first that tells of path sets that this process has done."""
+    read = []
+    assert process.stderr is not None
+    for line in process.stderr:
+        read.append(line)
+        if line.startswith("{") and json.loads(line)["stage"] == "rendering":
+            break
+    return "".join(read)
+
+
+def struck(number: int, *arguments: object) -> tuple[int, str]:
+    """The exit code and what is told of a render that gets a signal while it renders."""
+    with start(*arguments) as process:
+        told = until_rendering(process)
+        process.send_signal(number)
+        assert process.stderr is not None
+        told += process.stderr.read()
+    return process.returncode, told
+
+
+def kill_again_and_again(out: Path, times: int, seed: int) -> list[int]:
+    """Kill a render with a checkpoint a path set so often at random moments, each time going on with the last.
+
+    Half of the moments are before the first path set, or about it. Returns the path sets in the checkpoint after
+    each; asserts that they are never fewer than before, nor than the render had told of.
+    """
+    choice = random.Random(seed)
+    kept = [0]
+    for i in range(times):
+        with start("-o", out, "--spp", 10**6, "--checkpoint", "1i", "--resume") as process:
+            told = "" if i % 2 else until_rendering(process)
+            time.sleep(choice.uniform(0, 1.2 if i % 2 else 0.3))
+            process.send_signal(signal.SIGKILL)
+            assert process.stderr is not None
+            told += process.stderr.read()
+        assert process.returncode == -signal.SIGKILL, told
+        events = [json.loads(line) for line in told.splitlines() if line.startswith("{") and line.endswith("}")]
+        reported = max((event["done"] for event in events), default=0)
+        film = Film.load(out) if out.exists() else None
+        kept.append(0 if film is None else film.path_sets)
+        assert kept[-1] >= max(kept[-2], reported)
+        assert film is None or film.ranges == ((0, film.path_sets),)
+    return kept[1:]

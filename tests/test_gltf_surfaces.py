@@ -1,0 +1,319 @@
+"""Materials, textures, lights and cameras of glTF models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gltf_files import Gltf, encoded
+
+from glpath.errors import SceneError, UsageError
+from glpath.scene.formats.gltf import Model, read_gltf
+from glpath.scene.model import Material, Mesh, Texture, TextureSlot
+
+#: Red and green above blue and white.
+FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8)
+
+
+def read(file: Gltf, folder: Path, **options: Any) -> Model:
+    return read_gltf(file.write(folder), **options)
+
+
+def the_material(folder: Path, **material: Any) -> tuple[Material, Model]:
+    model = read(Gltf().one_triangle(**material), folder)
+    return model.materials[0], model
+
+
+def extended(name: str, **fields: Any) -> dict[str, Any]:
+    return {"extensions": {name: fields}}
+
+
+def texel(texture: Texture, slot: TextureSlot, uv: Any) -> Any:
+    """What a material shows at texture coordinates of ours, looked up by the model's own rules."""
+    u, v = slot.uv_transform @ [*uv, 1.0]
+    height, width = texture.image.shape[:2]
+    column, row = int(np.floor(u % 1 * width)), int(np.floor((1 - v) % 1 * height))
+    return texture.image[row, column]
+
+
+def test_a_material_of_numbers(tmp_path: Path) -> None:
+    pbr = {"baseColorFactor": [0.1, 0.2, 0.3, 0.4], "metallicFactor": 0.5, "roughnessFactor": 0.6}
+    material, model = the_material(
+        tmp_path, name="brass", pbrMetallicRoughness=pbr, doubleSided=True, emissiveFactor=[1, 0.5, 0],
+        alphaMode="MASK", alphaCutoff=0.3, **extended("KHR_materials_emissive_strength", emissiveStrength=8),
+    )  # fmt: skip
+    np.testing.assert_allclose(material.reflectance, [0.1, 0.2, 0.3])
+    assert (material.name, material.metallic, material.roughness) == ("brass", 0.5, 0.6)
+    assert (material.alpha, material.opacity, material.cutoff, material.two_sided) == ("mask", 0.4, 0.3, True)
+    np.testing.assert_allclose(model.shapes[0].emission, [8, 4, 0])
+    assert model.shapes[0].emission_two_sided
+
+
+def test_without_a_material_it_is_the_default_of_the_specification(tmp_path: Path) -> None:
+    file = Gltf()
+    file.node(mesh=file.mesh())
+    (material,) = read(file, tmp_path).materials
+    np.testing.assert_array_equal(material.reflectance, [1, 1, 1])
+    assert (material.metallic, material.roughness, material.two_sided, material.alpha) == (1, 1, False, "opaque")
+
+
+def test_layers_of_the_extensions(tmp_path: Path) -> None:
+    material, _ = the_material(
+        tmp_path,
+        extensions={
+            "KHR_materials_ior": {"ior": 1.7},
+            "KHR_materials_specular": {"specularFactor": 0.4, "specularColorFactor": [1, 2, 0]},
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.9, "clearcoatRoughnessFactor": 0.1},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": np.pi / 3},
+            "KHR_materials_transmission": {"transmissionFactor": 0.8},
+            "KHR_materials_volume": {
+                "thicknessFactor": 1,
+                "attenuationColor": [0.5, 1, 0.25],
+                "attenuationDistance": 2,
+            },
+        },
+    )
+    assert (material.ior, material.specular_weight, material.transmission) == (1.7, 0.4, 0.8)
+    np.testing.assert_allclose(material.specular_colour, [1, 2, 0])
+    assert (material.clearcoat, material.clearcoat_roughness, material.anisotropy) == (0.9, 0.1, 0.6)
+    assert material.anisotropy_angle == pytest.approx(60)
+    assert not material.thin
+    np.testing.assert_allclose(np.exp(-2 * material.attenuation), [0.5, 1, 0.25])  # Beer's law over the distance
+
+
+def test_a_pane_is_thin(tmp_path: Path) -> None:
+    extensions = {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": {}}
+    material, _ = the_material(tmp_path, extensions=extensions)
+    assert material.thin
+    np.testing.assert_array_equal(material.attenuation, [0, 0, 0])
+
+
+def test_specular_glossiness_reflects_its_colour_at_normal_incidence(tmp_path: Path) -> None:
+    factors = {"diffuseFactor": [0.2, 0.3, 0.4, 1], "specularFactor": [0.5, 0.04, 0], "glossinessFactor": 0.75}
+    material, _ = the_material(tmp_path, **extended("KHR_materials_pbrSpecularGlossiness", **factors))
+    f0 = ((material.ior - 1) / (material.ior + 1)) ** 2 * material.specular_colour
+    np.testing.assert_allclose(f0, [0.5, 0.04, 0])
+    np.testing.assert_allclose(material.reflectance, [0.2, 0.3, 0.4])
+    assert (material.roughness, material.metallic) == (0.25, 0)
+
+
+def test_an_index_of_zero_leaves_the_reflection_to_its_colour(tmp_path: Path) -> None:
+    extensions = {"KHR_materials_ior": {"ior": 0}, "KHR_materials_specular": {"specularColorFactor": [0.5, 1, 0]}}
+    material, _ = the_material(tmp_path, extensions=extensions)
+    np.testing.assert_allclose(0.04 * material.specular_colour, [0.5, 1, 0])
+
+
+def test_unlit_shows_its_colour_as_emission(tmp_path: Path) -> None:
+    file = Gltf()
+    texture = {"index": file.texture(FOUR)}
+    file.one_triangle(
+        pbrMetallicRoughness={"baseColorFactor": [0.1, 0.2, 0.3, 1], "baseColorTexture": texture},
+        **extended("KHR_materials_unlit"),
+    )
+    model = read(file, tmp_path)
+    (material,) = model.materials
+    assert material.unlit
+    np.testing.assert_array_equal(material.reflectance, 0)
+    np.testing.assert_allclose(model.shapes[0].emission, [0.1, 0.2, 0.3])
+    assert material.emission_texture is not None
+    assert material.texture is None
+
+
+def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
+    file = Gltf()
+    texture = {"index": file.texture(FOUR)}
+    for _ in range(2):
+        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_sheen", sheenRoughnessFactor=1))
+    file.json["extensionsUsed"] = ["KHR_materials_sheen", "ACME_glitter", "ACME_dust"]
+    notes = read(file, tmp_path).notes
+    assert sum("Occlusion" in note for note in notes) == 1
+    assert sum("KHR_materials_sheen" in note for note in notes) == 1
+    assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
+
+
+def test_open_meshes_without_backs_are_noted(tmp_path: Path) -> None:
+    for both, noted in ((True, 0), (False, 1)):
+        _, model = the_material(tmp_path, doubleSided=both)
+        assert sum("doubleSided" in note for note in model.notes) == noted
+
+
+def test_the_first_row_of_an_image_is_at_the_top_and_so_is_v_of_1(tmp_path: Path) -> None:
+    file = Gltf()
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": {"index": file.texture(FOUR)}})
+    model = read(file, tmp_path)
+    texture, slot = model.textures[0], model.materials[0].texture
+    assert slot is not None
+    mesh = model.shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    assert mesh.uv is not None
+    # Texture coordinates of the file (0, 0), (1, 0) and (0, 1): red's corner, green's, blue's.
+    inward = 0.9 * mesh.uv + 0.1 * np.array([0.5, 0.5])
+    found = [texel(texture, slot, uv).tolist() for uv in inward]
+    assert found == [[255, 0, 0], [0, 255, 0], [0, 0, 255]]
+    assert texture.srgb
+
+
+@pytest.mark.parametrize(
+    ("transform", "uv", "looked_up"),
+    [
+        ({"offset": [0.25, 0.5]}, (0.1, 0.2), (0.35, 0.7)),
+        ({"scale": [2, 3]}, (0.1, 0.2), (0.2, 0.6)),
+        # A quarter turn counter-clockwise, v downwards: from u's axis to -v's.
+        ({"rotation": np.pi / 2}, (0.5, 0), (0, -0.5)),
+        ({"rotation": np.pi / 2, "scale": [2, 1], "offset": [0.5, 0]}, (0.5, 0), (0.5, -1)),
+    ],
+)
+def test_texture_transforms_act_on_coordinates_as_the_file_has_them(
+    tmp_path: Path, transform: dict[str, Any], uv: tuple[float, float], looked_up: tuple[float, float]
+) -> None:
+    file = Gltf()
+    info = {
+        "index": file.texture(FOUR),
+        "texCoord": 1,
+        **extended("KHR_texture_transform", texCoord=0, **transform),
+    }
+    slot = read(file.one_triangle(normalTexture=info), tmp_path).materials[0].normal_texture
+    assert slot is not None
+    assert slot.uv_set == 0
+    u, v = slot.uv_transform @ [uv[0], 1 - uv[1], 1]
+    np.testing.assert_allclose((u, 1 - v), looked_up, atol=1e-12)
+
+
+def test_samplers_wrap_and_filter(tmp_path: Path) -> None:
+    file = Gltf()
+    number = file.texture(FOUR, wrapS=33071, wrapT=33648, magFilter=9728)
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": {"index": number}})
+    (texture,) = read(file, tmp_path).textures
+    assert (texture.wrap, texture.filter) == (("clamp", "mirror"), "nearest")
+
+
+def test_one_image_for_colour_and_for_numbers_is_two_textures_of_the_same_pixels(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR)}
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info, "metallicRoughnessTexture": info})
+    colour, numbers = read(file, tmp_path).textures
+    assert (colour.srgb, numbers.srgb) == (True, False)
+    assert colour.image is numbers.image
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"), [("PNG", {}), ("WEBP", {"lossless": True}), ("JPEG", {"quality": 95})]
+)
+def test_images_of_each_format(tmp_path: Path, kind: str, options: dict[str, Any]) -> None:
+    pixels = np.repeat(np.repeat(FOUR, 8, axis=0), 8, axis=1)
+    (tmp_path / "a b.img").write_bytes(encoded(pixels, kind, **options))
+    file = Gltf()
+    image = file.add("images", uri="a%20b.img")
+    fields: dict[str, Any] = extended("EXT_texture_webp", source=image) if kind == "WEBP" else {"source": image}
+    info = {"index": file.add("textures", **fields)}
+    found = read(file.one_triangle(emissiveTexture=info, emissiveFactor=[1, 1, 1]), tmp_path).textures[0].image
+    assert found.dtype == np.uint8
+    np.testing.assert_allclose(found[4::8, 4::8].astype(int), FOUR, atol=8 if kind == "JPEG" else 0)
+
+
+def test_alpha_is_kept_and_grey_becomes_three_alike(tmp_path: Path) -> None:
+    for pixels, channels in ((np.dstack([FOUR, FOUR[..., 0]]), 4), (FOUR[..., 0], 3)):
+        file = Gltf()
+        info = {"index": file.texture(pixels)}
+        (texture,) = read(file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info}), tmp_path).textures
+        assert texture.image.shape == (2, 2, channels)
+        np.testing.assert_array_equal(texture.image[..., -1], FOUR[..., 0])
+
+
+def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
+    file = Gltf()
+    stored = np.array([[0, 1000], [30000, 65535]], np.uint16)
+    info = {"index": file.texture(stored)}
+    (texture,) = read(file.one_triangle(normalTexture=info), tmp_path).textures
+    assert texture.image.dtype == np.float32
+    np.testing.assert_allclose(texture.image[..., 1], stored / 65535, rtol=1e-6)
+
+
+def test_ktx2_needs_a_library_or_a_plain_image(tmp_path: Path) -> None:
+    file = Gltf()
+    packed = file.add("images", uri="a.ktx2")
+    (tmp_path / "a.ktx2").write_bytes(
+        b"\xabKTX 20\xbb\r\n\x1a\n" + (0).to_bytes(8, "little") + b"\4\0\0\0" * 2 + bytes(60)
+    )
+    info = {"index": file.add("textures", **extended("KHR_texture_basisu", source=packed))}
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info})
+    with pytest.raises(SceneError, match=r"glpath\[gltf\]|cannot be decompressed"):
+        read(file, tmp_path)
+
+
+def test_a_texture_without_coordinates_is_noted_and_has_some(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR), "texCoord": 1}
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info})
+    model = read(file, tmp_path)
+    mesh = model.shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    assert mesh.uv1 is not None
+    assert any("without texture coordinates" in note for note in model.notes)
+
+
+def lamp(**fields: Any) -> Gltf:
+    file = Gltf()
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": [fields]}}
+    # A quarter turn about x: -z goes to +y.
+    half = np.sqrt(0.5)
+    file.node(rotation=[half, 0, 0, half], translation=[1, 2, 3], **extended("KHR_lights_punctual", light=0))
+    return file
+
+
+def test_candela_are_watts_per_steradian_and_lux_watts_per_square_metre(tmp_path: Path) -> None:
+    for kind in ("point", "directional", "spot"):
+        model = read(lamp(type=kind, intensity=10, color=[1, 0.5, 0]), tmp_path, light_factor=0.5)
+        (light,) = model.lights
+        assert (light.kind, light.falloff) == (kind, "quadratic")
+        np.testing.assert_allclose(light.intensity, [5, 2.5, 0])
+        if kind != "point":
+            np.testing.assert_allclose(light.direction, [0, 1, 0], atol=1e-12)
+        if kind != "directional":
+            np.testing.assert_allclose(light.position, [1, 2, 3])
+
+
+def test_spots_have_their_cone_in_degrees(tmp_path: Path) -> None:
+    (light,) = read(lamp(type="spot", spot={"innerConeAngle": 0.25, "outerConeAngle": 0.5}), tmp_path).lights
+    np.testing.assert_allclose(light.cone, np.degrees([0.25, 0.5]))
+    (light,) = read(lamp(type="spot"), tmp_path).lights
+    np.testing.assert_allclose(light.cone, (0, 45))
+
+
+def test_the_range_of_a_light_is_noted(tmp_path: Path) -> None:
+    assert any("range" in note for note in read(lamp(type="point", range=3), tmp_path).notes)
+
+
+def two_cameras() -> Gltf:
+    file = Gltf()
+    for name, fov in (("wide", 1.2), ("narrow", 0.3)):
+        number = file.add("cameras", type="perspective", perspective={"yfov": fov, "znear": 0.1, "aspectRatio": 2})
+        file.node(name=name, camera=number, translation=[0, 1, 5], scale=[3, 3, 3])
+    file.node(
+        camera=file.add("cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 1, "znear": 0})
+    )
+    return file
+
+
+def test_cameras_look_along_minus_z_with_y_up(tmp_path: Path) -> None:
+    model = read(two_cameras(), tmp_path)
+    first, second = model.cameras
+    assert model.camera is first
+    np.testing.assert_allclose(first.position, [0, 1, 5])
+    np.testing.assert_allclose(first.target, [0, 1, 4])
+    np.testing.assert_allclose(first.up, [0, 1, 0])
+    assert (first.fov, first.aspect) == (pytest.approx(np.degrees(1.2)), 2)
+    assert second.fov == pytest.approx(np.degrees(0.3))
+    assert any("Orthographic" in note for note in model.notes)
+
+
+def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
+    for wanted in ("narrow", 1):
+        camera = read(two_cameras(), tmp_path, camera=wanted).camera
+        assert camera is not None
+        assert camera.name == "narrow"
+    for wanted in ("other", 2, -1):
+        with pytest.raises(UsageError, match="narrow"):
+            read(two_cameras(), tmp_path, camera=wanted)

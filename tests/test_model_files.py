@@ -1,0 +1,448 @@
+"""Model files as scenes: glTF, OBJ with MTL, PLY, and trimesh's objects, with the materials that they bring."""
+
+from __future__ import annotations
+
+import random
+import warnings
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from models import FACES, MTL, gltf, obj
+from PIL import Image
+from typer.testing import CliRunner
+
+import glpath
+from glpath import load_scene
+from glpath.cli.main import app
+from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.image import decode_srgb
+from glpath.rendering.job import RenderJob
+from glpath.scene import Material, Scene, check_scene, scene_cameras, scene_parameters
+
+CAMERA_AND_LIGHT = {
+    "cameras": [
+        {"type": "perspective", "name": "Wide", "perspective": {"yfov": 0.5, "aspectRatio": 2.0, "znear": 0.1}},
+        {"type": "perspective", "name": "Tall", "perspective": {"yfov": 0.5, "aspectRatio": 0.5, "znear": 0.1}},
+    ],
+    "extensionsUsed": ["KHR_lights_punctual"],
+    "extensions": {
+        "KHR_lights_punctual": {
+            "lights": [{"type": "point", "name": "Lamp", "intensity": 6, "color": [1, 0.5, 0.25]}]
+        }
+    },
+    "nodes": [
+        {"mesh": 0},
+        {"camera": 0, "translation": [0, 0, 5], "name": "Wide"},
+        {"camera": 1, "translation": [1, 0, 5], "name": "Tall"},
+        {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 3, 0], "name": "Lamp"},
+    ],
+    "scenes": [{"nodes": [0, 1, 2, 3]}],
+}
+
+
+def quiet(given: object, **parameters: object) -> Scene:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return load_scene(given, parameters)  # type: ignore[arg-type]
+
+
+def said(path: Path) -> list[str]:
+    """The warnings of reading a file."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene(path)
+    assert all(each.category is SceneWarning for each in caught)
+    assert all(each.filename == __file__ for each in caught)  # they point at who loads
+    return [str(each.message) for each in caught]
+
+
+def same(one: Material, other: Material) -> bool:
+    """Two materials are alike but for their names."""
+    return all(
+        np.array_equal(getattr(one, each.name), getattr(other, each.name))
+        for each in fields(Material)
+        if each.name != "name"
+    )
+
+
+def test_gltf_and_obj_of_one_box_are_one_scene(tmp_path: Path) -> None:
+    one, other = quiet(gltf(tmp_path / "box.gltf")), quiet(obj(tmp_path / "box.obj"))
+    assert np.array_equal(one.triangles, other.triangles)
+    assert np.array_equal(one.triangle_shape, other.triangle_shape)
+    assert all(map(same, one.materials, other.materials))
+    assert [m.name for m in one.materials] == [m.name for m in other.materials] == ["Paint", "Gold"]
+    assert np.array_equal(one.camera.position, other.camera.position)
+    pictures = [glpath.render(each.with_camera(resolution=(24, 24)), spp=4).mean for each in (one, other)]
+    assert np.array_equal(*pictures)
+    assert pictures[0].max() > 0.1
+
+
+@pytest.mark.parametrize("suffix", [".gltf", ".obj"])
+def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) -> None:
+    path = (gltf if suffix == ".gltf" else obj)(tmp_path / f"box{suffix}")
+    (text,) = said(path)
+    assert text == (
+        f"{path}: has no camera, so one was set that sees everything: position [1.101, 0.881, 2.202], target "
+        "[0, 0, 0], fov 40, and no light, so a white sky shines from all around."
+    )
+    scene = quiet(path)
+    assert (scene.camera.resolution, scene.camera.up.tolist()) == ((512, 512), [0, 1, 0])
+    at, depth = scene.camera.project(scene.triangles)
+    assert (depth > 0).all()
+    assert ((at > 0) & (at < 512)).all()
+    assert scene.sky is not None
+    assert scene.sky.zenith.tolist() == scene.sky.horizon.tolist() == [1, 1, 1]
+    assert check_scene(scene) == []
+
+
+def test_the_camera_and_the_lights_of_a_file_are_used(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "a.gltf", **CAMERA_AND_LIGHT)
+    assert said(path) == []
+    scene = load_scene(path)
+    assert (scene.camera.resolution, scene.sky) == ((512, 256), None)
+    assert scene.camera.position.tolist() == [0, 0, 5]
+    (lamp,) = scene.lights
+    assert (lamp.kind, lamp.position.tolist(), lamp.intensity.tolist()) == ("point", [0, 3, 0], [6, 3, 1.5])
+
+
+@pytest.mark.parametrize("camera", ["Tall", "1", 1])
+def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object) -> None:
+    path = gltf(tmp_path / "a.gltf", **CAMERA_AND_LIGHT)
+    scene = load_scene(path, {"camera": camera, "light_factor": "0.5"})
+    assert scene.camera.resolution == (256, 512)
+    assert scene.lights[0].intensity.tolist() == [3, 1.5, 0.75]
+    assert scene_cameras(str(path)) == ("Wide", "Tall")
+    assert {key: default for key, (default, _) in scene_parameters(str(path)).items()} == {
+        "camera": "first",
+        "time": "rest",
+        "light_factor": 1.0,
+    }
+    job = RenderJob.of(path, parameters={"camera": camera}, spp=1)
+    assert RenderJob.from_json(job.to_json()) == job
+    assert job.scene.load().camera.position.tolist() == [1, 0, 5]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"kamera": 1}, "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, light_factor=1.0."),
+        ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
+        ({"light_factor": "bright"}, 'light_factor is "bright", but must be a number from 0'),
+        ({"camera": "Narrow"}, 'camera "Narrow" was asked for, but the file has 0 "Wide", 1 "Tall"'),
+        ({"time": "inf"}, "time is inf"),
+    ],
+)
+def test_wrong_parameters_say_what_is_allowed(tmp_path: Path, given: dict[str, object], message: str) -> None:
+    path = gltf(tmp_path / "a.gltf", **CAMERA_AND_LIGHT)
+    with pytest.raises((SceneError, UsageError)) as error:
+        load_scene(path, given)
+    assert message in str(error.value)
+
+
+def test_a_mesh_file_has_no_parameters(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"has no parameters, but was given time"):
+        quiet(obj(tmp_path / "box.obj"), time=1)
+
+
+def test_a_model_without_triangles_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"empty.gltf: has no triangles"):
+        load_scene(gltf(tmp_path / "empty.gltf", nodes=[{}]))
+
+
+def test_what_trimesh_reads_is_what_is_read_here(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "box.gltf")
+    ours, through = quiet(path), quiet(trimesh.load_scene(path))
+    assert len(through.materials) == 2
+    assert through.triangles.sum(axis=0) == pytest.approx(ours.triangles.sum(axis=0), abs=1e-6)
+    assert sorted(m.name for m in through.materials) == ["Gold", "Paint"]
+    by_name = {material.name: material for material in ours.materials}
+    for material in through.materials:
+        one, other = material, by_name[material.name]
+        assert np.allclose(one.reflectance, other.reflectance, atol=1 / 255)  # which it keeps in 8 bits
+        assert (one.roughness, one.metallic, one.two_sided) == (other.roughness, other.metallic, other.two_sided)
+
+
+# MTL.
+
+
+def surfaces(folder: Path, mtl: str, uv: bool = False) -> Scene:
+    return quiet(obj(folder / "box.obj", mtl, uv))
+
+
+def test_phong_becomes_microfacets(tmp_path: Path) -> None:
+    paint, gold = surfaces(
+        tmp_path,
+        "newmtl Paint\nKd 0.5\nKs 0.5\nNs 98\nillum 2\nnewmtl Gold\nKd 0 0 0\nKs 0.9 0.7 0.3\nNs 18",
+    ).materials
+    assert paint.roughness == pytest.approx((2 / 100) ** 0.25)  # alpha = sqrt(2 / (n + 2)), its square
+    assert np.allclose(paint.dielectric[0], 0.04)  # 0.5 is a dielectric of index 1.5
+    assert (gold.metallic, gold.reflectance.tolist()) == (1, [0.9, 0.7, 0.3])
+    plain, mirror = surfaces(
+        tmp_path,
+        "newmtl Paint\nKd 0.5\nKs 1 1 1\nNs 9\nillum 1\nnewmtl Gold\nKd 0.1\nKs 0.6 0.6 0.6\nNs 999\nillum 3",
+    ).materials
+    assert plain.roughness is None
+    assert plain.reflectance.tolist() == [0.5] * 3
+    assert np.allclose(mirror.dielectric[0], 0.6)
+
+
+def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
+    scene = surfaces(
+        tmp_path, "newmtl Paint\nillum 7\nNi 1.33\nTf 0.5 0.75 1\nnewmtl Gold\nKd 1 1 1\nd 0.25\nKe 1 2 3"
+    )
+    glass, film = scene.materials
+    assert (glass.transmission, glass.thin, glass.ior, glass.roughness) == (1, False, 1.33, 0)
+    assert glass.reflectance.tolist() == [0.5, 0.75, 1]
+    assert (film.opacity, film.alpha) == (0.25, "blend")
+    assert scene.shapes[1].emission.tolist() == [1, 2, 3]
+    assert scene.sky is None
+
+
+def test_textures_of_mtl(tmp_path: Path) -> None:
+    colours = np.arange(48, dtype=np.uint8).reshape(4, 4, 3) * 5
+    Image.fromarray(colours).save(tmp_path / "wood and oak.png")
+    Image.fromarray(colours[..., 0]).save(tmp_path / "grey.png")
+    Image.fromarray(colours[::2, ::2, 1]).save(tmp_path / "small.png")
+    mtl = (
+        "newmtl Paint\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on wood and oak.png\nmap_Bump -bm 0.5 wood and oak.png\n"
+        "newmtl Gold\nPr 0.5\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
+    )
+    path = obj(tmp_path / "box.obj", mtl, uv=True)
+    scene = quiet(path)
+    paint, gold = scene.materials
+    assert paint.texture is not None
+    assert paint.texture.uv_transform.tolist() == [[2, 0, 0.5], [0, 3, 0.25]]
+    wood = scene.textures[paint.texture.texture]
+    assert (wood.name, wood.srgb, wood.wrap) == ("wood and oak.png", True, ("clamp", "clamp"))
+    assert np.array_equal(wood.image, colours)
+    assert (paint.normal_scale, paint.reflectance.tolist()) == (0.5, [1, 1, 1])
+    assert paint.normal_texture is not None
+    assert not scene.textures[paint.normal_texture.texture].srgb
+    assert gold.surface_texture is not None
+    assert gold.texture is not None
+    channels = scene.textures[gold.surface_texture.texture].image
+    assert np.array_equal(channels[..., 1], colours[..., 0])
+    assert np.array_equal(scene.textures[gold.texture.texture].image[..., 3], colours[..., 0])
+    assert (gold.roughness, gold.metallic, gold.alpha, gold.normal_texture) == (0.5, 1, "blend", None)
+    assert scene.shapes[0].geometry.uv is not None
+    assert [text.partition(": ")[2] for text in said(path)][:-1] == [
+        "not used: Maps of heights (map_Bump); normal maps are used."
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("gone.png", "which does not exist"),
+        ("../outside.png", "which is outside the folder of the model"),
+        ("/etc/passwd", "which is outside the folder of the model"),
+        ("C:\\textures\\a.png", "which is outside the folder of the model"),
+        ("link.png", "which is outside the folder of the model"),
+        ("prose.png", "which cannot be read: UnidentifiedImageError"),
+        ("wide.png", "of 17,000 x 10 pixels, more than 16,384 a side"),
+        ("bomb.png", "which cannot be read: DecompressionBombError: "),
+    ],
+)
+def test_a_texture_that_cannot_be_had_is_told_and_the_colour_stands_alone(
+    tmp_path: Path, name: str, why: str
+) -> None:
+    folder = tmp_path / "model"
+    folder.mkdir()
+    Image.new("RGB", (2, 2)).save(tmp_path / "outside.png")
+    (folder / "link.png").symlink_to(tmp_path / "outside.png")
+    (folder / "prose.png").write_text("no picture")
+    Image.new("1", (17000, 10)).save(folder / "wide.png")
+    Image.new("1", (20000, 20000)).save(folder / "bomb.png")
+    mtl = f"newmtl Paint\nKd 0.5 0.25 0.125\nmap_Kd {name}\nnewmtl Gold\nmap_Kd {name}\n"
+    path = obj(folder / "box.obj", mtl, uv=True)
+    first, last = said(path)
+    assert first.startswith(f'{path}: not used: The texture "{name}", {why}')
+    assert "no camera" in last
+    assert quiet(path).materials[0].reflectance.tolist() == [0.5, 0.25, 0.125]
+    assert quiet(path).textures == ()
+
+
+def test_materials_that_are_missing_are_told(tmp_path: Path) -> None:
+    path = obj(tmp_path / "box.obj", "newmtl Paint\nKd 1 0 0\n")
+    assert said(path)[0] == f'{path}: not used: The material "Gold", which no file defines.'
+    (tmp_path / "box.mtl").unlink()
+    assert said(path)[0] == f'{path}: not used: The materials of "box.mtl", which does not exist.'
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[0.5] * 3]
+
+
+# Colours.
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property float s
+property float t
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0 255 0 0 0 0
+1 0 0 128 255 0 1 0
+1 1 0 0 0 255 1 1
+0 1 0 64 64 64 0 1
+3 0 1 2
+3 0 2 3
+"""
+
+
+def test_colours_of_a_ply_are_decoded_and_multiply_white(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    path.write_text(PLY)
+    (text,) = said(path)
+    assert "no camera" in text
+    scene = quiet(path)
+    (material,) = scene.materials
+    assert (material.reflectance.tolist(), material.alpha) == ([1, 1, 1], "opaque")
+    colours = scene.shapes[0].geometry.colours
+    assert np.allclose(colours[1], [*decode_srgb(np.array([128, 255, 0]) / 255), 1])
+    assert check_scene(scene) == []
+
+
+def test_a_texture_of_a_ply_goes_before_its_colours(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "a.png")
+    path = tmp_path / "a.ply"
+    path.write_text(PLY.replace("element vertex", "comment TextureFile a.png\nelement vertex"))
+    assert "Colours" in said(path)[0]
+    scene = quiet(path)
+    assert scene.materials[0].texture is not None
+    assert scene.shapes[0].geometry.colours is None
+    assert scene.shapes[0].geometry.uv is not None
+
+
+def test_colours_of_faces_and_colours_that_are_one(tmp_path: Path) -> None:
+    ball = trimesh.creation.box()
+    ball.visual.face_colors = [[255, 0, 0, 255]] * 6 + [[0, 0, 255, 128]] * 6
+    path = tmp_path / "a.ply"
+    ball.export(path)
+    scene = quiet(path)
+    colours = scene.shapes[0].geometry.colours
+    assert np.array_equal(colours[scene.shapes[0].geometry.faces[0]], [[1, 0, 0, 1]] * 3)
+    assert scene.materials[0].alpha == "blend"
+    ball.visual.face_colors = [255, 0, 0, 255]
+    ball.export(path)
+    scene = quiet(path)
+    assert scene.shapes[0].geometry.colours is None
+    assert scene.materials[0].reflectance.tolist() == [1, 0, 0]
+
+
+def test_colours_of_an_obj(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nf 1 2 3\n")
+    assert quiet(path).shapes[0].geometry.colours.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]]
+
+
+# trimesh's objects.
+
+
+def test_materials_of_trimesh_in_python() -> None:
+    picture = Image.fromarray(np.arange(12, dtype=np.uint8).reshape(2, 2, 3))
+    box = trimesh.creation.box()
+    uv = np.zeros((len(box.vertices), 2))
+    pbr = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 255, 255, 128],
+        baseColorTexture=picture,
+        metallicFactor=0.0,
+        roughnessFactor=0.25,
+        emissiveFactor=[1, 2, 3],
+        alphaMode="BLEND",
+        normalTexture=picture,
+    )
+    box.visual = trimesh.visual.TextureVisuals(uv=uv, material=pbr)
+    phong = trimesh.creation.box()
+    phong.visual = trimesh.visual.TextureVisuals(
+        uv=uv,
+        material=trimesh.visual.material.SimpleMaterial(image=picture, specular=[188, 188, 188], glossiness=98.0),
+    )
+    lamp = trimesh.scene.lighting.SpotLight(name="spot", color=[255, 0, 0], intensity=4.0)
+    world = trimesh.Scene({"box": box, "again": phong})
+    world.graph.update("spot", matrix=trimesh.transformations.translation_matrix([0, 0, 9]))
+    world.lights = [lamp]
+    scene = quiet(world)
+    by_name = {shape.name: shape for shape in scene.shapes}
+    one, other = (scene.materials[by_name[name].material] for name in ("box", "again"))
+    assert (one.roughness, one.metallic, one.alpha, one.two_sided) == (0.25, 0, "blend", False)
+    assert one.opacity == pytest.approx(128 / 255)
+    assert set(one.slots) == {"texture", "normal_texture"}
+    assert by_name["box"].emission.tolist() == [1, 2, 3]
+    assert other.roughness == pytest.approx((2 / 100) ** 0.25)
+    assert other.texture is not None
+    assert one.texture is not None
+    assert other.texture.texture == one.texture.texture  # one picture, kept once
+    assert np.array_equal(scene.textures[0].image, np.asarray(picture))
+    (spot,) = scene.lights
+    assert (spot.kind, spot.direction.tolist(), spot.intensity.tolist()) == ("spot", [0, 0, -1], [4, 0, 0])
+    assert spot.position.tolist() == [0, 0, 9]
+
+
+def test_a_mesh_of_trimesh_brings_its_textures_into_a_scene_that_has_some() -> None:
+    box = trimesh.creation.box()
+    material = trimesh.visual.material.SimpleMaterial(image=Image.new("RGB", (2, 2)))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    grown = load_scene("three-spheres").add(box)
+    assert len(load_scene("three-spheres").textures) > 0
+    slot = grown.materials[grown.shapes[-1].material].texture
+    assert slot is not None
+    assert slot.texture == len(grown.textures) - 1
+
+
+# The command line.
+
+
+def test_the_command_line_renders_models(tmp_path: Path) -> None:
+    for path in (gltf(tmp_path / "box.gltf"), obj(tmp_path / "box.obj")):
+        out = tmp_path / f"{path.name}.png"
+        command = ["render", str(path), "-o", str(out), "--spp", "2", "--resolution", "24x16"]
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+        assert done.output.count("has no camera") == 1
+        with Image.open(out) as picture:
+            assert picture.size == (24, 16)
+            assert np.ptp(np.asarray(picture)) > 50
+
+
+def test_info_lists_parameters_and_cameras(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "a.gltf", **CAMERA_AND_LIGHT)
+    told = CliRunner().invoke(app, ["info", str(path), "-D", "camera=1"])
+    assert told.exit_code == 0, told.output
+    assert "cameras: 0 Wide, 1 Tall" in told.output
+    assert "light_factor" in told.output
+    assert "256 x 512" in told.output
+    assert CliRunner().invoke(app, ["validate", str(path)]).output.startswith("ok")
+
+
+# Strangers' files.
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_damaged_mtl_never_keeps_the_model_from_being_read(tmp_path: Path, seed: int) -> None:
+    draw = random.Random(seed)
+    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    whole = (
+        MTL + "map_Kd -s 2 2 -o 1 1 a.png\nmap_d a.png\nKe 1 1 1\nillum 7\nd 0.5\nTf 1 1 1\nKs 1 1 1\n"
+    ).encode()
+    path = obj(tmp_path / "box.obj", uv=True)
+    for _ in range(60):
+        damaged = bytearray(whole[: draw.randrange(len(whole))] if draw.random() < 0.3 else whole)
+        for _ in range(draw.randrange(8) if damaged else 0):
+            damaged[draw.randrange(len(damaged))] = draw.randrange(256)
+        (tmp_path / "box.mtl").write_bytes(damaged)
+        scene = quiet(path)
+        assert len(scene.triangles) == len(FACES)
+        for material in scene.materials:
+            assert ((material.reflectance >= 0) & (material.reflectance <= 1)).all()
+            assert 0 <= material.opacity <= 1
+            assert material.ior >= 1
+        assert all(np.isfinite(shape.emission).all() for shape in scene.shapes)

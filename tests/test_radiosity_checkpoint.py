@@ -1,0 +1,134 @@
+"""A solver that is killed goes on where its checkpoint is, to the same bits."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import glpath
+from glpath import RadiositySolution, files, solve_radiosity
+from glpath.cli.main import app
+from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+
+BOX = "cornell-box-36"
+METHODS: list[dict[str, Any]] = [
+    {"method": "progressive", "patches": 60, "receiver_points": 1},
+    {"method": "progressive", "patches": 60, "receiver_points": 1, "adaptive": 2, "overshoot": True},
+    {"method": "monte-carlo", "patches": 60, "particles": 10 << 14},
+]
+
+
+class KilledError(Exception):
+    """The process ends here."""
+
+
+def same(ours: RadiositySolution, theirs: RadiositySolution) -> bool:
+    return np.array_equal(ours.elements, theirs.elements) and np.array_equal(ours.vertices, theirs.vertices)
+
+
+def killed_at(step: int, checkpoint: SolverCheckpoint, options: dict[str, Any]) -> None:
+    """Solve until so many reports were made, as far as the file says."""
+    reports = []
+
+    def kill(progress: glpath.RadiosityProgress) -> None:
+        reports.append(progress)
+        if len(reports) == step:
+            raise KilledError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("glpath.radiosity.solvers.solve._REPORT_INTERVAL", 0.0)
+        with pytest.raises(KilledError):
+            solve_radiosity(BOX, on_progress=kill, checkpoint=checkpoint, **options)
+
+
+@pytest.mark.parametrize("options", METHODS)
+def test_a_solution_that_is_gone_on_with_has_the_bits_of_one_go(options: dict[str, Any], tmp_path: Path) -> None:
+    whole = solve_radiosity(BOX, **options)
+    path = tmp_path / "s.checkpoint.npz"
+    steps = whole.statistics.get("steps", 10)
+    for step in (2, 5, steps // 2) if options["method"] == "progressive" else (1, 2):
+        killed_at(step, SolverCheckpoint(path, seconds=0.0), options)
+    assert path.exists()
+    again = solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **options)
+    assert same(again, whole)
+    for name in ("steps", "particles", "hits"):
+        assert again.statistics.get(name) == whole.statistics.get(name)
+
+
+def test_it_goes_on_between_two_splits(tmp_path: Path) -> None:
+    options = METHODS[1]
+    whole = solve_radiosity(BOX, **options)
+    path = tmp_path / "s.checkpoint.npz"
+    before = len(whole.divisions)
+    killed_at(whole.statistics["steps"] - 2, SolverCheckpoint(path, seconds=0.0), options)
+    with np.load(path) as stored:
+        assert len(stored["split_sizes"]) > 0, "it was killed after elements were split"
+    assert same(solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **options), whole)
+    assert before == len(whole.divisions)
+
+
+def test_a_checkpoint_of_another_solution_is_refused_with_all_that_differs(tmp_path: Path) -> None:
+    path = tmp_path / "s.checkpoint.npz"
+    killed_at(2, SolverCheckpoint(path, seconds=0.0), METHODS[2])
+    with pytest.raises(glpath.UsageError) as caught:
+        solve_radiosity("cornell-box", method="monte-carlo", patches=60, seed=3, checkpoint=SolverCheckpoint(path))
+    for words in ("scene is ", "settings.seed is 0 in it, 3 is asked for", "settings.particles is 163840"):
+        assert words in str(caught.value)
+    path.write_bytes(b"no checkpoint")
+    with pytest.raises(glpath.ImageError, match="cannot be read as a checkpoint"):
+        solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **METHODS[2])
+    with pytest.raises(glpath.UsageError, match="nothing to keep"):
+        solve_radiosity(BOX, method="matrix", checkpoint=SolverCheckpoint(path))
+
+
+def test_a_full_disk_is_told_once_and_solving_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files.os, "replace", full)
+    checkpoint = SolverCheckpoint(tmp_path / "s.npz", seconds=0.0)
+    solution = solve_radiosity(BOX, checkpoint=checkpoint, **METHODS[0])
+    assert solution.elements.max() > 0
+    assert "No space left" in str(checkpoint.failure)
+    assert sum("solving goes on" in record.getMessage() for record in caplog.records) == 1
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["radiosity", BOX, *map(str, arguments)])
+
+
+def test_the_command_goes_on_after_a_scheduler_s_signal(tmp_path: Path) -> None:
+    out, options = tmp_path / "s.npz", ["--method", "monte-carlo", "--patches", "60", "--particles"]
+    command = [sys.executable, "-m", "glpath", "radiosity", BOX, "-o", str(out), *options, str(60_000 << 14)]
+    command += ["--checkpoint", "1s", "--resume", "--progress", "json"]
+    checkpoint = tmp_path / "s.checkpoint.npz"
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        until = time.monotonic() + 60
+        while not checkpoint.exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        told = process.stderr.read()
+    assert process.returncode == 75, told
+    assert f"{checkpoint} is what --resume goes on with" in told
+    assert os.listdir(tmp_path) == [checkpoint.name]
+    refused = run("-o", out, *options, 60_000 << 14, "--checkpoint", "1s")
+    assert (refused.exit_code, "--resume goes on with it" in refused.stderr) == (2, True)
+
+
+def test_the_checkpoint_is_removed_when_all_is_done(tmp_path: Path) -> None:
+    done = run("-o", tmp_path / "s.npz", "--patches", 60, "--receiver-points", 1, "--checkpoint", "0.001s", "-q")
+    assert done.exit_code == 0, done.output
+    assert os.listdir(tmp_path) == ["s.npz"]

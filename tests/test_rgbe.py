@@ -1,0 +1,133 @@
+"""Radiance's pictures: every way of writing lines, orders of rows and columns, and files that are damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from glpath.errors import ImageError
+from glpath.image import read_image
+from glpath.rgbe import read_rgbe
+
+HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n"
+
+
+def pixels(height: int = 5, width: int = 40) -> NDArray[np.uint8]:
+    """Noise, and runs of all lengths."""
+    rng = np.random.default_rng(height * width)
+    noise = rng.integers(0, 256, (height, width, 4), np.uint8)
+    held = np.repeat(noise, rng.integers(1, 300, width), axis=1)[:, :width]
+    return np.where(rng.random((height, 1, 4)) < 0.5, noise, held)
+
+
+def colours(rgbe: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """By the definition, pixel by pixel."""
+    found = np.zeros((*rgbe.shape[:2], 3))
+    for at in np.ndindex(rgbe.shape[:2]):
+        *mantissas, exponent = (int(x) for x in rgbe[at])
+        if exponent:
+            found[at] = [m / 256 * 2.0 ** (exponent - 128) for m in mantissas]
+    return found
+
+
+def run_lengths(rgbe: NDArray[np.uint8]) -> bytes:
+    """Each line channel by channel, in runs of one value or of several [Radiance's color.c]."""
+    out = bytearray()
+    for line in rgbe:
+        out += bytes([2, 2, len(line) >> 8, len(line) & 255])
+        for channel in line.T:
+            at = 0
+            while at < len(channel):
+                same = 1
+                while same < 127 and at + same < len(channel) and channel[at + same] == channel[at]:
+                    same += 1
+                if same > 2:
+                    out += bytes([128 + same, channel[at]])
+                    at += same
+                    continue
+                several = channel[at : at + 128]
+                equal = np.flatnonzero((several[2:] == several[1:-1]) & (several[1:-1] == several[:-2]))
+                several = several[: max(1, int(equal[0]))] if len(equal) else several
+                out += bytes([len(several), *several])
+                at += len(several)
+    return bytes(out)
+
+
+def repeats(rgbe: NDArray[np.uint8]) -> bytes:
+    """Whole pixels, equal ones counted by (1, 1, 1, n), in bytes from the lowest on."""
+    out = bytearray()
+    for line in rgbe:
+        at = 0
+        while at < len(line):
+            same = 1
+            while at + same < len(line) and np.array_equal(line[at + same], line[at]):
+                same += 1
+            out += bytes(line[at])
+            count = same - 1
+            while count:
+                out += bytes([1, 1, 1, count & 255])
+                count >>= 8
+            at += same
+    return bytes(out)
+
+
+@pytest.mark.parametrize("write", [np.ndarray.tobytes, run_lengths, repeats])
+@pytest.mark.parametrize("size", [(1, 1), (3, 7), (4, 8), (5, 40), (2, 1000)])
+def test_every_way_of_writing_lines_is_read(tmp_path: Path, write, size: tuple[int, int]) -> None:
+    rgbe = pixels(*size)
+    rgbe[(rgbe[..., :3] == 1).all(axis=2) | (rgbe[..., :2] == 2).all(axis=2)] = 7  # mean something else
+    if write is run_lengths and size[1] < 8:
+        pytest.skip("such lines are not encoded")
+    path = tmp_path / "a.hdr"
+    path.write_bytes(HEAD + b"\n-Y %d +X %d\n" % size + write(rgbe))
+    assert np.array_equal(read_image(path), colours(rgbe).astype(np.float32))
+
+
+def test_one_is_one_and_a_dark_exponent_is_black(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdr"
+    path.write_bytes(HEAD + b"\n-Y 1 +X 3\n" + bytes([128, 64, 0, 129, 255, 255, 255, 0, 200, 0, 0, 140]))
+    np.testing.assert_array_equal(read_rgbe(path), [[[1, 0.5, 0], [0, 0, 0], [3200, 0, 0]]])
+
+
+@pytest.mark.parametrize(("order", "turned"), [(b"-Y 5 -X 40", np.s_[:, ::-1]), (b"+Y 5 +X 40", np.s_[::-1])])
+def test_rows_and_columns_go_as_the_header_says(tmp_path: Path, order: bytes, turned) -> None:
+    rgbe = pixels()
+    (tmp_path / "a.hdr").write_bytes(HEAD + b"\n" + order + b"\n" + run_lengths(rgbe))
+    assert np.array_equal(read_rgbe(tmp_path / "a.hdr"), colours(rgbe)[turned].astype(np.float32))
+
+
+def test_the_exposures_of_the_header_are_undone(tmp_path: Path) -> None:
+    rgbe = pixels()
+    text = HEAD + b"EXPOSURE=4\nEXPOSURE= 0.5\n\n-Y 5 +X 40\n"
+    (tmp_path / "a.hdr").write_bytes(text + run_lengths(rgbe))
+    np.testing.assert_allclose(read_rgbe(tmp_path / "a.hdr"), colours(rgbe) / 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"P6 3 4", "does not begin with #[?]RADIANCE"),
+        (HEAD.replace(b"rgbe", b"xyze") + b"\n-Y 1 +X 1\n" + bytes(4), "FORMAT is 32-bit_rle_xyze"),
+        (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + bytes(4), "EXPOSURE is 0"),
+        (HEAD + b"EXPOSURE=bright\n\n-Y 1 +X 1\n" + bytes(4), "could not convert"),
+        (HEAD + b"\n+X 4 -Y 3\n" + bytes(48), "size is '[+]X 4 -Y 3'"),
+        (HEAD + b"\n-Y 0 +X 1\n", "1 x 0 pixels"),
+        (HEAD + b"\n-Y 99999999 +X 99999999\n" + bytes(99), "unfold"),
+        (HEAD + b"x" * 100_000, "no end|size is"),
+        (HEAD + b"\n-Y 5 +X 40\n" + bytes(4 * 5 * 40 - 1), "cut off"),
+        (HEAD + b"\n-Y 5 +X 40\n" + run_lengths(pixels())[:-1], "cut off"),
+        (HEAD + b"\n-Y 5 +X 40\n" + run_lengths(pixels())[:300], "cut off"),
+        (HEAD + b"\n-Y 1 +X 40\n" + bytes([2, 2, 0, 41, 168, 1]), "41 pixels long, expected 40"),
+        (HEAD + b"\n-Y 1 +X 40\n" + bytes([2, 2, 0, 40, 169, 1, 0, 0]), "beyond its line"),
+        (HEAD + b"\n-Y 1 +X 40\n" + bytes([2, 2, 0, 40, 0, 1]), "no length"),
+        (HEAD + b"\n-Y 1 +X 9\n" + bytes([9, 9, 9, 9, 1, 1, 1, 9]), "beyond its line"),
+        (HEAD + b"\n-Y 1 +X 9\n" + bytes([1, 1, 1, 9]), "repeats nothing"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, content: bytes, expected: str) -> None:
+    (tmp_path / "a.hdr").write_bytes(content)
+    with pytest.raises(ImageError, match=rf"a.hdr: cannot be read as .hdr: .*({expected})"):
+        read_image(tmp_path / "a.hdr")

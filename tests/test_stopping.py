@@ -1,0 +1,183 @@
+"""Stop rules: a render ends by time or by noise with the bits of one of so many path sets, and says so honestly."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from killing import SMALL
+from typer.testing import CliRunner, Result
+
+import glpath
+from glpath.compare import relative_mse
+from glpath.film import BATCHES, BLOCK, Film, FilmMetadata
+from glpath.noise import error_bound
+from glpath.rendering.stopping import StopRules, looks_at_noise
+
+BOX = "cornell-box-36"
+TINY: dict[str, Any] = {"resolution": (20, 16), "max_depth": 2}
+
+
+def render(*arguments: object) -> Result:
+    return CliRunner().invoke(glpath_app(), ["render", *map(str, (*SMALL, *arguments))])
+
+
+def glpath_app() -> Any:
+    from glpath.cli.main import app
+
+    return app
+
+
+@pytest.mark.parametrize("options", [{}, {"directions": "pair", "sampling": "random"}])
+def test_by_noise_it_has_the_bits_of_as_many_path_sets(options: dict[str, Any]) -> None:
+    film = glpath.render(BOX, noise=0.1, **TINY, **options)
+    m = film.metadata
+    assert m.stop_rule == "noise"
+    assert m.error_bound == film.error_bound()
+    assert m.error_bound is not None
+    assert m.error_bound <= 0.1
+    assert looks_at_noise(film.path_sets)
+    whole = glpath.render(BOX, spp=film.path_sets, **TINY, **options)
+    assert np.array_equal(film.radiance_sums, whole.radiance_sums)
+    assert whole.metadata.stop_rule == "spp"
+    assert whole.metadata.error_bound is None
+    assert glpath.render(BOX, noise=0.1, **TINY, **options).path_sets == film.path_sets
+
+
+def test_gone_on_with_it_ends_where_one_go_ends() -> None:
+    whole = glpath.render(BOX, noise=0.08, **TINY)
+    begun = glpath.render(BOX, spp=13, **TINY)
+    film = glpath.render(BOX, noise=0.08, film=begun, **TINY)
+    assert np.array_equal(film.radiance_sums, whole.radiance_sums)
+    again = glpath.render(BOX, noise=0.08, film=film, **TINY)
+    assert (again.path_sets, again.metadata.stop_rule) == (whole.path_sets, "noise")
+
+
+def test_by_time_it_has_the_bits_of_as_many_path_sets() -> None:
+    film = glpath.render(BOX, time_limit=0.5, **TINY)
+    m = film.metadata
+    assert m.stop_rule == "time limit"
+    assert 0.5 <= m.elapsed_s < 20
+    whole = glpath.render(BOX, spp=film.path_sets, **TINY)
+    assert np.array_equal(film.radiance_sums, whole.radiance_sums)
+    # The time before counts.
+    again = glpath.render(BOX, time_limit=0.5, film=film, **TINY)
+    assert again.path_sets == whole.path_sets
+
+
+def test_whichever_comes_first() -> None:
+    assert glpath.render(BOX, time_limit=1e-6, noise=1e-9, spp=64, **TINY).path_sets >= 1
+    for rules, ended in (
+        ({"time_limit": 1e-6, "noise": 1e-9}, "time limit"),
+        ({"time_limit": 1e6, "noise": 1e-9}, "spp"),
+        ({"time_limit": 1e6, "noise": 10.0}, "noise"),
+    ):
+        film = glpath.render(BOX, spp=64, **rules, **TINY)
+        assert film.metadata.stop_rule == ended
+    assert film.path_sets == 4 * BLOCK, "the first count that is looked at"
+
+
+def test_the_total_that_is_told_is_what_the_rules_let_expect() -> None:
+    seen: list[glpath.Progress] = []
+    film = glpath.render(BOX, time_limit=1.5, on_progress=seen.append, **TINY)
+    assert (seen[-1].done, seen[-1].total) == (film.path_sets, film.path_sets)
+    assert all(progress.total < 10**6 for progress in seen if progress.done)
+    assert all(progress.done < progress.total for progress in seen[:-1])
+
+
+def test_looks_are_few_and_follow_from_the_count_alone() -> None:
+    looks = [n for n in range(BLOCK, 20_000, BLOCK) if looks_at_noise(n)]
+    assert looks[:5] == [32, 40, 48, 56, 64]
+    assert all(b - a <= max(BLOCK, a / 7) for a, b in pairwise(looks))
+    assert len(looks) < 100
+
+
+@pytest.mark.parametrize(
+    "rules", [{"time_limit": 0}, {"time_limit": -1.0}, {"noise": 0.0}, {"noise": float("nan")}]
+)
+def test_rules_that_cannot_be_are_refused(rules: dict[str, float]) -> None:
+    with pytest.raises(glpath.UsageError, match="a number above 0 is needed"):
+        StopRules(**rules)
+
+
+def test_the_command_line_says_what_ended_it_and_how_good_it_is(tmp_path: Path) -> None:
+    result = render("-o", tmp_path / "a.npz", "--noise", "0.1", "--stats", tmp_path / "s.json")
+    assert result.exit_code == 0, result.stderr
+    film = Film.load(tmp_path / "a.npz")
+    assert film.metadata.stop_rule == "noise"
+    assert "at 95 % confidence it is below " in result.stderr
+    assert "; ended by --noise" in result.stderr
+    stats = json.loads((tmp_path / "s.json").read_text())
+    assert (stats["stop_rule"], stats["error_bound"]) == ("noise", film.metadata.error_bound)
+    result = render("-o", tmp_path / "b.npz", "--time-limit", "0.3s", "--progress", "json")
+    done = json.loads(result.stderr.splitlines()[-1])
+    assert (done["event"], done["stop_rule"]) == ("done", "time limit")
+
+
+# How honest the bound is.
+
+
+def synthetic(seed: int, independent: int, pixels: int = 300) -> tuple[float, float]:
+    """The error of an image of path sets of known mean, and the bound; so many independent errors in it."""
+    random = np.random.default_rng(seed)
+    mean = random.uniform(0.5, 1.5, pixels)
+    spread = random.normal(0, 0.3, (BATCHES * BLOCK, independent)) @ random.normal(0, 1, (independent, pixels))
+    values = mean + spread / independent**0.5
+    sums = values.reshape(BATCHES, BLOCK, pixels).sum(axis=1).reshape(BATCHES, 10, pixels // 30, 3)
+    error = values.mean(axis=0) - mean
+    true = float(np.sqrt(np.mean(error**2 / (mean**2 + 0.01))))
+    return true, error_bound(sums, np.full(BATCHES, BLOCK), 0.95)
+
+
+@pytest.mark.parametrize("independent", [1, 4, 300])
+def test_the_bound_holds_whether_pixels_err_together_or_not(independent: int) -> None:
+    found = np.array([synthetic(seed, independent) for seed in range(300)])
+    within = (found[:, 0] <= found[:, 1]).mean()
+    assert within >= 0.93
+    # It is no wider than it has to be: one error alone is known to a factor, many are known well.
+    assert np.median(found[:, 1] / found[:, 0]) < {1: 6, 4: 2.5, 300: 1.3}[independent]
+
+
+def test_a_film_of_few_batches_has_no_bound_and_a_black_one_no_error() -> None:
+    film = Film.empty(FilmMetadata("black", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    for i in range(4):
+        assert film.error_bound() is None
+        film.add(8 * i, 8 * i + 8, np.zeros((4, 6, 3)))
+    assert film.error_bound() == 0
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(
+    ("options", "noise"),
+    [
+        ({"sampling": "sobol"}, 0.06),
+        ({"sampling": "random"}, 0.06),
+        ({"sampling": "sobol", "directions": "pair"}, 0.08),
+        ({"sampling": "random", "directions": "pair"}, 0.08),
+        ({"integrator": "gather"}, 0.04),
+    ],
+)
+def test_in_95_of_100_renders_the_error_is_below_the_noise_asked_for(options: dict[str, Any], noise: float) -> None:
+    reference = glpath.render(BOX, spp=8192, seed=999, **TINY, **options)
+    off = reference.relative_error() or 0.0
+    below_noise = below_bound = 0
+    counts = []
+    for seed in range(100):
+        film = glpath.render(BOX, noise=noise, seed=seed, **TINY, **options)
+        error = relative_mse(film.mean, reference.mean) ** 0.5
+        bound = film.metadata.error_bound
+        assert bound is not None
+        below_noise += error <= noise
+        below_bound += error <= bound
+        counts.append(film.path_sets)
+    print(
+        f"\n{options}: below {noise} in {below_noise} of 100 renders, below the bound in {below_bound}; "
+        f"{min(counts)} to {max(counts)} path sets; the reference is off by {off:.2g}"
+    )
+    assert off < noise / 5
+    # Of 100, 95 have a standard deviation of two.
+    assert min(below_noise, below_bound) >= 93

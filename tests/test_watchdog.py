@@ -1,0 +1,93 @@
+"""A driver that never returns is noticed from outside, and the process ended with word of what is left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from glpath.film import Film
+from glpath.heartbeat import heartbeat
+from glpath.jobs.watchdog import Watchdog
+
+# Holds Python's lock while it sleeps, as a driver does that hangs: no thread of this process can do anything.
+HANGING = """
+import ctypes, sys, time
+from glpath.jobs.watchdog import Watchdog
+from glpath.heartbeat import heartbeat
+
+def hang_in_the_driver():
+    ctypes.PyDLL(None).sleep(60)
+
+with Watchdog(1.0, "The last checkpoint is a.npz."):
+    until = time.monotonic() + float(sys.argv[1])
+    while time.monotonic() < until:
+        heartbeat.beat()
+        time.sleep(0.05)
+    print("done", flush=True)
+    if sys.argv[2] == "hang":
+        hang_in_the_driver()
+"""
+
+
+def test_what_hangs_in_a_call_is_ended_and_says_where() -> None:
+    started = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-c", HANGING, "2.5", "hang"], capture_output=True, text=True, timeout=50
+    )
+    assert time.monotonic() - started < 30
+    assert (done.returncode, done.stdout) == (-signal.SIGABRT, "done\n"), done.stderr
+    assert "glpath: error: nothing was done for 1 s: the device or its driver hangs" in done.stderr
+    assert "The last checkpoint is a.npz." in done.stderr
+    assert "in hang_in_the_driver" in done.stderr
+
+
+def test_what_works_or_was_suspended_is_left_alone() -> None:
+    command = [sys.executable, "-c", HANGING, "3", "go on"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        time.sleep(0.7)
+        os.killpg(process.pid, signal.SIGSTOP)  # Ctrl-Z
+        time.sleep(2.5)
+        os.killpg(process.pid, signal.SIGCONT)
+        assert process.communicate(timeout=30)[0] == "done\n"
+    assert process.returncode == 0
+
+
+def test_the_watcher_ends_with_the_block() -> None:
+    with Watchdog(60.0, "") as watching:
+        process = watching._process
+        assert process is not None
+        assert process.poll() is None
+        heartbeat.beat()
+    assert process.poll() == 0
+    assert heartbeat.listener is None
+
+
+# A render of which no path set ends after the eighth.
+STUCK = """
+import ctypes
+from glpath.cli.main import run
+from glpath.rendering import loop
+
+step = loop._step
+def stuck(engine, context, tiles, film, *more):
+    if film.path_sets >= 8:
+        ctypes.PyDLL(None).sleep(60)
+    return step(engine, context, tiles, film, *more)
+loop._step = stuck
+run()
+"""
+
+
+def test_a_render_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    options = ["--spp", "64", "--resolution", "16x16", "--max-depth", "1", "--checkpoint", "1i"]
+    command = [sys.executable, "-c", STUCK, "render", "cornell-box-36", "-o", str(out), *options]
+    done = subprocess.run([*command, "--hang-limit", "2s"], capture_output=True, text=True, timeout=100)
+    assert done.returncode == -signal.SIGABRT, done.stderr
+    assert f"The last checkpoint is {out}, where one was written; --resume goes on with it." in done.stderr
+    assert "in stuck" in done.stderr
+    assert Film.load(out).path_sets == 8
