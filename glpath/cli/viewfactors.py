@@ -43,9 +43,13 @@ def register(app: typer.Typer) -> None:
 def viewfactors(
     scene: SceneArgument,
     out: Annotated[
-        Path,
+        list[Path],
         typer.Option(
-            "-o", "--out", metavar="FILE", help="Where the matrix goes: .npz (scipy), .csv, .inp (uDALES)."
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Where the matrix goes: .npz (scipy), .csv, or uDALES's vfsparse.inp.001 and svf.inp.001; may be "
+            "repeated.",
         ),
     ],
     groups: Annotated[
@@ -69,7 +73,8 @@ def viewfactors(
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Keep rows that are done in FILE.part, and go on from there when it is interrupted."
+            "--resume",
+            help="Keep rows that are done in FILE.part (of the first), and go on from there if interrupted.",
         ),
     ] = False,
     parameters: Parameters = None,
@@ -81,9 +86,11 @@ def viewfactors(
     Row i, column j is the share of what leaves face i that arrives at face j; what a row lacks of 1 goes past all
     faces, to the sky. Closed forms where nothing stands between two faces, exact visibility from points elsewhere.
     """
-    from glpath.radiosity.view_factors.result import check_suffix
+    from glpath.radiosity.view_factors.faces import geometry_alone
+    from glpath.radiosity.view_factors.result import file_kind
 
-    check_suffix(out)
+    for path in out:
+        file_kind(path)
     check_choice("--progress", progress, MODES)
     check_choice("--groups", groups, _GROUPS)
     wanted = [] if enforce is None else enforce.split(",")
@@ -91,11 +98,13 @@ def viewfactors(
         check_choice("--enforce", word, _PROPERTIES)
     if not 1e-7 <= error <= 0.1:
         raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
-    if resume and is_stream(out):
-        raise UsageError(f"--resume: {out} is no file that a second one could stand beside.", "Name a file.")
-    loaded = read_scene(scene, parameters)
-    check_writable(out)
-    part = out.with_name(out.name + ".part") if resume else None
+    if resume and is_stream(out[0]):
+        raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
+    with geometry_alone():
+        loaded = read_scene(scene, parameters)
+    for path in out:
+        check_writable(path)
+    part = out[0].with_name(out[0].name + ".part") if resume else None
     mode = "none" if quiet and progress == "auto" else progress
 
     def compute() -> ViewFactors:
@@ -108,13 +117,15 @@ def viewfactors(
             )
 
     found = result_of(compute)
-    _, failure = save_all({out: found.save}, {"viewfactors.npz": found.save}, "The matrix is kept in {}.")
+    rescue = {"viewfactors.npz": found.save}
+    _, failure = save_all(dict.fromkeys(out, found.save), rescue, "The matrix is kept in {}.")
     if failure is not None:
         raise failure
     if not quiet and progress != "json":
         for line in _summary(found):
             say(line, err=True)
-        say(f"wrote {out}", err=True)
+        for path in out:
+            say(f"wrote {path}", err=True)
 
 
 def _summary(found: ViewFactors) -> Iterator[str]:

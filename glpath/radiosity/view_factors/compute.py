@@ -33,7 +33,7 @@ from glpath.radiosity.view_factors.rows import COUNT_NAMES, Work, exchange_rows
 Int64 = NDArray[np.int64]
 Property = Literal["reciprocity", "closure"]
 
-#: Rows of a task: few, so that all cores end together and an interruption waits for little.
+#: Rows of a task, at most: few, so that all cores end together and an interruption waits for little.
 _TASK = 32
 #: Seconds between two reports, and between two files of what is done; these take at most this share of the time.
 _REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
@@ -100,7 +100,7 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.3 sqrt(F) of it; rows of
+    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.2 sqrt(F) of it; rows of
                   closed rooms are mostly ten times better
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
@@ -160,6 +160,7 @@ class _Run:
         self.started = time.perf_counter()
         self.reported = -math.inf
         self.parts: list[_Part] = []
+        self.task = _TASK
         self.bytes = 0
 
     def compiling(self, text: str) -> None:
@@ -169,14 +170,15 @@ class _Run:
         self._report("preparing", 0, 0, True)
         where = Geometry.of(faces)
         total = len(where.facets.sides)
-        key = json.dumps([_FORMAT, faces.digest, self.error, _TASK])
-        tasks = np.arange(-(-total // _TASK))
+        key = json.dumps([_FORMAT, faces.digest, self.error])
+        self.task = max(4, min(_TASK, total // 16))
+        tasks = np.arange(-(-total // self.task))
         # Some from everywhere come first: they say how much memory all will take.
         order = np.concatenate([tasks[k::16] for k in (0, *range(1, 16))])
         if self.resume is not None and self.resume.exists():
             self.parts = [_read_part(self.resume, key)]
         done = np.isin(order, np.concatenate([np.zeros(0, np.int64), *(part.tasks for part in self.parts)]))
-        self.rows_done = min(int(done.sum()) * _TASK, total)
+        self.rows_done = min(int(done.sum()) * self.task, total)
         pending = order[~done].tolist()
         saved, wrote_s = time.perf_counter(), 0.0
         self._report("rows", self.rows_done, total, True)
@@ -185,7 +187,7 @@ class _Run:
         try:
             while pending or running:
                 while pending and len(running) < 2 * self.threads:
-                    running.add(pool.submit(_task, where, faces, pending.pop(0), self.error))
+                    running.add(pool.submit(_task, where, faces, pending.pop(0), self.task, self.error))
                 ended, running = wait(running, return_when=FIRST_COMPLETED)
                 self._take([future.result() for future in ended], total)
                 self._report("rows", self.rows_done, total, not pending and not running)
@@ -207,7 +209,7 @@ class _Run:
 
     def _take(self, parts: list[_Part], total: int) -> None:
         self.parts += parts
-        self.rows_done = min(self.rows_done + _TASK * len(parts), total)
+        self.rows_done = min(self.rows_done + self.task * len(parts), total)
         if len(self.parts) > 256:
             self.parts = [_joined(self.parts)]
         share = self.rows_done / max(total, 1)
@@ -267,10 +269,10 @@ class _Run:
         return ViewFactors(matrix, areas, own / areas, faces.names, statistics)
 
 
-def _task(where: Geometry, faces: Faces, task: int, error: float) -> _Part:
+def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> _Part:
     """Rows of one task. What one core needs of memory is made for it anew, which takes no time beside the rows."""
     total = len(where.facets.sides)
-    first, last = task * _TASK, min((task + 1) * _TASK, total)
+    first, last = task * rows, min((task + 1) * rows, total)
     work = Work.of(where.eps, len(where.occluders.sides), where.depth)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
     room = max(2 * total, 4096)

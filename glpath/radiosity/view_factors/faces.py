@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import build_bvh
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -84,7 +87,8 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         source = "mesh"
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
     else:
-        scene = path_traceable(given if isinstance(given, Scene) else load_scene(given))
+        with geometry_alone():
+            scene = path_traceable(given if isinstance(given, Scene) else load_scene(given))
         source = scene.source or scene.name
         vertices = scene.triangles.reshape(-1, 3)
         outlines = np.arange(len(vertices)).reshape(-1, 3).tolist()
@@ -95,6 +99,14 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     checked = _checked(np.asarray(vertices, np.float64), outlines, source)
     rows, names = _rows(checked, groups, shape_of, shape_names)
     return Faces(checked.vertices, checked.outlines, rows, names, source)
+
+
+@contextmanager
+def geometry_alone() -> Iterator[None]:
+    """Without warnings that a scene has no camera and no light: it needs none."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r".*: has no (camera|light)", SceneWarning)
+        yield
 
 
 def _rows(
@@ -165,17 +177,23 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
     unique, number = vertices[first], number.ravel()
     size = _size(unique)
     kept = tuple(_without_repeats([int(number[v]) for v in outline]) for outline in outlines)
-    degenerate, bent = [], []
-    for i, corner_numbers in enumerate(kept):
-        corners = unique[list(corner_numbers)] if corner_numbers else np.zeros((1, 3))
-        centred = corners - corners.mean(axis=0)
-        normal = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
-        area, extent = float(np.linalg.norm(normal)), float(np.abs(centred).max())
-        if len(corner_numbers) < 3 or area <= 1e-9 * extent * extent or extent <= ROUNDING * size:
-            degenerate.append(i)
-        elif len(corner_numbers) > 3 and float(np.abs(centred @ (normal / area)).max()) > _FLAT * extent:
-            bent.append(i)
-    for which, what, remedy in (
+    counts = np.array([len(outline) for outline in kept])
+    degenerate = np.flatnonzero(counts < 3).tolist()
+    bent: list[int] = []
+    for count in np.unique(counts[counts > 2]):
+        which = np.flatnonzero(counts == count)
+        corners = unique[np.array([kept[i] for i in which])]
+        centred = corners - corners.mean(axis=1, keepdims=True)
+        normals = 0.5 * np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
+        areas, extents = np.linalg.norm(normals, axis=1), np.abs(centred).max(axis=(1, 2))
+        flawed = (areas <= 1e-9 * extents**2) | (extents <= ROUNDING * size)
+        degenerate += which[flawed].tolist()
+        units = normals / np.where(flawed, 1.0, areas)[:, None]
+        heights = np.abs(np.einsum("nkj,nj->nk", centred, units)).max(axis=1)
+        bent += which[~flawed & (heights > _FLAT * extents)].tolist()
+    degenerate.sort()
+    bent.sort()
+    for flawed_faces, what, remedy in (
         (
             degenerate,
             "has no area",
@@ -187,10 +205,10 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
             "Split it in triangles.",
         ),
     ):
-        if which:
-            listed = ", ".join(map(str, which[:_LISTED])) + (" ..." if len(which) > _LISTED else "")
-            more = f"{len(which)} faces are so: {listed}. " if len(which) > 1 else ""
-            raise SceneError(f"{source}: faces[{which[0]}] {what}.", more + remedy)
+        if flawed_faces:
+            listed = ", ".join(map(str, flawed_faces[:_LISTED])) + (" ..." if len(flawed_faces) > _LISTED else "")
+            more = f"{len(flawed_faces)} faces are so: {listed}. " if len(flawed_faces) > 1 else ""
+            raise SceneError(f"{source}: faces[{flawed_faces[0]}] {what}.", more + remedy)
     return Faces(unique, kept, np.arange(len(kept)), (), source)
 
 

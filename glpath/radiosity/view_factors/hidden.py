@@ -19,6 +19,8 @@ from glpath.radiosity.view_factors.convex import height
 
 #: Parts of what is seen that wait to be divided further.
 PARTS = 256
+#: Share below which nothing is seen, or nothing hidden, and of a triangle that corners stand for then.
+_SAME, _MISSED = 1e-9, 0.03
 #: Quarterings of a triangle.
 _DEEPEST = 7
 #: How many tolerances an exchange area has for which three points a triangle will do.
@@ -205,6 +207,22 @@ def _over_triangle(t, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[n
 
 
 @inner_kernel
+def _at_corners(t, seen, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
+    """The mean over the corners of the triangle that work.triangles[t:t + 4] make, just inside, of what is not as
+    all else: hidden where the rest is seen, or the other way round."""
+    corners = work.triangles
+    total = 0.0
+    for i in range(3):
+        # Of its quarters, the first three have its corners, and the last is the one in the middle.
+        x = 0.98 * corners[t + i, i, 0] + 0.02 * corners[t + 3, 0, 0]
+        y = 0.98 * corners[t + i, i, 1] + 0.02 * corners[t + 3, 0, 1]
+        z = 0.98 * corners[t + i, i, 2] + 0.02 * corners[t + 3, 0, 2]
+        s, w = seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work)
+        total += w - s if seen else s
+    return total / 3
+
+
+@inner_kernel
 def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes, work):  # type: ignore[no-untyped-def]
     """The share of an exchange area that is seen past occluders, an estimate of its error, and how many points.
 
@@ -255,6 +273,10 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
         # Against the exact exchange, what counts is the share, not the quadrature of the kernel itself.
         expected = s * fine_w / w if w > 0 else 0.0
         off = abs(fine_s - expected) * part
+        if fine_s <= _SAME * fine_w or fine_w - fine_s <= _SAME * fine_w:
+            # All points say the same, but an edge of a shadow may pass between them and a corner.
+            off += _MISSED * part * _at_corners(top, fine_s > 0, nx, ny, nz, b, m, shades, planes, work)
+            points += 3
         if off <= 2 * tolerance * np.sqrt(part / area) or depth >= _DEEPEST or points > _MOST_POINTS:
             seen += fine_s * part
             whole += fine_w * part

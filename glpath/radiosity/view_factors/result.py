@@ -25,7 +25,6 @@ Float64 = NDArray[np.float64]
 
 #: Of the file: another number is another layout.
 FORMAT = 1
-SUFFIXES = (".npz", ".csv", ".inp")
 #: What a row of a closed room may lack of 1, or have too much, before it is enforced.
 _OPEN = 0.02
 _ROUNDS = 20
@@ -116,19 +115,24 @@ class ViewFactors:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another suffix.
+        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name.
 
         .npz : what `scipy.sparse.load_npz` reads, with areas, error, names and statistics beside; see `load`
         .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names
-        .inp : uDALES's sparse list (vfsparse.inp): "i j F" for each factor, counted from 1
+        vfsparse.inp.001 : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
+                           is their number, matrix.nnz
+        svf.inp.001      : its sky view factors, `enclosure`, a line for each row
         """
         target = Path(path)
-        check_suffix(target)
+        kind = file_kind(target)
         with whole_file(target) as temporary:
-            if target.suffix.lower() == ".npz":
+            if kind == "npz":
                 self._save_npz(temporary)
+            elif kind == "svf":
+                lines = [f"{max(value, 0.0):.6f}\n" for value in self.enclosure.tolist()]
+                temporary.write_text("# sky view factors\n" + "".join(lines), encoding="utf-8")
             else:
-                self._save_text(temporary, target.suffix.lower() == ".csv")
+                self._save_text(temporary, kind == "csv")
 
     def _save_npz(self, path: Path) -> None:
         m = sparse.csr_array(self.matrix)
@@ -180,14 +184,19 @@ class ViewFactors:
         )
 
 
-def check_suffix(path: str | Path) -> None:
-    """Raises UsageError where a file of that name could not be written."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise UsageError(
-            f"{path}: cannot be written as {suffix or 'what has no suffix'}; allowed are {', '.join(SUFFIXES)}.",
-            ".npz is for scipy and keeps everything, .csv for everybody, .inp is uDALES's list of factors.",
-        )
+def file_kind(path: str | Path) -> str:
+    """What a file of that name holds: "npz", "csv", "vfsparse" or "svf". Raises UsageError for other names."""
+    name = Path(path).name.lower()
+    for kind in ("vfsparse", "svf"):
+        if name.startswith(f"{kind}.inp"):
+            return kind
+    for kind in ("npz", "csv"):
+        if name.endswith(f".{kind}"):
+            return kind
+    raise UsageError(
+        f"{path}: is no name of a file of view factors; allowed are .npz, .csv, vfsparse.inp.001 and svf.inp.001.",
+        ".npz is for scipy and keeps everything, .csv for everybody, the others for uDALES (any number).",
+    )
 
 
 def _closed(exchange: Any, areas: Float64) -> Any:

@@ -7,7 +7,7 @@ below is seen, and no occluder is looked for again.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ Int64 = NDArray[np.int64]
 
 #: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of a row's errors
 #: then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.3
+_SHARE = 0.2
 #: Occluders between two polygons beyond which the larger one is halved, how often, and those that count then.
 _FEW_SHADES, DEEPEST, MOST_SHADES = 6, 14, 256
 
@@ -57,7 +57,7 @@ class Polygons(NamedTuple):
     boxes: Float64
     areas: Float64
 
-    def taken(self, which: NDArray[np.integer]) -> Polygons:
+    def taken(self, which: NDArray[Any]) -> Polygons:
         """Some of them, in that order."""
         return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
 
@@ -446,7 +446,7 @@ def exchange_rows(  # type: ignore[no-untyped-def]
             if highest <= eps:
                 continue
             leaf = tree.leaf[node]
-            j = tree.first[node]
+            j = np.int64(tree.first[node])
             if leaf:
                 counts[PAIRS] += 1
                 facing = False
