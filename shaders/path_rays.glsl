@@ -133,6 +133,26 @@ DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out L
     return direct;
 }
 
+// What a light sample would bring, as far as nothing is in its way. start: off the surface by `rounding`, of a triangle.
+void add_unblocked(
+    inout vec3 L, vec3 lit, Course at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
+{
+    if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
+        // To just before the light, whose own triangle does not stand in its way.
+        vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
+        float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+#ifdef HAS_ALPHA
+        opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+        if (!is_blocked(start, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+            lit *= through_panes;
+#endif
+            L += lit;
+        }
+    }
+}
+
 // A vertex that a path leaves.
 struct Leaving
 {
@@ -248,20 +268,7 @@ vec4 trace_path(ivec2 pixel)
                 LightSample other;
                 DirectLight behind = direct_light(at, position, -v.normal, 0, other);
                 vec3 through = beta * lit_through(v, lobes, behind);
-                if (max(through.r, max(through.g, through.b)) > 0.0) {
-                    vec3 from_behind = position - rounding * v.normal;
-                    vec3 to_light = behind.distant ? behind.wi : other.position - from_behind;
-                    float tmax = behind.distant ? NO_HIT : 1.0 - ROUNDING - rounding / behind.distance;
-#ifdef HAS_ALPHA
-                    opacity_key_at(at, USE_SHADOW_OPACITY);
-#endif
-                    if (!is_blocked(from_behind, to_light, tmax, triangle)) {
-#ifdef HAS_PANES
-                        through *= through_panes;
-#endif
-                        L += through;
-                    }
-                }
+                add_unblocked(L, through, at, behind, other, position - rounding * v.normal, rounding, triangle);
             }
 #endif
             goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
@@ -272,20 +279,7 @@ vec4 trace_path(ivec2 pixel)
                      * shading_cosine(v.n, v.normal, direct.wi);
             bool ends = !goes_on;
 #endif
-            if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
-                // To just before the light, whose own triangle does not stand in its way.
-                vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
-                float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
-#ifdef HAS_ALPHA
-                opacity_key_at(at, USE_SHADOW_OPACITY);
-#endif
-                if (!is_blocked(start, to_light, tmax, triangle)) {
-#ifdef HAS_PANES
-                    lit *= through_panes;
-#endif
-                    L += lit;
-                }
-            }
+            add_unblocked(L, lit, at, direct, light_sample, start, rounding, triangle);
             if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
             from.v = v;
             from.start = start;
@@ -311,6 +305,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
 #ifdef HAS_LOBES
             bounces = 0;
+            was_dull = false;
             way = 0.0;
             inside = vec3(0.0);
 #endif

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -15,12 +14,13 @@ from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
+from glpath.cli.stages import Told, reporting
 from glpath.cli.unattended import seconds
 from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
-from glpath.terminal import clean, clean_console, say
+from glpath.terminal import say
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
@@ -29,11 +29,7 @@ if TYPE_CHECKING:
     from glpath.radiosity.solvers.solve import Method
     from glpath.scene import Scene
 
-Report = Callable[["RadiosityProgress"], None]
-
 _MESH, _SOLVER = "Mesh", "Solver"
-# Seconds between two lines.
-_LINE_INTERVAL = 5.0
 
 Patches = Annotated[
     int | None,
@@ -244,7 +240,7 @@ def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolutio
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
     try:
-        with _reporting(mode, sys.stderr) as report:
+        with reporting(mode, sys.stderr, _told) as report:
             return result_of(lambda: solve_radiosity(scene, **options, on_progress=report))
     except RadiosityInterrupted as stop:
         interrupted()
@@ -283,70 +279,16 @@ def _summary(solution: RadiositySolution) -> Iterator[str]:
         yield f"  {s['particles']:,} particles, {s['hits']:,} hits{error}"
 
 
-def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
-    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
-    if mode == "auto":
-        mode = "bar" if clean_console(stream).is_terminal else "lines"
-    if mode == "bar":
-        return _bar(stream)
-    reports: dict[str, Report | None] = {"lines": _Lines(stream), "json": _json(stream), "none": None}
-    return nullcontext(reports[mode])
-
-
-def _left(progress: RadiosityProgress) -> str:
+def _told(progress: RadiosityProgress) -> Told:
     what = "particles" if progress.stage == "particles" else "steps"
-    share = "" if progress.unshot is None or what == "particles" else f", {percent(progress.unshot)} unshot"
-    return f"{progress.steps:,} {what}{share}, {progress.elements:,} elements"
-
-
-@contextmanager
-def _bar(stream: TextIO) -> Iterator[Report]:
-    from rich import progress as rich_progress
-
-    columns = (
-        rich_progress.TextColumn("{task.description}", markup=False),
-        rich_progress.BarColumn(bar_width=None),
-        rich_progress.TimeElapsedColumn(),
-        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
+    unshot = progress.unshot
+    share = "" if unshot is None or what == "particles" else f", {percent(unshot)} unshot"
+    return Told(
+        stage=progress.stage,
+        elapsed_s=progress.elapsed_s,
+        done=0 if unshot is None else 1 - unshot,
+        total=None if unshot is None else 1 - progress.until,
+        detail=f"{progress.steps:,} {what}{share}, {progress.elements:,} elements",
+        head=f"{progress.stage}: ",
+        event={"steps": progress.steps, "unshot": unshot, "until": progress.until, "elements": progress.elements},
     )
-    with rich_progress.Progress(*columns, console=clean_console(stream, highlight=False), transient=True) as bar:
-        task = bar.add_task("starting", total=None, detail="")
-
-        def report(progress: RadiosityProgress) -> None:
-            done = None if progress.unshot is None else 1 - progress.unshot
-            total = None if done is None else 1 - progress.until
-            bar.update(task, description=progress.stage, completed=done or 0, total=total, detail=_left(progress))
-
-        yield report
-
-
-class _Lines:
-    """A line when a stage begins, and every few seconds."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._stage = ""
-        self._next = 0.0
-
-    def __call__(self, progress: RadiosityProgress) -> None:
-        if progress.stage == self._stage and progress.elapsed_s < self._next:
-            return
-        self._stage, self._next = progress.stage, progress.elapsed_s + _LINE_INTERVAL
-        text = f"{progress.stage}: {_left(progress)} after {duration(progress.elapsed_s)}"
-        print(clean(text), file=self._stream, flush=True)
-
-
-def _json(stream: TextIO) -> Report:
-    def report(progress: RadiosityProgress) -> None:
-        event = {
-            "event": "progress",
-            "stage": progress.stage,
-            "steps": progress.steps,
-            "unshot": progress.unshot,
-            "until": progress.until,
-            "elements": progress.elements,
-            "elapsed_s": round(progress.elapsed_s, 3),
-        }
-        print(json.dumps(event), file=stream, flush=True)
-
-    return report

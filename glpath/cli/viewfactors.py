@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -15,22 +13,19 @@ from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import result_of
+from glpath.cli.stages import Told, reporting
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.files import check_writable, is_stream, save_all
 from glpath.progress import MODES, duration
-from glpath.terminal import clean, clean_console, say
+from glpath.terminal import say
 
 if TYPE_CHECKING:
     from glpath.radiosity.view_factors.compute import Property, ViewFactorProgress
     from glpath.radiosity.view_factors.result import ViewFactors
 
-    Report = Callable[[ViewFactorProgress], None]
-
 _GROUPS = ("faces", "planar", "shapes")
 _PROPERTIES = ("reciprocity", "closure")
-# Seconds between two lines.
-_LINE_INTERVAL = 5.0
 
 
 def register(app: typer.Typer) -> None:
@@ -111,7 +106,7 @@ def viewfactors(
         from glpath.radiosity.view_factors.compute import view_factors
 
         properties = cast("list[Property]", wanted)
-        with _reporting(mode, sys.stderr) as report:
+        with reporting(mode, sys.stderr, _told) as report:
             return view_factors(
                 loaded, groups=groups, error=error, enforce=properties, flip=flip, resume=part, on_progress=report
             )
@@ -147,70 +142,20 @@ def _summary(found: ViewFactors) -> Iterator[str]:
         yield f"  {s['crowded_pairs']:,} pairs had more occluders than are looked at: their factors are too large"
 
 
-def _reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
-    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines."""
-    if mode == "auto":
-        mode = "bar" if clean_console(stream).is_terminal else "lines"
-    if mode == "bar":
-        return _bar(stream)
-    reports: dict[str, Report | None] = {"lines": _Lines(stream), "json": _json(stream), "none": None}
-    return nullcontext(reports[mode])
-
-
-def _detail(progress: ViewFactorProgress) -> str:
+def _told(progress: ViewFactorProgress) -> Told:
     memory = f", {progress.bytes / 1e6:,.0f} MB in the end" if progress.bytes else ""
-    return f"{progress.done:,} of {progress.total:,} rows, {progress.factors:,} factors{memory}"
-
-
-@contextmanager
-def _bar(stream: TextIO) -> Iterator[Report]:
-    from rich import progress as rich_progress
-
-    columns = (
-        rich_progress.TextColumn("{task.description}", markup=False),
-        rich_progress.BarColumn(bar_width=None),
-        rich_progress.TimeElapsedColumn(),
-        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
-    )
-    with rich_progress.Progress(*columns, console=clean_console(stream, highlight=False), transient=True) as bar:
-        task = bar.add_task("starting", total=None, detail="")
-
-        def report(progress: ViewFactorProgress) -> None:
-            total = progress.total or None  # without a total the bar pulses
-            bar.update(
-                task, description=progress.stage, completed=progress.done, total=total, detail=_detail(progress)
-            )
-
-        yield report
-
-
-class _Lines:
-    """A line when a stage begins, and every few seconds."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._stage = ""
-        self._next = 0.0
-
-    def __call__(self, progress: ViewFactorProgress) -> None:
-        if progress.stage == self._stage and progress.elapsed_s < self._next:
-            return
-        self._stage, self._next = progress.stage, progress.elapsed_s + _LINE_INTERVAL
-        text = f"{_detail(progress)} after {duration(progress.elapsed_s)}" if progress.total else progress.stage
-        print(clean(text), file=self._stream, flush=True)
-
-
-def _json(stream: TextIO) -> Report:
-    def report(progress: ViewFactorProgress) -> None:
-        event = {
-            "event": "progress",
-            "stage": progress.stage,
+    rows = f"{progress.done:,} of {progress.total:,} rows, {progress.factors:,} factors{memory}"
+    return Told(
+        stage=progress.stage,
+        elapsed_s=progress.elapsed_s,
+        done=progress.done,
+        total=progress.total or None,
+        detail=rows if progress.total else "",
+        head="",
+        event={
             "done": progress.done,
             "total": progress.total,
             "factors": progress.factors,
             "bytes": progress.bytes,
-            "elapsed_s": round(progress.elapsed_s, 3),
-        }
-        print(json.dumps(event), file=stream, flush=True)
-
-    return report
+        },
+    )
