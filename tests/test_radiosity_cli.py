@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
 from glpath.cli.main import app
-from glpath.cli.radiosity import _reporting
+from glpath.cli.radiosity import _told
+from glpath.cli.stages import reporting
 from glpath.cli.warm import _SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
@@ -138,7 +139,7 @@ def test_the_solution_of_another_scene_is_refused(solved, tmp_path):
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json", "none"])
 def test_progress_is_shown(mode, capsys):
-    with _reporting(mode, sys.stderr) as report:
+    with reporting(mode, sys.stderr, _told) as report:
         if report is not None:
             report(RadiosityProgress("shooting", 12, 0.25, 0.001, 300, 1.5))
             report(RadiosityProgress("refining", 12, None, 0.001, 300, 1.6))
