@@ -175,26 +175,47 @@ class Film:
         Devices may differ; the metadata then names both, and the sum is no longer that of one device to the bit.
         Raises UsageError, which names what differs.
         """
+        merged = replace(
+            self,
+            radiance_sums=self.radiance_sums.copy(),
+            batch_counts=self.batch_counts.copy(),
+            aov_sums={name: sums.copy() for name, sums in self.aov_sums.items()},
+        )
+        merged.include(other)
+        return merged
+
+    def include(self, other: Film) -> None:
+        """Add the path sets of another film to this one, as `merge`, whose errors it raises before it adds any."""
         if found := differences(self.metadata, other.metadata):
             words = "; ".join(
                 f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
             )
             raise UsageError(f"film: cannot merge: {words}.", "Only path sets of the same render can be added up.")
-        return Film(
-            self.radiance_sums + other.radiance_sums,
-            self.batch_counts + other.batch_counts,
-            _united(self.ranges, other.ranges),
-            replace(
-                self.metadata,
-                device=joined(self.metadata.device, other.metadata.device),
-                versions=merged_values(self.metadata.versions, other.metadata.versions),
-                elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
-                statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
-                stop_rule="",
-                error_bound=None,
-            ),
-            {name: sums + other.aov_sums[name] for name, sums in self.aov_sums.items()},
+        self.ranges = _united(self.ranges, other.ranges)
+        for batch in np.flatnonzero(other.batch_counts):
+            self.radiance_sums[batch] += other.radiance_sums[batch]
+        self.batch_counts += other.batch_counts
+        for name, sums in self.aov_sums.items():
+            sums += other.aov_sums[name]
+        self.metadata = replace(
+            self.metadata,
+            device=joined(self.metadata.device, other.metadata.device),
+            versions=merged_values(self.metadata.versions, other.metadata.versions),
+            elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
+            statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
+            stop_rule="",
+            error_bound=None,
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
+        used = np.flatnonzero(self.batch_counts)
+        return {**vars(self), "radiance_sums": self.radiance_sums[used], "_denoised": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.radiance_sums = np.zeros((BATCHES, *state["radiance_sums"].shape[1:]))
+        self.radiance_sums[np.flatnonzero(self.batch_counts)] = state["radiance_sums"]
 
     def variance_of_mean(self) -> Float64:
         """(H, W, 3) float64, the estimated variance of `mean`, from how much the batches differ.

@@ -31,6 +31,7 @@ from glpath.cli.turntable import check_turntable, frame_path, render_turntable
 from glpath.cli.unattended import (
     WITHOUT_CHECKPOINT,
     CheckpointOption,
+    ClusterOption,
     HangLimitOption,
     NoiseOption,
     RangeOption,
@@ -49,18 +50,19 @@ from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
 from glpath.denoise import require_denoiser
-from glpath.errors import ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.film_metadata import AOVS, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, Progress, duration, percent, reporting
-from glpath.rendering.options import default_spp_text
+from glpath.rendering.options import MAX_SPP, default_spp_text
 from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.film import Film
     from glpath.jobs.checkpoint import Checkpoint
+    from glpath.rendering import RenderJob
     from glpath.scene import Scene
 
 log = logging.getLogger("glpath")
@@ -207,6 +209,7 @@ def render(
     noise: NoiseOption = None,
     sample_range: RangeOption = None,
     stats: StatsOption = None,
+    cluster: ClusterOption = None,
     hang_limit: HangLimitOption = "300s",
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
@@ -257,6 +260,7 @@ def render(
         "--noise": noise,
         "--sample-range": sample_range,
         "--stats": stats,
+        "--cluster": cluster,
     }
     if noise is not None and not 0 < noise < math.inf:
         raise UsageError(f"--noise {noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
@@ -335,7 +339,7 @@ def render(
     if begun is not None and keeper is not None:
         log.info("going on with %s path sets of %s", before, keeper.path)
     going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
-    film = _film(start, {**machine, **rules, **going_on}, progress, keeper, silence)
+    film, failure = _film(start, {**machine, **rules, **going_on, "cluster": cluster}, progress, keeper, silence)
     complete = film.metadata.stop_rule in RULES
     if keeper is not None and by_scheduler() and not complete:
         end = leave(keeper, film)
@@ -343,15 +347,15 @@ def render(
             write_stats(stats, film, keeper, before, [])
         raise end
     written: list[Path] = []
-    failure = None
     if film.path_sets:
         stops = film.exposure_stops(stops)
         saves: dict[Path, Save] = {
             path: lambda at: film.save(at, exposure=stops, tonemap=tonemap, denoise=denoise) for path in out
         }
-        written, failure = save_all(
+        written, unsaved = save_all(
             saves, {"film.npz": film.save}, "The film is kept in {}; glpath.Film.load reads it, save writes it."
         )
+        failure = failure or unsaved
     if keeper is not None and complete and by_scheduler() and failure is None:
         forget()
     ended_early = arrived()
@@ -385,8 +389,10 @@ def render(
 
 def _film(
     start: Start, options: dict[str, Any], progress: str, keeper: Checkpoint | None, hang_limit: float
-) -> Film:
-    """The film, or what there is of it when a signal ends the render; KeyboardInterrupt before there is one."""
+) -> tuple[Film, GlpathError | None]:
+    """The film, or what there is of it when a signal ends the render, or workers fail, and why; KeyboardInterrupt
+    before there is one."""
+    from glpath.jobs.chunks import ChunksFailedError
     from glpath.rendering import RenderInterrupted
     from glpath.rendering.going_on import AnotherRenderError
 
@@ -405,7 +411,9 @@ def _film(
     try:
         try:
             with _watched(hang_limit, left), reporting(progress, sys.stderr) as report:
-                return result_of(lambda: start({**options, "on_progress": watch}))
+                return result_of(lambda: start({**options, "on_progress": watch})), None
+        except ChunksFailedError as error:
+            return error.film, error
         except RenderInterrupted as stop:
             films[:] = [stop.film]
             interrupted(stop.number)
@@ -421,7 +429,7 @@ def _film(
     except KeyboardInterrupt:  # on the way here from the render
         if not films:
             raise
-    return films[0]
+    return films[0], None
 
 
 def _watched(hang_limit: float, left: str) -> AbstractContextManager[object]:
@@ -449,6 +457,7 @@ _BESIDE_A_JOB = (
     "time_limit",
     "noise",
     "stats",
+    "cluster",
     "hang_limit",
     "progress",
     "quiet",
@@ -475,12 +484,17 @@ def _described(
 ) -> tuple[Start, int | None]:
     """The render of a scene with the options of the command line, and its path sets; None where others end it."""
     from glpath import rendering
+    from glpath.rendering.job import describe
 
     if crop is not None:
         check_inside(crop, scene.camera.resolution)
 
     def start(more: dict[str, Any]) -> Film:
-        return rendering.render(scene, crop=crop, **options, **more)
+        if (address := more.pop("cluster")) is None:
+            return rendering.render(scene, crop=crop, **options, **more)
+        asked = {**options, "spp": options["spp"] or (MAX_SPP if rules else None)}
+        job, loaded = describe(scene, crop=crop, **asked)
+        return _by_cluster(address, job, {**more, "scene": loaded})
 
     default = None if rules else INTEGRATORS[options["integrator"]].default_spp
     return start, options["spp"] or default
@@ -500,10 +514,19 @@ def _of_file(path: Path, denoise: bool) -> tuple[Start, int]:
     def start(more: dict[str, Any]) -> Film:
         from glpath.gl.context import open_context
 
+        if (address := more.pop("cluster")) is not None:
+            return _by_cluster(address, job, more)
         device = {name: more.pop(name) for name in ("backend", "device", "require_gpu")}
         return rendering.run(job, open_context(**device), **more)
 
     return start, job.spp
+
+
+def _by_cluster(address: str, job: RenderJob, options: dict[str, Any]) -> Film:
+    from glpath.jobs.cluster import Cluster, render_on
+
+    with Cluster(address) as cluster:
+        return render_on(cluster, job, **options)
 
 
 def _say_interrupted(film: Film, spp: int | None, written: Sequence[Path], keeper: Checkpoint | None) -> None:

@@ -77,6 +77,15 @@ StatsOption = Annotated[
         rich_help_panel=_LONG,
     ),
 ]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="local:N|tcp://HOST:PORT",
+        help="Share the path sets out to N processes here, or to the workers of a Dask scheduler; the same bits "
+        "(pip install 'glpath[cluster]').",
+        rich_help_panel=_LONG,
+    ),
+]
 HangLimitOption = Annotated[
     str,
     typer.Option(

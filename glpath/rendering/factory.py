@@ -148,7 +148,9 @@ class _PathTracing:
         return path_traceable(scene)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        return _PathTracing(self.settings, _solved(scene, say)) if self.settings.guided else self
+        if not self.settings.guided or self.solution is not None:
+            return self
+        return _PathTracing(self.settings, _solved(scene, say))
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
         return _path_set_engine(self, context, scene, window, timings)
@@ -236,6 +238,8 @@ class _Gathering:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         from glpath.radiosity.solution import RadiositySolution  # slow to import
 
+        if self.solution is not None:
+            return self
         given = self.settings.radiosity
         if given is None:
             solution = _solved(scene, say)

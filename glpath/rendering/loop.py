@@ -52,7 +52,7 @@ def _trace(
 ) -> str:
     """The rule that ended it. Raises KeyboardInterrupt where the flag is set."""
     film, rule = clock.film, ""
-    for start, stop in _missing(path_sets, film.ranges):
+    for start, stop in missing(path_sets, film.ranges):
         while start < stop and not rule and not interrupted:
             with context:
                 clock.begin_step()
@@ -69,7 +69,7 @@ def _trace(
     return rule
 
 
-def _missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
+def missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
     """What of the path sets is in none of the ranges, which are in order; cut where the batch changes."""
     start, end = path_sets
     for done_start, done_stop in (*ranges, (end, end)):

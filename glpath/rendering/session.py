@@ -34,11 +34,13 @@ class Session:
     Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
     context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
     renders as it is meant, `stacklevel` as of `warnings.warn`, counted from who makes the session.
+
+    plan : of the job's integrator, where somebody has prepared it already
     """
 
-    def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1) -> None:
+    def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1, plan: Plan | None = None) -> None:
         self._job = job
-        self._plan = plan_of(job.integrator)
+        self._plan = plan_of(job.integrator) if plan is None else plan
         for text in check_scene(scene) + self._plan.warnings(scene):
             warnings.warn(text, SceneWarning, stacklevel=stacklevel + 1)
         self._traced = self._plan.traceable(scene)
@@ -82,9 +84,9 @@ class Session:
         started = time.perf_counter() if started is None else started
         context.check()
         self._context = context
-        metadata = metadata_of(job, self._plan, scene, context)
+        metadata = metadata_of(job, self._plan, scene, context.info.renderer, context.info.driver)
         if film is None:
-            film = _empty(metadata)
+            film = empty_film(metadata)
         else:
             # The digest of a radiosity solution is known only after it is made.
             check_same_render(
@@ -146,7 +148,8 @@ def _name_both(film: Film, metadata: FilmMetadata) -> None:
     )
 
 
-def _empty(metadata: FilmMetadata) -> Film:
+def empty_film(metadata: FilmMetadata) -> Film:
+    """The film to begin with. Raises ContextError where there is no memory for it."""
     try:
         return Film.empty(metadata)
     except MemoryError as error:
@@ -157,9 +160,8 @@ def _empty(metadata: FilmMetadata) -> Film:
         ) from error
 
 
-def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context) -> FilmMetadata:
-    """What a film of the job says of itself; the scene has the job's camera."""
-    info = context.info
+def metadata_of(job: RenderJob, plan: Plan, scene: Scene, renderer: str, driver: str) -> FilmMetadata:
+    """What a film of the job says of itself; the scene has the job's camera, the device has those names."""
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
@@ -172,8 +174,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context) -> F
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
         aovs=job.integrator.aovs if isinstance(job.integrator, PathSetSettings) else (),
-        device=info.renderer,
-        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": info.driver},
+        device=renderer,
+        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": driver},
     )
 
 

@@ -1,0 +1,496 @@
+"""One render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
+
+    with Cluster("local:4") as cluster:                    # or "tcp://scheduler:8786"
+        film = render_on(cluster, RenderJob.of("cornell-box", spp=4096))
+
+The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
+solution go to each worker once, path sets in chunks of some seconds (`chunks`), whose films are merged as they
+come. A worker that is lost costs the chunks that it had, which others render again; a chunk that fails everywhere
+is told of at the end, with a film of all others.
+
+Cost:     a start of Python, a context and the shaders for each worker; a film's sums for each chunk over the
+          network, 24 bytes a pixel and batch of path sets.
+Poor at:  short renders: a worker takes seconds to start. Several workers on one machine without a graphics card:
+          llvmpipe uses all cores by itself; they gain where its vertex stage, which has one thread, is in the way.
+          Several workers on one graphics card.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import queue
+import time
+import uuid
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Any
+
+from glpath.errors import ContextError, GlpathError, SceneWarning, UsageError
+from glpath.film import BLOCK, Film
+from glpath.film_metadata import INTERRUPTED_RULE, merged_values
+from glpath.heartbeat import heartbeat
+from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
+from glpath.jobs.worker import Part, Shared, hold, let_go, render_part, this_version
+from glpath.progress import Progress
+from glpath.rendering.factory import plan_of
+from glpath.rendering.going_on import check_same_render
+from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
+from glpath.rendering.job import RenderJob
+from glpath.rendering.loop import Clock, missing
+from glpath.rendering.session import empty_film, metadata_of
+from glpath.rendering.stopping import StopRules, looks_at_noise
+from glpath.scene import Scene, check_scene
+
+log = logging.getLogger("glpath")
+
+#: Seconds that a chunk should take: long beside what it costs to hand it out, short beside a loss.
+CHUNK_SECONDS = 5.0
+# For each worker: one that it renders, and one that waits there, so that it need not wait itself.
+_AHEAD = 2
+# How often what happens is looked at, and how often who is there.
+_TICK_S, _LOOK_AROUND_S = 0.25, 2.0
+# How long a film may take to come, and how many come at once.
+_GATHER_S, _GATHERERS = 60.0, 4
+# How long to wait for the first worker before it is said that there is none.
+_SILENCE_S = 10.0
+# Of a machine that is this one.
+_LOCAL = "local:"
+_MAX_LOCAL = 1024
+
+
+class Cluster:
+    """Workers: processes of this machine, or those of a Dask scheduler.
+
+    address : "local:N" for N processes here; else what `distributed.Client` connects to, "tcp://host:port",
+              "tls://host:port", with Dask's own configuration (TLS, timeouts), or the path of a scheduler file
+
+    Raises UsageError for another address, ContextError where nobody answers; GlpathError where distributed is
+    missing.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._local: Any = None
+        distributed = _distributed()
+        if address.startswith(_LOCAL):
+            self._local = _local_cluster(distributed, _count(address))
+            self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
+        else:
+            self.client = _connected(distributed, address)
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the cluster; processes of this machine end."""
+        with _quiet():
+            with contextlib.suppress(Exception):
+                self.client.close(timeout=5)
+            if self._local is not None:
+                with contextlib.suppress(Exception):
+                    self._local.close(timeout=10)
+
+    def workers(self) -> list[str]:
+        """The addresses of those that there are now."""
+        return sorted(self.client.nthreads())
+
+    def share(self, shared: Shared) -> None:
+        """Hand all that a render needs to each worker, and to each that comes later."""
+        self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
+
+    def forget(self, shared: Shared) -> None:
+        """The render is over."""
+        self.client.unregister_worker_plugin(shared.token)
+
+
+def _sharing(distributed: Any, shared: Shared) -> Any:
+    class Sharing(distributed.WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: object) -> None:
+            hold(shared)
+
+        def teardown(self, worker: object) -> None:
+            let_go(shared.token)
+
+    return Sharing()
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise GlpathError(
+            "cluster: needs the package distributed, which is not installed.",
+            "pip install 'glpath[cluster]', on all machines.",
+        ) from error
+    return distributed
+
+
+def _count(address: str) -> int:
+    text = address.removeprefix(_LOCAL)
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= _MAX_LOCAL):
+        raise UsageError(
+            f"cluster {address}: expected a number of processes from 1 to {_MAX_LOCAL}, as in local:4."
+        )
+    return int(text)
+
+
+def _local_cluster(distributed: Any, count: int) -> Any:
+    cores = len(os.sched_getaffinity(0))
+    share = cores // count
+    # llvmpipe takes all cores otherwise, for each process; it has a race with a single thread beside its own.
+    threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
+    import dask
+
+    try:
+        # Who dies with its worker is tried again by `chunks`, which knows more than the scheduler.
+        with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+            return distributed.LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=None,
+                dashboard_address=":0",  # a port that is free: others may have clusters here, too
+                silence_logs=logging.ERROR,
+                env={name: value for name, value in threads.items() if name not in os.environ},
+            )
+    except RuntimeError as error:
+        raise ContextError(f"cluster {_LOCAL}{count}: the processes do not start: {error}.") from error
+
+
+def _connected(distributed: Any, address: str) -> Any:
+    kind = {"scheduler_file": address} if os.path.exists(address) else {"address": address}
+    if "address" in kind and "://" not in address:
+        raise UsageError(
+            f"cluster {address}: is neither local:N, nor an address such as tcp://scheduler:8786, nor a "
+            "scheduler's file."
+        )
+    try:
+        return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "timed out"
+        raise ContextError(
+            f"cluster {address}: no scheduler answers: {reason}.",
+            "Start one (dask scheduler) and workers (dask worker tcp://HOST:8786 --nthreads 1), and name it here.",
+        ) from error
+
+
+@contextlib.contextmanager
+def _quiet() -> Any:
+    """What distributed logs of connections that break, which is what is expected here."""
+    logger = logging.getLogger("distributed")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def render_on(
+    cluster: Cluster,
+    job: RenderJob,
+    *,
+    scene: Scene | None = None,
+    backend: str = "auto",
+    device: int | None = None,
+    require_gpu: bool = False,
+    time_limit: float | None = None,
+    noise: float | None = None,
+    film: Film | None = None,
+    on_step: Callable[[Film], None] | None = None,
+    timings: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+    chunk_seconds: float = CHUNK_SECONDS,
+) -> Film:
+    """The film of a job, by all workers of a cluster: as `glpath.rendering.run`.
+
+    Parameters
+    ----------
+    scene         : what the job describes, where it was made in memory, or has been loaded already
+    time_limit    : seconds of this clock, not of the workers'
+    chunk_seconds : that a chunk of path sets should take a worker
+    The others are as of `glpath.render`; on_step is called when chunks have been merged.
+
+    `film.metadata.elapsed_s` is by this clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` it
+    ends at the same path set as the render by one process.
+
+    Raises
+    ------
+    what `glpath.rendering.run` raises; ChunksFailedError, with all else in its film, where path sets fail on
+    several workers; ContextError where the scheduler is gone: the film of the last `on_step` has what was merged
+    RenderInterrupted : on Ctrl-C, with what was merged
+    """
+    if not chunk_seconds > 0:
+        raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
+    rules = StopRules(time_limit, noise)
+    loaded = job.sensor.seen(job.scene.load(scene))
+    plan = plan_of(job.integrator)
+    for text in check_scene(loaded) + plan.warnings(loaded):
+        warnings.warn(text, SceneWarning, stacklevel=2)
+    started = time.perf_counter()
+    film_of = film
+    first = empty_film(metadata_of(job, plan, loaded, "", ""))
+    if film_of is not None:
+        # The digest of a radiosity solution is known only after it is made.
+        check_same_render(film_of, first.metadata, job.path_sets, {"settings.radiosity"})
+    clock = Clock(first if film_of is None else film_of, job.spp, "", on_progress, rules, on_step, started=started)
+    if clock.ended_before():
+        return clock.film
+    try:
+        plan = plan.prepared(plan.traceable(loaded), clock.report)
+    except KeyboardInterrupt:
+        raise RenderInterrupted(clock.film) from None
+    metadata = metadata_of(job, plan, loaded, "", "")
+    if clock.film.path_sets:
+        check_same_render(clock.film, metadata, job.path_sets, set())
+    clock.film.metadata = replace(clock.film.metadata, settings=metadata.settings)
+    shared = Shared(uuid.uuid4().hex, job, loaded, plan, backend, device, require_gpu, timings, this_version())
+    _Render(cluster, shared, clock, chunk_seconds).run()
+    for text in plan.remarks(clock.film):
+        warnings.warn(text, SceneWarning, stacklevel=2)
+    return clock.film
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A chunk that a worker has, by its address."""
+
+    chunk: Chunk
+    worker: str
+
+
+@dataclass
+class _Render:
+    """One render on a cluster, from the first chunk to the last."""
+
+    cluster: Cluster
+    shared: Shared
+    clock: Clock
+    chunk_seconds: float
+    _counts: dict[str, Any] = field(default_factory=dict)
+    _events: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
+    _gatherers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(_GATHERERS, "gather"))
+    _running: dict[Any, _Task] = field(default_factory=dict)
+    _parts: dict[int, Film] = field(default_factory=dict)  # that wait for others before them
+    _order: list[int] = field(default_factory=list)  # first path sets of what was handed out and not merged
+    _reasons: dict[int, str] = field(default_factory=dict)  # by the first path set of what has failed
+    _workers: list[str] = field(default_factory=list)
+    _number: int = 0
+
+    def run(self) -> None:
+        """Fill the clock's film. Raises what `render_on` raises."""
+        film, rules = self.clock.film, self.clock.rules
+        chunks = Chunks(
+            missing(self.shared.job.path_sets, film.ranges),
+            self.chunk_seconds,
+            looks_at_noise if rules.noise is not None else lambda count: False,
+            film.path_sets,
+        )
+        with interrupt_as_flag() as interrupted:
+            try:
+                self.cluster.share(self.shared)
+                rule = self._fill(chunks, interrupted)
+            except KeyboardInterrupt:
+                rule = INTERRUPTED_RULE
+            finally:
+                self._cancel()
+            self._finish(rule)
+        if rule == INTERRUPTED_RULE:
+            raise RenderInterrupted(film, interrupted.signal)
+        if not rule:
+            raise self._failed(chunks)
+
+    def _fill(self, chunks: Chunks, interrupted: Any) -> str:
+        """The rule that ended it; "" where path sets failed."""
+        last_look = -_LOOK_AROUND_S
+        alone_since = time.monotonic()
+        told = False
+        while True:
+            if interrupted:
+                raise KeyboardInterrupt
+            now = time.monotonic()
+            if now - last_look >= _LOOK_AROUND_S:
+                self._look_around(chunks)
+                last_look = now
+            if self._workers:
+                alone_since = now
+            elif now - alone_since > _SILENCE_S and not told:
+                log.warning("cluster %s: no worker is there; waiting for one", self.cluster.address)
+                told = True
+            if not self._workers:
+                heartbeat.beat()  # a cluster may take its time; that is no hang
+            self._hand_out(chunks)
+            if chunks.over:
+                self._merge(list(self._parts))
+                return self._ended() if not chunks.failed else ""
+            self._take(chunks)
+            merged, rule = False, ""
+            while not rule and (starts := self._ready()):
+                with interrupted.whole():
+                    self._merge(starts)
+                merged, rule = True, self._ended()
+            if merged or (rule := self._ended()):
+                self._tell(rule)
+            if rule:
+                return rule
+
+    def _ended(self) -> str:
+        film = self.clock.film
+        at_block = all(stop % BLOCK == 0 for _, stop in film.ranges)
+        return self.clock.ended(at_block) if film.path_sets else ""
+
+    def _hand_out(self, chunks: Chunks) -> None:
+        """To each worker one more than it renders. A late one once more, to a worker that has nothing else."""
+        load = Counter(task.worker for task in self._running.values())
+        for waiting in range(_AHEAD):
+            for worker in self._workers:
+                if load[worker] == waiting and (chunk := chunks.next(len(self._workers))) is not None:
+                    self._submit(chunk, worker)
+                    load[worker] += 1
+        for worker in self._workers:
+            if not load[worker] and (late := chunks.straggler()) is not None:
+                self._submit(late, worker)
+
+    def _submit(self, chunk: Chunk, worker: str) -> None:
+        start, stop = chunk.path_sets
+        if start not in self._parts and start not in self._order:
+            self._order.append(start)
+        self._number += 1
+        future = self.cluster.client.submit(
+            render_part,
+            self.shared.token,
+            chunk.path_sets,
+            key=f"glpath-{self.shared.token[:8]}-{start}-{stop}-{self._number}",
+            pure=False,
+            workers=[worker],
+        )
+        self._running[future] = _Task(chunk, worker)
+        future.add_done_callback(lambda done: self._gatherers.submit(self._gather, done))
+
+    def _gather(self, future: Any) -> None:
+        """Bring a result here, in a thread: a worker that hangs with it keeps nobody but that."""
+        began, found = time.perf_counter(), None
+        try:
+            if future.status == "finished":
+                found = future.result(timeout=_GATHER_S)
+        except Exception as error:
+            found = error
+        self._events.put((future, found, time.perf_counter() - began))
+
+    def _take(self, chunks: Chunks) -> None:
+        """Take what has come in; wait a tick for it."""
+        with contextlib.suppress(queue.Empty):
+            self._take_one(chunks, *self._events.get(timeout=_TICK_S))
+            while True:
+                self._take_one(chunks, *self._events.get_nowait())
+
+    def _take_one(self, chunks: Chunks, future: Any, found: Part | Exception | None, took: float) -> None:
+        task = self._running.pop(future, None)
+        if task is None:  # of a chunk that another copy was first with, or of a worker that was given up
+            return
+        heartbeat.beat()
+        if found is None:
+            self._lost(chunks, task, future)
+        elif isinstance(found, Exception):  # its worker was lost with it
+            self._fail(chunks, task, found)
+        elif chunks.done(task.chunk, found.seconds):
+            self._count("gather_s", took)
+            for other in [f for f, t in self._running.items() if t.chunk is task.chunk]:
+                del self._running[other]
+                other.cancel(force=True)
+            self._parts[task.chunk.path_sets[0]] = found.film
+
+    def _ready(self) -> list[int]:
+        """What to merge now: the next one where a rule looks at the film after each, else all that is there."""
+        if self.clock.rules.noise is None:
+            return list(self._parts)
+        return [first] if self._order and (first := min(self._order)) in self._parts else []
+
+    def _merge(self, starts: list[int]) -> None:
+        began = time.perf_counter()
+        for start in starts:
+            part = self._parts.pop(start)
+            self._order.remove(start)
+            elapsed, statistics = part.metadata.elapsed_s, part.metadata.statistics
+            part.metadata = replace(part.metadata, elapsed_s=0.0, statistics={})
+            self.clock.film.include(part)
+            self._counts = merged_values(self._counts, {**statistics, "worker_s": elapsed, "chunks": 1})
+        self._count("merge_s", time.perf_counter() - began)
+
+    def _count(self, name: str, value: Any) -> None:
+        self._counts = merged_values(self._counts, {name: value})
+
+    def _lost(self, chunks: Chunks, task: _Task, future: Any) -> None:
+        error = None
+        with contextlib.suppress(Exception):
+            error = future.exception(timeout=_GATHER_S)
+        if isinstance(error, GlpathError) and not isinstance(error, ContextError):
+            raise error  # the same everywhere
+        if type(error).__name__ == "KilledWorker":  # says much of Dask, and nothing more
+            error = None
+        self._fail(chunks, task, error)
+
+    def _look_around(self, chunks: Chunks) -> None:
+        """Who is there now; what was at others is handed out again."""
+        try:
+            self._workers = self.cluster.workers()
+        except Exception as error:
+            raise ContextError(
+                f"cluster {self.cluster.address}: the scheduler is gone: {error}.",
+                "Start it again; with --checkpoint, --resume goes on.",
+            ) from error
+        for future in [f for f, task in self._running.items() if task.worker not in self._workers]:
+            if future.status == "pending":
+                task = self._running.pop(future)
+                future.cancel(force=True)
+                self._fail(chunks, task, None)
+        many = f"{len(self._workers)} worker{'' if len(self._workers) == 1 else 's'}"
+        self.clock.renderer = f"{many}: {self.clock.film.metadata.device}" if self.clock.film.path_sets else many
+
+    def _fail(self, chunks: Chunks, task: _Task, error: BaseException | None) -> None:
+        start, stop = task.chunk.path_sets
+        reason = error or f"the worker {task.worker} was lost"
+        log.warning("path sets %d to %d: %s", start, stop - 1, reason)
+        self._reasons[start] = str(reason).splitlines()[0]
+        chunks.fail(task.chunk)
+
+    def _tell(self, rule: str) -> None:
+        if self.clock.on_step is not None:
+            self._finish("")
+            self.clock.on_step(self.clock.film)
+        self.clock.report("rendering", bool(rule))
+
+    def _finish(self, rule: str) -> None:
+        self.clock.finish(self, rule)
+
+    def statistics(self) -> dict[str, object]:
+        """As an engine's."""
+        return self._counts
+
+    def _cancel(self) -> None:
+        with _quiet(), contextlib.suppress(Exception):
+            self.cluster.client.cancel(list(self._running), force=True)
+        self._running.clear()
+        # Nobody waits for it, as a worker may hang.
+        self._gatherers.submit(self.cluster.forget, self.shared)
+        self._gatherers.shutdown(wait=False)
+
+    def _failed(self, chunks: Chunks) -> ChunksFailedError:
+        ranges = ", ".join(f"{c.path_sets[0]}:{c.path_sets[1]}" for c in chunks.failed)
+        reason = self._reasons[chunks.failed[0].path_sets[0]]
+        return ChunksFailedError(
+            f"cluster: path sets {ranges} failed on every worker that tried: {reason}",
+            "All others are in the film. The workers' own logs say more; --sample-range renders a range alone.",
+            self.clock.film,
+        )

@@ -1,0 +1,126 @@
+"""What runs in a worker process of a cluster: path sets of one render, by an engine that stays.
+
+A worker has one context, and one render at a time on it; threads of one worker take turns.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import warnings
+from dataclasses import dataclass, replace
+
+from glpath.errors import UsageError
+from glpath.film import Film
+from glpath.gl.context import open_context
+from glpath.rendering.factory import Plan
+from glpath.rendering.job import RenderJob
+from glpath.rendering.session import Session
+from glpath.scene import Scene
+from glpath.versions import versions
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all chunks of a render need; goes to a worker once.
+
+    token : tells this render from others
+    job   : all of it
+    scene : with the job's camera
+    plan  : prepared: a radiosity solution is made before, by who asks, and is the same for all
+    backend, device, require_gpu : as of `glpath.gl.context.open_context`
+    timings : time each stage
+    version : of glpath, which has to be the worker's
+    """
+
+    token: str
+    job: RenderJob
+    scene: Scene
+    plan: Plan
+    backend: str = "auto"
+    device: int | None = None
+    require_gpu: bool = False
+    timings: bool = False
+    version: str = ""
+
+
+@dataclass
+class Part:
+    """The film of a chunk, and the seconds of tracing it took, without what a first chunk waits for."""
+
+    film: Film
+    seconds: float
+
+
+# Of this process: what renders need, by token; the engine of the one that it works for, and whose turn it is.
+_shared: dict[str, Shared] = {}
+_turn = threading.Lock()
+_session: tuple[str, Session] | None = None
+
+
+def this_version() -> str:
+    """Of glpath, as it is installed here."""
+    return versions("glpath").get("glpath", "")
+
+
+def hold(shared: Shared) -> None:
+    """Keep what the chunks of a render need, until `let_go`."""
+    _shared[shared.token] = shared
+
+
+def let_go(token: str) -> None:
+    """A render is over."""
+    _shared.pop(token, None)
+    with _turn:
+        if _session is not None and _session[0] == token:
+            forget()
+
+
+def render_part(token: str, path_sets: tuple[int, int]) -> Part:
+    """The film of path sets (start, stop) of the job of a token. Raises what `Session` raises, and UsageError for a
+    worker with another version of glpath."""
+    global _session
+    shared = _shared[token]
+    if shared.version != this_version():
+        raise UsageError(
+            f"cluster: a worker has glpath {this_version()}, who asks has {shared.version}.",
+            "Install one version everywhere.",
+        )
+    with _turn:
+        if _session is None or _session[0] != shared.token:
+            forget()
+            context = open_context(shared.backend, shared.device, shared.require_gpu)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # told where the render was asked for
+                _session = shared.token, Session(shared.job, shared.scene, plan=shared.plan)
+        else:
+            context = open_context(shared.backend, shared.device, shared.require_gpu)
+        steps: list[tuple[float, int]] = []
+        job = replace(shared.job, path_sets=path_sets)
+        try:
+            film = _session[1].render(
+                job,
+                shared.scene,
+                context,
+                timings=shared.timings,
+                on_step=lambda film: steps.append((time.perf_counter(), film.path_sets)),
+            )
+        except BaseException:
+            forget()  # the next one begins with a new engine
+            raise
+    return Part(film, _seconds(steps, film))
+
+
+def _seconds(steps: list[tuple[float, int]], film: Film) -> float:
+    """Of tracing all: from the first step on, which may have waited for shaders, unless it was the only one."""
+    (first, before), (last, _) = steps[0], steps[-1]
+    after = film.path_sets - before
+    return (last - first) * film.path_sets / after if after else film.metadata.elapsed_s
+
+
+def forget() -> None:
+    """Free what is on the device."""
+    global _session
+    if _session is not None:
+        _session[1].__exit__()
+    _session = None

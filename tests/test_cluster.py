@@ -1,0 +1,318 @@
+"""One render by many processes: the bits of one, whatever happens to some of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import threading
+import time
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import killing
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_checkpoint import same
+from typer.testing import CliRunner
+
+import glpath
+from glpath.cli.main import app
+from glpath.errors import ContextError, UsageError
+from glpath.film import BLOCK, Film
+from glpath.jobs import cluster as clusters
+from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
+from glpath.jobs.cluster import Cluster, render_on
+from glpath.rendering import RenderJob, run
+from glpath.rendering.factory import plan_of
+from glpath.rendering.going_on import AnotherRenderError
+
+distributed = pytest.importorskip("distributed")
+
+BOX = "cornell-box-36"
+SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}
+
+
+@pytest.fixture(scope="module")
+def workers():
+    with Cluster("local:2") as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def own_workers():
+    with Cluster("local:2") as cluster:
+        yield cluster
+
+
+def job_of(spp: int, **options: Any) -> RenderJob:
+    return RenderJob.of(BOX, spp=spp, **{**SMALL, **options})
+
+
+# The same bits.
+
+
+@pytest.mark.parametrize(
+    ("spp", "options"),
+    [
+        (77, {}),
+        (64, {"aovs": ("albedo", "normal"), "sampling": "random", "first_path_set": 3}),
+        (24, {"directions": "pair"}),
+        (40, {"integrator": "gather"}),
+        (40, {"guide": "solution"}),
+        (3, {"integrator": "t-buffer"}),
+    ],
+)
+def test_it_has_the_bits_of_one_process(workers, spp, options):
+    scene = glpath.load_scene("three-spheres") if options.get("integrator") == "t-buffer" else BOX
+    job, loaded = RenderJob.of(scene, spp=spp, **{**SMALL, **options}), None
+    if not isinstance(scene, str):
+        loaded = scene
+    told = []
+    film = render_on(workers, job, scene=loaded, chunk_seconds=0.05, on_progress=told.append)
+    assert same(film, run(job, scene=loaded))
+    assert film.metadata.stop_rule == "spp"
+    assert film.metadata.statistics["chunks"] >= spp // 64
+    assert told[-1].done == told[-1].total == spp
+
+
+def test_noise_ends_it_where_it_ends_one_process(workers):
+    alone = glpath.render(BOX, noise=0.03, **SMALL)
+    film = render_on(workers, job_of(1 << 20), noise=0.03, chunk_seconds=0.1)
+    assert film.path_sets == alone.path_sets > 32
+    assert same(film, alone)
+    assert (film.metadata.stop_rule, film.metadata.error_bound) == ("noise", alone.metadata.error_bound)
+
+
+def test_a_time_limit_is_of_this_clock(workers):
+    began = time.monotonic()
+    film = render_on(workers, job_of(1 << 20), time_limit=1.0, chunk_seconds=0.1)
+    took = time.monotonic() - began
+    assert film.metadata.stop_rule == "time limit"
+    assert film.metadata.elapsed_s < took < 30
+    assert same(film, run(replace(job_of(1), path_sets=film.ranges[0]))) or len(film.ranges) > 1
+
+
+def test_it_goes_on_with_a_film_and_with_no_other(workers):
+    begun = run(job_of(21))
+    film = render_on(workers, job_of(50), film=begun, chunk_seconds=0.05)
+    assert film is begun
+    assert same(film, run(job_of(50)))
+    with pytest.raises(AnotherRenderError, match=r"seed is 0 in it, 1 is asked for"):
+        render_on(workers, job_of(60, seed=1), film=film)
+
+
+# What happens to workers.
+
+
+def pids(cluster: Cluster) -> list[int]:
+    return sorted(cluster.client.run(os.getpid).values())
+
+
+def strike(cluster: Cluster, number: int, after: int) -> tuple[Any, list[int]]:
+    """For `on_step`: sends a signal to one worker when so many path sets are merged."""
+    victims = pids(cluster)[:1]
+    left = list(victims)
+
+    def on_step(film: Film) -> None:
+        if film.path_sets >= after and left:
+            os.kill(left.pop(), number)
+
+    return on_step, victims
+
+
+def test_a_worker_that_is_killed_costs_nothing_but_time(own_workers):
+    job = job_of(600, max_depth=3)
+    on_step, victims = strike(own_workers, signal.SIGKILL, 40)
+    film = render_on(own_workers, job, on_step=on_step, chunk_seconds=0.3)
+    assert same(film, run(job))
+    assert not set(victims) & set(pids(own_workers))  # its nanny has started another
+
+
+def test_a_worker_that_hangs_is_not_waited_for(own_workers, monkeypatch):
+    monkeypatch.setattr(clusters, "_GATHER_S", 3.0)
+    job = job_of(600, max_depth=3)
+    on_step, victims = strike(own_workers, signal.SIGSTOP, 40)
+    try:
+        film = render_on(own_workers, job, on_step=on_step, chunk_seconds=0.3)
+    finally:
+        for victim in victims:
+            os.kill(victim, signal.SIGCONT)
+    assert same(film, run(job))
+
+
+class Faulty:
+    """A plan whose engine fails at a path set; in a worker's process."""
+
+    def __init__(self, plan: Any, at: int, how: str) -> None:
+        self.plan, self.at, self.how = plan, at, how
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "plan":
+            raise AttributeError(name)
+        return getattr(self.plan, name)
+
+    def prepared(self, scene: Any, say: Any) -> Faulty:
+        return self
+
+    def engine(self, *arguments: Any) -> Any:
+        engine, at, how = self.plan.engine(*arguments), self.at, self.how
+        trace = engine.trace_path_set
+
+        def trace_path_set(index: int) -> None:
+            if index == at and how == "dies":
+                os._exit(1)
+            if index == at:
+                raise {"device": ContextError, "bug": ZeroDivisionError, "user": UsageError}[how](f"at {index}")
+            trace(index)
+
+        engine.trace_path_set = trace_path_set
+        return engine
+
+
+@pytest.mark.parametrize(("how", "reason"), [("device", "at 21"), ("bug", "at 21"), ("dies", "worker")])
+def test_a_chunk_that_fails_everywhere_is_told_of_and_the_others_are_kept(
+    own_workers, monkeypatch, caplog, how, reason
+):
+    monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, how))
+    with pytest.raises(ChunksFailedError, match=rf"path sets 16:24 failed on every worker.*{reason}") as caught:
+        render_on(own_workers, job_of(64), chunk_seconds=0.01)
+    film = caught.value.film
+    assert film.ranges == ((0, 16), (24, 64))
+    assert same(film, run(job_of(16)).merge(run(job_of(40, first_path_set=24))))
+
+
+def test_a_mistake_of_the_user_is_not_tried_again(own_workers, monkeypatch):
+    monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
+    with pytest.raises(UsageError, match="at 21"):
+        render_on(own_workers, job_of(64), chunk_seconds=0.01)
+
+
+def test_a_worker_of_another_version_is_refused(workers, monkeypatch):
+    monkeypatch.setattr(clusters, "this_version", lambda: "0.0.1")
+    with pytest.raises(UsageError, match=r"a worker has glpath .*, who asks has 0\.0\.1"):
+        render_on(workers, job_of(8))
+
+
+def test_a_scheduler_by_its_address_and_workers_that_come_later():
+    with distributed.LocalCluster(
+        n_workers=0, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=None
+    ) as other:
+        threading.Timer(2.0, lambda: other.scale(1)).start()
+        with Cluster(other.scheduler_address) as cluster:
+            film = render_on(cluster, job_of(16))
+    assert same(film, run(job_of(16)))
+
+
+@pytest.mark.parametrize(
+    ("address", "error", "said"),
+    [
+        ("local:0", UsageError, "expected a number of processes from 1 to 1024"),
+        ("local:many", UsageError, "expected a number of processes"),
+        ("somewhere", UsageError, "is neither local:N, nor an address"),
+        ("gopher://a:1", ContextError, "no scheduler answers"),
+    ],
+)
+def test_an_address_that_cannot_be(address, error, said):
+    with pytest.raises(error, match=said):
+        Cluster(address)
+
+
+# The command line.
+
+
+def test_the_command_line_renders_on_a_cluster_and_goes_on(tmp_path):
+    out, stats = tmp_path / "a.npz", tmp_path / "s.json"
+    command = ["render", *killing.SMALL, "-o", str(out), "--resume", "--cluster", "local:2"]
+    for spp in (20, 40):
+        done = CliRunner().invoke(app, [*command, "--spp", str(spp), "--stats", str(stats)])
+        assert done.exit_code == 0, done.output
+    assert same(Film.load(out), run(job_of(40)))
+    found = json.loads(stats.read_text())
+    assert (found["path_sets"], found["path_sets_before"]) == (40, 20)
+    assert found["counts"]["worker_s"] > 0
+
+
+def test_a_scheduler_that_ends_it_finds_a_checkpoint(tmp_path):
+    out = tmp_path / "a.npz"
+    arguments = ("-o", out, "--spp", 10**6, "--checkpoint", "1i", "--resume", "--cluster", "local:2")
+    code, told = killing.struck(signal.SIGTERM, *arguments)
+    assert code == 75, told
+    film = Film.load(out)
+    assert film.path_sets > 0
+    assert same(film, run(replace(job_of(1), path_sets=film.ranges[0]))) or len(film.ranges) > 1
+
+
+# What is handed out.
+
+
+@given(
+    missing=st.lists(st.tuples(st.integers(1, 9), st.integers(1, 90)), min_size=1, max_size=4),
+    speeds=st.lists(st.floats(1e-4, 20), min_size=1, max_size=8),
+    failures=st.sets(st.integers(0, 40), max_size=20),
+    workers=st.integers(1, 9),
+    every=st.integers(1, 4),
+)
+def test_each_path_set_is_handed_out_once(missing, speeds, failures, workers, every):
+    ranges, at = [], 0
+    for gap, length in missing:
+        ranges.append((at + gap, at + gap + length))
+        at += gap + length
+    looks = []
+    chunks = Chunks(ranges, 1.0, lambda count: bool(looks.append(count)) or count % (every * BLOCK) == 0)
+    done, number = [], 0
+    while (chunk := chunks.next(workers)) is not None:
+        number += 1
+        if number in failures:
+            chunks.fail(chunk)
+            continue
+        assert chunks.done(chunk, speeds[number % len(speeds)] * chunk.count)
+        assert not chunks.done(chunk, 1.0)  # a second copy
+        done.append(chunk.path_sets)
+    assert chunks.over
+    done += [chunk.path_sets for chunk in chunks.failed]
+    assert sorted(i for a, b in done for i in range(a, b)) == [i for a, b in ranges for i in range(a, b)]
+    assert all(chunk.attempts == ATTEMPTS for chunk in chunks.failed)
+
+
+def test_chunks_become_as_long_as_they_should_and_shrink_at_the_end():
+    chunks, sizes = Chunks([(0, 4000)], 5.0), []
+    while (chunk := chunks.next(4)) is not None:
+        sizes.append(chunk.count)
+        chunks.done(chunk, 0.01 * chunk.count)
+    assert sizes[0] == BLOCK
+    assert max(sizes) == sizes[1] == 496  # an eighth of what is left; five seconds would be 500
+    assert sizes[-1] < BLOCK
+    assert all(a >= b for a, b in pairwise(sizes[1:]))
+
+
+def test_slow_path_sets_are_handed_out_one_by_one():
+    chunks = Chunks([(0, 100)], 5.0)
+    first = chunks.next(2)
+    assert first is not None
+    chunks.done(first, 40.0 * first.count)
+    second = chunks.next(2)
+    assert second is not None
+    assert second.path_sets == (8, 9)
+
+
+def test_a_film_travels_without_its_empty_batches():
+    film = run(job_of(8, resolution=(64, 64), aovs=("albedo",)))
+    sent = pickle.dumps(film)
+    assert len(sent) < 64 * 64 * 3 * 8 * 2.2  # one batch of eight, and the AOV
+    assert same(pickle.loads(sent), film)
+
+
+def test_including_a_film_of_another_render_changes_nothing():
+    film, other = run(job_of(8)), run(job_of(8, first_path_set=8, seed=1))
+    before = film.radiance_sums.copy()
+    with pytest.raises(UsageError, match="seed"):
+        film.include(other)
+    with pytest.raises(UsageError, match="twice"):
+        film.include(run(job_of(8)))
+    assert np.array_equal(film.radiance_sums, before)
+    assert film.path_sets == 8
