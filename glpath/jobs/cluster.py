@@ -240,7 +240,7 @@ def render_on(
         warnings.warn(text, SceneWarning, stacklevel=2)
     started = time.perf_counter()
     film_of = film
-    first = empty_film(metadata_of(job, plan, loaded, "", ""))
+    first = empty_film(metadata_of(job, plan, loaded, None))
     if film_of is not None:
         # The digest of a radiosity solution is known only after it is made.
         check_same_render(film_of, first.metadata, job.path_sets, {"settings.radiosity"})
@@ -251,7 +251,7 @@ def render_on(
         plan = plan.prepared(plan.traceable(loaded), clock.report)
     except KeyboardInterrupt:
         raise RenderInterrupted(clock.film) from None
-    metadata = metadata_of(job, plan, loaded, "", "")
+    metadata = metadata_of(job, plan, loaded, None)
     if clock.film.path_sets:
         check_same_render(clock.film, metadata, job.path_sets, set())
     clock.film.metadata = replace(clock.film.metadata, settings=metadata.settings)

@@ -60,7 +60,14 @@ def solve_for_gather(
     )
 
 
-class Engine(Protocol):
+class Counts(Protocol):
+    """What a film's metadata ask of whoever renders it."""
+
+    def statistics(self) -> dict[str, object]:
+        """What was counted so far."""
+
+
+class Engine(Counts, Protocol):
     """What a render asks of an integrator. A window is (x, y, width, height) in pixels, y from the top."""
 
     def look_at(self, window: Window) -> None:
@@ -74,9 +81,6 @@ class Engine(Protocol):
 
     def take_aovs(self) -> dict[str, NDArray[np.float64]]:
         """The same of each AOV that the settings ask for, by name."""
-
-    def statistics(self) -> dict[str, object]:
-        """What was counted so far."""
 
     def forget_statistics(self) -> None:
         """Begin to count anew."""

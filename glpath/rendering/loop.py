@@ -16,7 +16,7 @@ from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.heartbeat import heartbeat
 from glpath.progress import Progress
-from glpath.rendering.factory import Engine
+from glpath.rendering.factory import Counts, Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise
 from glpath.rendering.tiles import Tile
@@ -197,7 +197,7 @@ class Clock:
             self.on_step(self.film)
         self.report("rendering", ended)
 
-    def finish(self, engine: Engine, rule: str) -> None:
+    def finish(self, engine: Counts, rule: str) -> None:
         """Bring the film's metadata up to date, of which the statistics are known only now."""
         counts = self.statistics | engine.statistics()
         self.film.metadata = replace(

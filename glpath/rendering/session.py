@@ -84,7 +84,7 @@ class Session:
         started = time.perf_counter() if started is None else started
         context.check()
         self._context = context
-        metadata = metadata_of(job, self._plan, scene, context.info.renderer, context.info.driver)
+        metadata = metadata_of(job, self._plan, scene, context)
         if film is None:
             film = empty_film(metadata)
         else:
@@ -160,8 +160,8 @@ def empty_film(metadata: FilmMetadata) -> Film:
         ) from error
 
 
-def metadata_of(job: RenderJob, plan: Plan, scene: Scene, renderer: str, driver: str) -> FilmMetadata:
-    """What a film of the job says of itself; the scene has the job's camera, the device has those names."""
+def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | None) -> FilmMetadata:
+    """What a film of the job says of itself; the scene has the job's camera. None: others will render it."""
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
@@ -174,8 +174,9 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, renderer: str, driver:
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
         aovs=job.integrator.aovs if isinstance(job.integrator, PathSetSettings) else (),
-        device=renderer,
-        versions=versions("glpath", "moderngl", "numpy", "scipy") | {"driver": driver},
+        device="" if context is None else context.info.renderer,
+        versions=versions("glpath", "moderngl", "numpy", "scipy")
+        | ({} if context is None else {"driver": context.info.driver}),
     )
 
 
