@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from glpath.bench import (
     denoise,
     embree_peer,
     gather,
+    jobs,
     other_python,
     path_buffer,
     radiance_peer,
@@ -32,6 +34,7 @@ from glpath.errors import GlpathError
 from glpath.experiments import mitsuba_peer
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
+from glpath.jobs.cluster import render_on
 from glpath.rendering import factory
 from glpath.scene import load_scene
 
@@ -73,6 +76,7 @@ def test_list_names_every_bench() -> None:
         "shaft",
         "shaft-options",
         "viewfactors",
+        "jobs",
         "start-up",
     ]
 
@@ -110,7 +114,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, t-buffer, shaft, shaft-options, viewfactors, "
-            "start-up",
+            "jobs, start-up",
         ),
         (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
@@ -317,3 +321,21 @@ def test_start_up_fails_where_glpath_does(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(start_up, "_SIZE", 0)
     with pytest.raises(GlpathError, match="bench start-up: glpath render failed"):
         bench_start_up(rounds=1)
+
+
+def test_jobs_by_workers_have_the_bits_of_one_process_and_their_cost_is_told(monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(jobs, "_WORKERS", (1, 2))
+    report = jobs.bench_jobs(scale=0.01, rounds=1)
+    assert report.faults == []
+    assert [row["workers"] for row in report.rows] == [1, 2]
+    assert report.measured["speedup_2"] == report.measured["workers_1_s"] / report.measured["workers_2_s"]
+    assert report.measured["part_mb"] == pytest.approx(32 * 32 * 3 * 8 * 8 / 1e6, rel=0.1)
+
+
+def test_films_of_workers_that_are_not_the_same_are_a_fault(monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(jobs, "_WORKERS", (1, 2))
+    other = (64, 192)
+    monkeypatch.setattr(jobs, "render_on", lambda cluster, job: render_on(cluster, replace(job, path_sets=other)))
+    assert any("other bits" in fault for fault in jobs.bench_jobs(scale=0.01, rounds=1).faults)

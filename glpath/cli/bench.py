@@ -54,6 +54,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "view factors: closed forms, closed rooms beside pyviewfactor, and a city of 22,800 facets",
         ("--rounds", "--scale"),
     ),
+    "jobs": (
+        "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
+        ("--rounds", "--scale"),
+    ),
     "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
 }
 
@@ -90,12 +94,12 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="t-buffer, shafts, viewfactors, start-up: turns of each program; the median counts; 7.",
+            help="t-buffer, shafts, viewfactors, jobs, start-up: turns of each program; the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(metavar="S", help="gather, t-buffer, shafts, viewfactors: below 1, less work; 1."),
+        typer.Option(metavar="S", help="gather, t-buffer, shafts, viewfactors, jobs: below 1, less work; 1."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -179,6 +183,10 @@ def _measure(
         from glpath.bench.view_factors import bench_view_factors
 
         return bench_view_factors(scale, rounds, progress)
+    if name == "jobs":
+        from glpath.bench.jobs import bench_jobs
+
+        return bench_jobs(scale, rounds, progress)
     if name == "start-up":
         from glpath.bench.start_up import bench_start_up
 
