@@ -42,7 +42,7 @@ class MovingScene:
         self.scene = scene
         self.shapes = scene.moving_shapes
         opened, closed = scene.camera.shutter
-        self.middle = replace(scene, shapes=scene.at(0.5 * (opened + closed)).shapes)
+        self.middle = scene.still(0.5 * (opened + closed))
         self.bounds = self._swept(np.linspace(opened, closed, _TIMES))
         moving = [scene.shapes[i] for i in self.shapes]
         self.lamps = any(shape.emits for shape in moving)

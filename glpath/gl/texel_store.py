@@ -77,7 +77,7 @@ class StoreRows:
     def put(self, first: int | NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
         """Texels (n, ..., 4) from the number `first` on, or at the numbers (n,); see `write`."""
         values = texels.reshape(-1, 4)
-        at = first + np.arange(len(values)) if isinstance(first, int) else first
+        at = first if isinstance(first, np.ndarray) else first + np.arange(len(values))
         self._rows.reshape(-1, 4)[at] = values
         self._changed[np.unique(at // self._texture.width)] = True
 

@@ -14,8 +14,6 @@ path sets, as they are sums of hard ones.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +92,7 @@ class WhittedTracer:
         same = self.objects.geometry_digest
         self._moving = scene if scene.moving_shapes else None
         self._brightest = max_radiance(scene)
-        objects = DeviceScene(self.gl, replace(scene, shapes=scene.at().shapes) if self._moving else scene)
+        objects = DeviceScene(self.gl, scene.still())
         kept = self.shadow_buffer if objects.geometry_digest == same else None
         if kept is not None and kept.lights != objects.positional_lights:
             kept = None
@@ -124,8 +122,7 @@ class WhittedTracer:
             self._held += self._take()
             self._count_shadow_buffer()
             sensor = self.sensor
-            shapes = self._moving.at(self._time(index)).shapes
-            self._set_up(DeviceScene(self.gl, replace(self._moving, shapes=shapes)))
+            self._set_up(DeviceScene(self.gl, self._moving.still(self._time(index))))
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:

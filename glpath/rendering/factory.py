@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -149,8 +149,7 @@ class _PathTracing:
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         # Guides may be of any moment: paths stay unbiased.
-        still = _at_opening(scene)
-        return _PathTracing(self.settings, _solved(still, say)) if self.settings.guided else self
+        return _PathTracing(self.settings, _solved(scene.still(), say)) if self.settings.guided else self
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
         return _path_set_engine(self, context, scene, window, timings)
@@ -179,14 +178,7 @@ def _path_set_engine(
 
 def _posed(scene: Scene) -> Scene:
     """The scene as it stands while the shutter is open: what moves only at other times is where it is then."""
-    if scene.moving_shapes or all(shape.motion is None for shape in scene.shapes):
-        return scene
-    return _at_opening(scene)
-
-
-def _at_opening(scene: Scene) -> Scene:
-    """With shapes that stand still, and the camera as it is."""
-    return scene if all(s.motion is None for s in scene.shapes) else replace(scene, shapes=scene.at().shapes)
+    return scene if scene.moving_shapes else scene.still()
 
 
 def _solved(scene: Scene, say: Say) -> RadiositySolution:
@@ -327,7 +319,7 @@ class _Whitted:
 
         return WhittedTracer(
             context.gl,
-            DeviceScene(context.gl, _at_opening(scene)),
+            DeviceScene(context.gl, scene.still()),
             self.settings,
             window,
             moving=scene if scene.moving_shapes else None,

@@ -208,10 +208,17 @@ class Scene:
         time : None: when the shutter opens
         """
         moment = self.camera.shutter[0] if time is None else time
-        shapes = self.shapes
-        if any(shape.motion is not None for shape in shapes):
-            shapes = Shapes(shape.at(moment) for shape in shapes)
-        return replace(self, camera=self.camera.at(moment), shapes=shapes)
+        return replace(self.still(moment), camera=self.camera.at(moment))
+
+    def still(self, time: float | None = None) -> Scene:
+        """The scene with shapes that stand as they do at a time, and the camera as it is; itself where none moves.
+
+        time : seconds; None: when the shutter opens
+        """
+        if all(shape.motion is None for shape in self.shapes):
+            return self
+        moment = self.camera.shutter[0] if time is None else time
+        return replace(self, shapes=Shapes(shape.at(moment) for shape in self.shapes))
 
     @property
     def moving_shapes(self) -> tuple[int, ...]:
