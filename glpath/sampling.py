@@ -67,6 +67,8 @@ class PathSetSampler:
         self.sampling = sampling
         self._chunk = -1
         self._points = np.empty((0, self.dimensions))
+        self._eye_chunk = -1
+        self._eye_points = np.empty((0, 3))
 
     def __getitem__(self, index: int) -> PathSetSample:
         if index // self._CHUNK != self._chunk:
@@ -79,6 +81,23 @@ class PathSetSampler:
             directions[0, 0] = lattice_point(self.seed, index)
         return PathSetSample(u[_PIXEL], u[_LIGHT], directions)
 
+    def eye(self, index: int) -> NDArray[np.float64]:
+        """(3,) in [0, 1) of a path set's eye: a point of the lens, and when the shutter is open.
+
+        Any 2**k that begin at a multiple of 2**k are even in time, over the lens and over both. They have an order
+        of their own, so that they have nothing in common with the set's other numbers.
+        """
+        if index // self._CHUNK != self._eye_chunk:
+            self._eye_chunk = index // self._CHUNK
+            start = self._eye_chunk * self._CHUNK
+            if self.sampling == "random":
+                bits = np.random.Philox(key=self.seed, counter=[0, 0, 1, start])
+                self._eye_points = np.random.Generator(bits).random((self._CHUNK, 3))
+            else:
+                # The time is the first dimension, whose points are the most even of few.
+                self._eye_points = self._shuffled(start, 9, 0)[:, [1, 2, 0]]
+        return np.asarray(self._eye_points[index % self._CHUNK])
+
     def _make(self, start: int) -> NDArray[np.float64]:
         if self.sampling == "random":
             # A Philox stream per chunk, keyed by the seed: no state is carried from chunk to chunk.
@@ -90,11 +109,15 @@ class PathSetSampler:
         return np.concatenate([owen_scrambled(points, keys), *(self._padding(start, b) for b in bounces)], axis=1)
 
     def _padding(self, start: int, bounce: int) -> NDArray[np.float64]:
-        """(chunk, 4) for a bounce beyond the sequence's: its first dimensions in an order of the bounce's own.
+        """(chunk, 4) for a bounce beyond the sequence's."""
+        return self._shuffled(start, 8, bounce)
+
+    def _shuffled(self, start: int, purpose: int, which: int) -> NDArray[np.float64]:
+        """(chunk, 4) of the sequence's first dimensions in an order of their own, another for each purpose.
 
         Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
         """
-        keys = np.array([counter_hash(self.seed, bounce, use, 8) for use in range(5)], np.uint32)
+        keys = np.array([counter_hash(self.seed, which, use, purpose) for use in range(5)], np.uint32)
         index = np.arange(start, start + self._CHUNK, dtype=np.uint64).astype(np.uint32)
         shuffled = _owen(index[:, None], keys[:1])[:, 0]
         return owen_scrambled(sobol_points_at(shuffled.astype(np.uint64), 4), keys[1:])
@@ -180,6 +203,18 @@ def counter_hash(*counter: int) -> int:
     """32 bits from whole numbers: the seed of what a shader then hashes per path."""
     text = ",".join(map(str, counter)).encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little")
+
+
+def concentric_disk(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2,) a point of the unit disk, uniform, from u (2,) in [0, 1).
+
+    Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
+    """
+    x, y = 2.0 * u - 1.0
+    if x == 0.0 and y == 0.0:
+        return np.zeros(2)
+    radius, angle = (x, np.pi / 4 * y / x) if abs(x) > abs(y) else (y, np.pi / 4 * (2.0 - x / y))
+    return np.array([radius * np.cos(angle), radius * np.sin(angle)])
 
 
 def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:

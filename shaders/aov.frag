@@ -23,12 +23,12 @@ layout(location = 1) out uvec4 second;
 void look(ivec2 pixel, out vec3 albedo, out vec3 normal)
 {
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
-    vec3 d = eye_direction(pixel);
+    vec3 d = eye_direction(pixel), o = eye_origin(pixel);
     albedo = sky(d);
     normal = vec3(0.0);
     if (triangle >= 0) {
         vec4 plane = facet_texel(triangle, FACET_PLANE);
-        vec3 x = eye_position + d * ((plane.w - dot(plane.xyz, eye_position)) / dot(plane.xyz, d));
+        vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
         Surface s = surface_of_triangle(triangle, x, plane);
         bool front = front_hit(plane.xyz, d);
         float light_point;

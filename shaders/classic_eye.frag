@@ -21,7 +21,7 @@ void main()
 #ifdef HAS_ALPHA
     new_opacity_key(pixel + eye_corner, 0u);
 #endif
-    int primitive = nearest_of(begin, end, eye_position, eye_direction(pixel), 0.0, -1, t);
+    int primitive = nearest_of(begin, end, eye_origin(pixel), eye_direction(pixel), 0.0, -1, t);
 #ifdef COUNT_TESTS
     tests_of_pixel[pixel.y * eye_size.x + pixel.x] += tests;
 #endif

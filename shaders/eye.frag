@@ -17,6 +17,10 @@ void main()
     new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
     if (lets_through(gl_PrimitiveID, world)) discard;
 #endif
+#ifdef EYE_ORTHOGRAPHIC
+    gl_FragDepth = gl_FragCoord.z;
+#else
     gl_FragDepth = 1.0 / (gl_FragCoord.w * eye_range.y);
+#endif
     seen = uint(gl_PrimitiveID) + 1u;
 }

@@ -14,5 +14,6 @@ void main()
 #ifdef HAS_ALPHA
     new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
 #endif
-    seen = uint(nearest_triangle(eye_position, eye_direction(ivec2(gl_FragCoord.xy)), -1) + 1);
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    seen = uint(nearest_triangle(eye_origin(pixel), eye_direction(pixel), -1) + 1);
 }

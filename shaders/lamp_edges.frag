@@ -17,16 +17,16 @@ uniform vec2 places[PLACES];      // from the set's own place, pixels, y up
 
 layout(location = 0) out vec4 light;
 
-vec3 seen(vec3 direction)
+vec3 seen(vec3 origin, vec3 direction)
 {
-    int triangle = nearest_triangle(eye_position, direction, -1);
+    int triangle = nearest_triangle(origin, direction, -1);
 #ifdef HAS_SKY
     if (triangle < 0) return sky(direction);
 #else
     if (triangle < 0) return vec3(0.0);
 #endif
     float t, light_point;
-    PathVertex v = vertex_on(triangle, eye_position, direction, t);
+    PathVertex v = vertex_on(triangle, origin, direction, t);
     return emitted(v.surface, v.front, light_point);
 }
 
@@ -40,7 +40,7 @@ void main()
 #ifdef HAS_ALPHA
             new_opacity_key(pixel + eye_corner, 1u + uint(k));
 #endif
-            sum += seen(eye_direction(pixel, places[k]));
+            sum += seen(eye_origin(pixel, places[k]), eye_direction(pixel, places[k]));
         }
     }
     light = vec4(sum / float(PLACES), 1.0);

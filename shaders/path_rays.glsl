@@ -168,7 +168,7 @@ struct Leaving
 vec4 trace_path(ivec2 pixel)
 {
     Course at = Course(path_in_image(pixel), 0, 0);
-    vec3 origin = eye_position, direction = eye_direction(pixel);
+    vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
 #ifdef LAMP_EDGES

@@ -27,8 +27,8 @@ void main()
         return;
     }
     vec4 plane = facet_texel(triangle, FACET_PLANE);
-    vec3 d = eye_direction(pixel);
-    vec3 x = eye_position + d * ((plane.w - dot(plane.xyz, eye_position)) / dot(plane.xyz, d));
+    vec3 d = eye_direction(pixel), o = eye_origin(pixel);
+    vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
     Surface s = surface_of_triangle(triangle, x, plane);
     bool front = front_hit(plane.xyz, d);
     float light_point;

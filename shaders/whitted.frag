@@ -112,7 +112,7 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     uvec2 seen = texel(eye_buffer, pixel).rg;
-    vec3 origin = eye_position, direction = eye_direction(pixel);
+    vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
     int primitive = int(seen.x) - 1;
     float t = uintBitsToFloat(seen.y), rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
     vec3 L = vec3(0.0), weight = vec3(1.0);

@@ -1,11 +1,16 @@
-"""The pinhole: rays and projection against what a camera obscura does, by similar triangles."""
+"""Rays and projection of every kind of camera, against similar triangles and angles, and when they look."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from glpath.scene import Camera
+from glpath.errors import SceneError
+from glpath.sampling import PathSetSampler
+from glpath.scene import Camera, check_camera
+from glpath.scene.camera import CameraKey, Projection
 
 RNG = np.random.default_rng(8)
 
@@ -81,3 +86,88 @@ def test_a_turned_camera_goes_around_its_target_at_its_height_and_distance(up: t
     assert around.position == pytest.approx(camera.position)
     quarter = Camera(np.array([1.0, 0.5, 0.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, (8, 6)).turned(90.0)
     assert quarter.position == pytest.approx([0.0, 0.5, -1.0]), "counter-clockwise seen from above"
+
+
+@pytest.mark.parametrize("resolution", [(40, 30), (7, 64)])
+@pytest.mark.parametrize("projection", ["orthographic", "panorama"])
+def test_every_projection_projects_to_where_a_ray_came_from(
+    projection: Projection, resolution: tuple[int, int]
+) -> None:
+    position, target = RNG.normal(size=(2, 3))
+    camera = Camera(position, target, np.array([0.1, 1.0, 0.2]), 50.0, resolution, projection, height=3.0)
+    at = RNG.uniform(0, 1, (200, 2)) * resolution
+    rays = camera.rays(at)
+    assert np.allclose(np.linalg.norm(rays, axis=1), 1)
+    found, depth = camera.project(camera.origins(at) + RNG.uniform(0.1, 9, (200, 1)) * rays)
+    assert (depth > 0).all()
+    assert np.allclose(found, at)
+    assert camera.rays().shape == camera.origins().shape == (resolution[1], resolution[0], 3)
+
+
+def test_parallel_rays_see_as_high_as_the_image_wherever_it_is() -> None:
+    camera = Camera(np.zeros(3), np.array([0, 0, -2.0]), np.array([0, 1.0, 0]), 40.0, (20, 10), "orthographic", 3.0)
+    assert camera.extent == pytest.approx((3.0, 1.5))
+    for depth in (0.5, 40.0):
+        at, found = camera.project([[3.0, 1.5, -depth], [-3.0, -1.5, -depth]])
+        assert np.allclose(at, [[20, 0], [0, 10]])
+        assert np.allclose(found, depth)
+
+
+def test_a_panorama_has_its_target_in_the_middle_and_up_at_the_top() -> None:
+    camera = Camera(np.zeros(3), np.array([0, 0, -1.0]), np.array([0, 1.0, 0]), 40.0, (360, 180), "panorama")
+    at, _ = camera.project([[0, 0, -2], [2, 0, 0], [0, 0, 2], [-2, 0, 0], [1, 2**0.5, -1]])
+    assert np.allclose(at, [[180, 90], [270, 90], [360, 90], [90, 90], [225, 45]])
+    assert np.allclose(camera.rays([[77, 0], [77, 180]]), [[0, 1, 0], [0, -1, 0]])
+
+
+def test_keys_are_met_and_between_them_it_goes_straight() -> None:
+    up, target = np.array([0.0, 1.0, 0.0]), np.zeros(3)
+    keys = tuple(CameraKey(t, np.array([x, 0.0, 3.0]), target, up) for t, x in ((1.0, 0.0), (2.0, 4.0)))
+    camera = Camera(np.ones(3), target, up, 40.0, (4, 4), shutter=(1.0, 2.0), motion=keys)
+    assert camera.moves
+    for time, x in ((0.0, 0.0), (1.0, 0.0), (1.25, 1.0), (2.0, 4.0), (9.0, 4.0)):
+        still = camera.at(time)
+        assert not still.moves
+        assert np.allclose(still.position, [x, 0, 3])
+    assert np.allclose(camera.at().position, [0, 0, 3])
+    for shutter in ((0.0, 1.0), (2.0, 3.0), (1.5, 1.5)):
+        assert not replace(camera, shutter=shutter).moves
+
+
+def test_any_power_of_two_path_sets_are_even_over_lens_and_time() -> None:
+    sampler = PathSetSampler(3, 3)
+    for first, count in ((0, 16), (64, 64), (512, 256)):
+        u = np.array([sampler.eye(i) for i in range(first, first + count)])
+        assert sorted(np.floor(u[:, 2] * count)) == list(range(count))  # time: one in each part
+        side = int(np.sqrt(count))
+        cells = np.floor(u[:, :2] * side) @ [side, 1]
+        assert len(np.unique(cells)) == count  # lens: one in each square
+    # Nothing in common with what else a set draws: the correlation of all pairs is noise.
+    others = np.array(
+        [np.concatenate([(s := sampler[i]).pixel, s.light, s.directions.ravel()[:8]]) for i in range(512)]
+    )
+    own = np.array([sampler.eye(i) for i in range(512)])
+    both = np.corrcoef(np.concatenate([own, others], axis=1).T)[:3, 3:]
+    assert np.abs(both).max() < 4.5 / np.sqrt(512)
+
+
+def test_what_a_camera_cannot_be_is_said() -> None:
+    for changes, told in (
+        ({"aperture_radius": -1.0}, "aperture_radius is -1, but must be 0 or more"),
+        ({"focus_distance": 0.0}, "focus_distance is 0, but must be above 0"),
+        ({"projection": "orthographic", "height": 0.0}, "height is 0, but must be above 0"),
+        ({"projection": "panorama", "aperture_radius": 0.1}, "a camera of type panorama has no lens"),
+        ({"shutter": (1.0, 0.0)}, "shutter is [1, 0], but must be two finite numbers, the first at most"),
+        ({"projection": "fisheye"}, 'type is "fisheye", but must be one of'),
+    ):
+        camera = replace(Camera(np.zeros(3), np.ones(3), np.array([0, 1.0, 0]), 40.0, (4, 4)), **changes)
+        with pytest.raises(SceneError) as error:
+            check_camera(camera, "room")
+        assert told in error.value.message
+    keys = [CameraKey(t, np.zeros(3), np.ones(3), np.array([0, 1.0, 0])) for t in (1.0, 1.0)]
+    camera = Camera(np.zeros(3), np.ones(3), np.array([0, 1.0, 0]), 40.0, (4, 4), motion=tuple(keys))
+    with pytest.raises(SceneError, match=r"motion\[1\].time is 1, but must be above 1"):
+        check_camera(camera, "room")
+    keys[1] = replace(keys[1], time=2.0, target=np.zeros(3))
+    with pytest.raises(SceneError, match=r"motion\[1\].target is the same point"):
+        check_camera(replace(camera, motion=tuple(keys)), "room")

@@ -53,7 +53,10 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         shape('type = "spere"'),
         ['shapes[1].type is "spere"', "must be one of: box, mesh, plane, quad, sphere", 'Did you mean "sphere"?'],
     ),
-    "unknown camera type": (camera('type = "fisheye"\n'), ['camera.type is "fisheye"', "one of: perspective"]),
+    "unknown camera type": (
+        camera('type = "fisheye"\n'),
+        ['camera.type is "fisheye"', "one of: orthographic, panorama, perspective"],
+    ),
     "text for a number": (
         shape('type = "sphere"\nradius = "big"'),
         ['shapes[1].radius is "big"', "must be a number", "Radius in scene units"],

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.gl import passes
-from glpath.gl.camera import eye_uniforms
+from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Dispatch, Pass, largest_point
@@ -78,7 +78,9 @@ class EyeBuffer(ABC):
         self.texture = self._pair_texture()
         self._tests = gl.buffer(data=bytes(4 * size[0] * size[1])) if count_tests else None
         self._buffers = {0: self._tests} if self._tests else {}
-        self._defines = objects.defines | ({"COUNT_TESTS": 1} if count_tests else {})
+        self._defines = objects.defines | camera_defines(objects.scene.camera)
+        if count_tests:
+            self._defines["COUNT_TESTS"] = 1
 
     @abstractmethod
     def fill(self, eye: Uniforms) -> None:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -49,6 +49,7 @@ from glpath.cli.values import check_choice, check_inside, vector
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import exposure as read_exposure
 from glpath.cli.values import resolution as read_resolution
+from glpath.cli.values import shutter as read_shutter
 from glpath.denoise import require_denoiser
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
@@ -57,6 +58,7 @@ from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, Progress, duration, percent, reporting
 from glpath.rendering.options import MAX_SPP, default_spp_text
+from glpath.scene.camera import Projection
 from glpath.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -166,6 +168,31 @@ def render(
     ] = None,
     camera_fov: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Vertical field of view.", rich_help_panel=_CAMERA)
+    ] = None,
+    camera_type: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(get_args(Projection)),
+            autocompletion=words(get_args(Projection)),
+            help="How it projects.",
+            rich_help_panel=_CAMERA,
+        ),
+    ] = None,
+    camera_height: Annotated[
+        float | None,
+        typer.Option(metavar="UNITS", help="Of the whole image, if orthographic.", rich_help_panel=_CAMERA),
+    ] = None,
+    camera_aperture_radius: Annotated[
+        float | None,
+        typer.Option(metavar="UNITS", help="Radius of its lens; 0 is a pinhole.", rich_help_panel=_CAMERA),
+    ] = None,
+    camera_focus_distance: Annotated[
+        float | None,
+        typer.Option(metavar="UNITS", help="Where it is sharp; by itself, at the target.", rich_help_panel=_CAMERA),
+    ] = None,
+    camera_shutter: Annotated[
+        str | None,
+        typer.Option(metavar="T,T", help="When it opens and closes, seconds.", rich_help_panel=_CAMERA),
     ] = None,
     parameters: Annotated[list[str] | None, parameters_option(_IMAGE)] = None,
     integrator: Annotated[
@@ -303,6 +330,11 @@ def render(
                 "target": vector("--camera-target", camera_target),
                 "up": vector("--camera-up", camera_up),
                 "fov": camera_fov,
+                "type": camera_type,
+                "height": camera_height,
+                "aperture_radius": camera_aperture_radius,
+                "focus_distance": camera_focus_distance,
+                "shutter": None if camera_shutter is None else read_shutter(camera_shutter),
             },
         )
         options = {"integrator": integrator, "spp": spp, **first, **options}

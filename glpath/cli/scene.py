@@ -42,7 +42,8 @@ class OptionPlace(Place):
         return self.path
 
     def field(self, name: str) -> Place:
-        path = f"{self.path}-{name}" if self.path else f"--{name}"
+        word = name.replace("_", "-")
+        path = f"{self.path}-{word}" if self.path else f"--{word}"
         return OptionPlace("", path.replace("--film-", "--"))
 
     def written(self, value: object) -> str:

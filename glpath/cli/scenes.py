@@ -170,6 +170,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
                 "area": area,
                 "material": scene.materials[shape.material].name,
                 "emission": shape.emission.tolist(),
+                "moves": shape.motion is not None,
             }
         )
         if shape.emits:
@@ -191,7 +192,13 @@ def summarize(scene: Scene) -> dict[str, Any]:
             "position": camera.position.tolist(),
             "target": camera.target.tolist(),
             "up": camera.up.tolist(),
-            "fov": camera.fov,
+            "type": camera.projection,
+            "fov": camera.fov if camera.projection == "perspective" else None,
+            "height": camera.height if camera.projection == "orthographic" else None,
+            "aperture_radius": camera.aperture_radius,
+            "focus_distance": camera.focus if camera.aperture_radius > 0 else None,
+            "shutter": list(camera.shutter),
+            "moves": camera.moves,
             "resolution": list(camera.resolution),
         },
         "shapes": shapes,
@@ -268,6 +275,24 @@ def _told_of_sky(sky: dict[str, Any]) -> str:
     return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
+def _told_of_view(camera: dict[str, Any]) -> str:
+    if camera["type"] == "panorama":
+        return "360 x 180 degrees, equirectangular"
+    if camera["type"] == "orthographic":
+        return f"{camera['height']:g} high, by parallel rays"
+    return f"{camera['fov']:g} degrees, vertical"
+
+
+def _told_of_shutter(summary: dict[str, Any]) -> str:
+    opened, closed = summary["camera"]["shutter"]
+    moving = [shape["name"] for shape in summary["shapes"] if shape["moves"]]
+    moving += ["the camera"] * summary["camera"]["moves"]
+    if not moving:
+        return ""
+    listed = ", ".join(moving[:3]) + (", ..." if len(moving) > 3 else "")
+    return f"from {opened:g} to {closed:g} s; what moves: {listed}"
+
+
 def _tables(summary: dict[str, Any]) -> list[Table]:
     counts = [
         f"{summary[kind]:,} {kind if summary[kind] > 1 else kind[:-1]}"
@@ -282,7 +307,11 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         "hash": f"sha256:{summary['sha256'][:16]}",
         "bounds": f"{_numbers(bounds['min'])} to {_numbers(bounds['max'])}",
         "camera": f"at {_numbers(camera['position'])} to {_numbers(camera['target'])}, up {_numbers(camera['up'])}",
-        "field of view": f"{camera['fov']:g} degrees, vertical",
+        "field of view": _told_of_view(camera),
+        "lens": f"of radius {camera['aperture_radius']:g}, sharp at {camera['focus_distance']:g}"
+        if camera["aperture_radius"]
+        else "",
+        "shutter": _told_of_shutter(summary),
         "resolution": "{} x {}".format(*camera["resolution"]),
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
         "sky": _told_of_sky(sky) if sky else "",

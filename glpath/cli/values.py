@@ -38,6 +38,12 @@ def vector(option: str, text: str | None) -> Vector | None:
     return x, y, z
 
 
+def shutter(text: str) -> tuple[float, float]:
+    """T,T of --camera-shutter."""
+    opened, closed = numbers("--camera-shutter", text, "T,T", [2], float)
+    return opened, closed
+
+
 def colour(option: str, text: str) -> Vector:
     """R,G,B or one number for all three, not negative."""
     found = numbers(option, text, "R,G,B or one number,", [1, 3], float)

@@ -2,29 +2,59 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from glpath.sampling import concentric_disk
 from glpath.scene.model import Camera
 
 CENTRE = (0.5, 0.5)
 
 
+def camera_defines(camera: Camera, own_lens: bool = False) -> dict[str, object]:
+    """What the camera's kind says to programs that include camera.glsl; nothing of a pinhole.
+
+    own_lens : each pixel has a point of the lens of its own (`lens_uniforms`); else all rays of a path set go
+               through one, which makes the lens a pinhole beside its middle
+    """
+    defines: dict[str, object] = {}
+    if camera.projection != "perspective":
+        defines[f"EYE_{camera.projection.upper()}"] = 1
+    if own_lens and camera.aperture_radius > 0:
+        defines["EYE_LENS"] = 1
+    return defines
+
+
 def eye_uniforms(
-    camera: Camera, window: tuple[int, int, int, int] | None = None, pixel: tuple[float, float] = CENTRE
+    camera: Camera,
+    window: tuple[int, int, int, int] | None = None,
+    pixel: tuple[float, float] = CENTRE,
+    lens: ArrayLike | None = None,
 ) -> dict[str, object]:
     """What rays through a window of the image need.
 
     window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
     pixel  : place in each pixel, x to the right and y down, each in [0, 1)
+    lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
     """
     width, height = camera.resolution
     x, y, w, h = window or (0, 0, width, height)
     right, up, forward = camera.frame()
+    position = np.asarray(camera.position, np.float64)
+    centre = np.array(eye_centre(camera.resolution, pixel))
+    if lens is not None and camera.aperture_radius > 0:
+        # What is sharp stays where it is: a pinhole whose image is shifted.
+        beside = camera.aperture_radius * concentric_disk(np.asarray(lens, np.float64))
+        position = position + beside[0] * right + beside[1] * up
+        centre = centre + camera.focal / camera.focus * beside
     return {
-        "eye_position": tuple(camera.position),
+        "eye_position": tuple(position),
         "eye_right": tuple(right),
         "eye_up": tuple(up),
         "eye_forward": tuple(forward),
         "eye_focal": camera.focal,
-        "eye_centre": eye_centre(camera.resolution, pixel),
+        "eye_angle": (2.0 * np.pi / width, np.pi / height),
+        "eye_centre": (float(centre[0]), float(centre[1])),
         "eye_corner": (x, height - y - h),
         "eye_size": (w, h),
     }
@@ -34,3 +64,12 @@ def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple
     """The one of them that changes with the place in each pixel."""
     width, height = resolution
     return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
+
+
+def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
+    """What rays need each of which has a point of the lens of its own.
+
+    lens : (2,) in [0, 1), the path set's; each pixel shifts it by numbers that follow from the seed, 32 bits
+    """
+    u, v = (int(x * 2.0**32) for x in np.asarray(lens, np.float64))
+    return {"lens_point": (u, v), "lens_seed": seed, "lens": (camera.aperture_radius, 1.0 / camera.focus)}

@@ -17,7 +17,7 @@ Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates a
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import moderngl
@@ -25,13 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
+from glpath.gl.moving import MovingScene
 from glpath.gl.passes import TriangleIndices
-from glpath.gl.texel_store import FLOATS, UINTS, make_store, store_glsl
+from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
-from glpath.scene.model import Environment, Float64, Int32, Light, Scene
+from glpath.scene.model import Environment, Float64, Int32, Light, Mesh, Scene, Shapes
 
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
@@ -186,13 +187,16 @@ class DeviceScene:
     generated, defines : for `load_program`; kinds that the scene lacks are left out of the programs
     centre, radius : a sphere around all triangles and spheres, scene units
     box       : (8, 3) corners of the box around them, about the centre
+    moving    : of a scene in triangles, in which shapes move while the shutter is open; then `scene` stands as it
+                does in the middle of that time, and `move_to` changes what the device has. None without
 
     Raises SceneError for what the device cannot hold.
     """
 
     def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
         self.gl = gl
-        self.scene = scene
+        self.moving: MovingScene | None = MovingScene(scene) if scene.moving_shapes else None
+        self.scene = scene = self.moving.middle if self.moving else scene
         self.numbering = numbers = number_primitives(scene)
         self.count = numbers.count
         self.triangle_count = numbers.first_plane - numbers.first_triangle
@@ -317,11 +321,39 @@ class DeviceScene:
             **bases,
             **uint_bases,
         }
-        low, high = scene.bounds
+        low, high = self.moving.bounds if self.moving else scene.bounds
         self.centre = 0.5 * (low + high)
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
         self.box = signs * (high - low)
-        self.radius = _radius(scene, self.centre)
+        self.radius = 0.5 * float(np.linalg.norm(high - low)) if self.moving else _radius(scene, self.centre)
+
+    def move_to(self, time: float) -> None:
+        """Put what moves where it is at a time, seconds."""
+        moving, bases = self.moving, self.uniforms
+        assert moving is not None, "nothing moves"
+        sections = ("vertex_base", "shading_base", "facet_base")
+        vertex, shading, facet = (int(bases[name]) for name in sections)  # type: ignore[call-overload]
+        for i in moving.shapes:
+            pose = Shapes((moving.scene.shapes[i].at(time),))
+            first, triangles = self._first_vertices[i], self.scene.shapes.ranges[i]
+            self._float_rows.put(vertex + first, _texel(pose.vertices.astype(np.float32)))
+            if "HAS_VERTEX_NORMALS" in self.defines:
+                self._float_rows.put(shading + first, _texel(pose.vertex_normals))
+            self._float_rows.put(facet + triangles.start, _facets(replace(self.scene, shapes=pose)))
+        self._float_rows.write()
+
+    @cached_property
+    def _float_rows(self) -> StoreRows:
+        return StoreRows(self.textures["scene_floats"], FLOATS)
+
+    @cached_property
+    def _first_vertices(self) -> NDArray[np.int64]:
+        """(shapes,) where the vertices of each shape begin."""
+        counts = [
+            len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0
+            for s in self.scene.shapes
+        ]
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
     @property
     def positional_lights(self) -> int:

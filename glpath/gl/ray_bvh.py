@@ -12,6 +12,8 @@ Source:   Hachisuka 2015, Implementing a photorealistic rendering system using G
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,8 @@ from numpy.typing import NDArray
 from glpath.bvh_nodes import Bvh
 from glpath.bvh_sweep import SWEPT, sweep_bvh
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.texel_store import UINTS, make_store, store_glsl
+from glpath.gl.moving import Refitting
+from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
 from glpath.scene.model import Scene
 
 #: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
@@ -60,10 +63,12 @@ class RayBvh:
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
         # As the device has their corners, or neighbours far from the origin would not meet at an edge.
         triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
-        items = _items(triangles)
+        paths = _paths(scene)
+        items = _items(triangles, paths)
         tree = _tree(triangles, items)
         octants = 1 if len(triangles) > _MANY else 8
-        lower, step, boxes = _in_steps(tree)
+        grid = _Grid.of(tree, scene.moving.bounds if scene.moving else None)
+        boxes = grid.steps(tree.lower, tree.upper)
         item_table = _item_table(triangles, items)
         flags = np.append(_flags(scene.scene), np.uint32(0))
         item_table[:, 2, 3] = flags[items[:, 0]] | flags[items[:, 1]]
@@ -73,26 +78,95 @@ class RayBvh:
         self.uniforms: dict[str, object] = {
             "ray_node_count": len(tree),
             "ray_octants": octants == 8,
-            "ray_lower": tuple(map(float, lower)),
-            "ray_step": tuple(map(float, step)),
+            "ray_lower": tuple(map(float, grid.lower)),
+            "ray_step": tuple(map(float, grid.step)),
             **bases,
         }
+        if scene.moving is not None:
+            self._moving = _MovingItems(texture, bases, tree, items, item_table, grid, octants, paths > 0)
+
+    def move_to(self, triangles: NDArray[np.float64]) -> None:
+        """Go on with the triangles (T, 3, 3) as they stand at another time; see `glpath.gl.moving`."""
+        self._moving.place(triangles)
 
 
-def _in_steps(tree: Bvh) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32]]:
-    """Origin and step (3,) of the boxes' own space, and (M, 3) the boxes in it, rounded outwards."""
-    if not len(tree):
-        return np.zeros(3), np.ones(3), np.zeros((0, 3), np.uint32)
-    lower, upper = tree.lower[0], tree.upper[0]
-    far = max(float(np.abs([lower, upper]).max()), 1e-30)
-    extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
-    # A ray's start is a float, which far from the origin is worth more than a step.
-    pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
-    step = extent / (_STEPS - 2 * pad - 2)
-    lower = lower - (pad + 1) * step
-    low = np.clip(np.floor((tree.lower - lower) / step - pad), 0, _STEPS).astype(np.uint32)
-    high = np.clip(np.ceil((tree.upper - lower) / step + pad), 0, _STEPS).astype(np.uint32)
-    return lower, step, low | high << np.uint32(16)
+class _MovingItems:
+    """What of the texture changes when triangles move, and where it lies."""
+
+    def __init__(
+        self,
+        texture: moderngl.Texture,
+        bases: dict[str, object],
+        tree: Bvh,
+        items: NDArray[np.int64],
+        item_table: NDArray[np.uint32],
+        grid: _Grid,
+        octants: int,
+        moved: NDArray[np.bool_],
+    ) -> None:
+        self._rows = StoreRows(texture, UINTS)
+        self._grid, self._items, self._table = grid, items, item_table
+        leaf_item = np.where(tree.count > 0, tree.order[np.minimum(tree.first, len(items) - 1)], -1).astype(
+            np.int64
+        )
+        self._fit = Refitting(tree.lower, tree.upper, tree.skip, leaf_item, moved[items[:, 0]])
+        base = int(bases["ray_node_base"])  # type: ignore[call-overload]
+        nodes = self._fit.nodes
+        self._places = [base + octant * len(tree) + _places(tree, octant)[nodes] for octant in range(octants)]
+        links = _node_table(tree, np.zeros((len(tree), 3), np.uint32), octants).reshape(-1, 4)
+        self._links = [links[places - base, 3] for places in self._places]
+        self._item_base = int(bases["ray_item_base"])  # type: ignore[call-overload]
+
+    def place(self, triangles: NDArray[np.float64]) -> None:
+        fit, which = self._fit, self._fit.items
+        fit.refit(*_item_boxes(triangles, self._items[which]))
+        boxes = self._grid.steps(fit.lower[fit.nodes], fit.upper[fit.nodes])
+        for places, links in zip(self._places, self._links, strict=True):
+            self._rows.put(places, np.column_stack([boxes, links]))
+        table = _item_table(triangles, self._items[which])
+        table[:, 2, 3] = self._table[which, 2, 3]
+        numbers = self._item_base + 3 * which[:, None] + np.arange(3)
+        self._rows.put(numbers.ravel(), table)
+        self._rows.write()
+
+
+def _paths(scene: DeviceScene) -> NDArray[np.int64]:
+    """(T,): 0 for a triangle that stands still, else 1 and the number of the shape that it moves with."""
+    of_shape = np.zeros(len(scene.scene.shapes), np.int64)
+    if scene.moving is not None:
+        moving = list(scene.moving.shapes)
+        of_shape[moving] = np.array(moving) + 1
+    return of_shape[scene.scene.triangle_shape]
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The boxes' own space: origin and step (3,); boxes are so many steps larger than they are, for rounding."""
+
+    lower: NDArray[np.float64]
+    step: NDArray[np.float64]
+    pad: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, tree: Bvh, bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> _Grid:
+        """Of a tree, and of all that its items are moved through."""
+        if not len(tree):
+            return cls(np.zeros(3), np.ones(3), np.zeros(3))
+        lower, upper = tree.lower[0], tree.upper[0]
+        if bounds is not None:
+            lower, upper = np.minimum(lower, bounds[0]), np.maximum(upper, bounds[1])
+        far = max(float(np.abs([lower, upper]).max()), 1e-30)
+        extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
+        # A ray's start is a float, which far from the origin is worth more than a step.
+        pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
+        step = extent / (_STEPS - 2 * pad - 2)
+        return cls(lower - (pad + 1) * step, step, pad)
+
+    def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
+        """(M, 3) boxes, rounded outwards: the lower corner in the low 16 bits, the upper in the high ones."""
+        low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
+        high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
+        return np.asarray(low | high << np.uint32(16))
 
 
 def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[np.uint32]:
@@ -127,11 +201,12 @@ def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDA
     return table
 
 
-def _items(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
+def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64]) -> NDArray[np.int64]:
     """(N, 3): a triangle; the one after it where both are a parallelogram, else -1; and which corner of the first
     the second lacks, else 0.
 
-    Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests.
+    Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests. Two that move
+    apart are none.
     """
     count = len(triangles)
     lacks = np.full(count, -1)  # of a triangle that is a parallelogram with the one after it
@@ -146,6 +221,7 @@ def _items(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
             near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-6 * size
             lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k
+        lacks[:-1][paths[:-1] != paths[1:]] = -1
     pairs = lacks >= 0
     # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
     run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))
@@ -157,10 +233,16 @@ def _items(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
     )
 
 
-def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
+def _item_boxes(
+    triangles: NDArray[np.float64], items: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     lower, upper = triangles.min(axis=1), triangles.max(axis=1)
     first, second = items[:, 0], np.where(items[:, 1] < 0, items[:, 0], items[:, 1])
-    lower, upper = np.minimum(lower[first], lower[second]), np.maximum(upper[first], upper[second])
+    return np.minimum(lower[first], lower[second]), np.maximum(upper[first], upper[second])
+
+
+def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
+    lower, upper = _item_boxes(triangles, items)
     if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
     from glpath.bvh import build_bvh  # with numba, which is slow to import

@@ -66,6 +66,31 @@ def row_texture(gl: moderngl.Context, rows: NDArray[Any], kind: Kind) -> moderng
     return texture
 
 
+class StoreRows:
+    """A store's texels on the CPU as well, so that some can be changed: whole rows of them are written again."""
+
+    def __init__(self, texture: moderngl.Texture, kind: Kind) -> None:
+        self._texture = texture
+        self._rows = np.frombuffer(texture.read(), kind.dtype).reshape(texture.height, texture.width, 4).copy()
+        self._changed = np.zeros(texture.height, np.bool_)
+
+    def put(self, first: int | NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
+        """Texels (n, ..., 4) from the number `first` on, or at the numbers (n,); see `write`."""
+        values = texels.reshape(-1, 4)
+        at = first if isinstance(first, np.ndarray) else first + np.arange(len(values))
+        self._rows.reshape(-1, 4)[at] = values
+        self._changed[np.unique(at // self._texture.width)] = True
+
+    def write(self) -> None:
+        """Hand the rows that have changed to the device."""
+        rows = np.flatnonzero(self._changed)
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            if len(part):
+                area = (0, int(part[0]), self._texture.width, len(part))
+                self._texture.write(self._rows[part[0] : part[-1] + 1].tobytes(), viewport=area)
+        self._changed[:] = False
+
+
 def make_store(
     gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, NDArray[Any]], source: str
 ) -> tuple[moderngl.Texture, dict[str, object]]:

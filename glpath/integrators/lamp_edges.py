@@ -37,6 +37,7 @@ class LampEdges:
 
     size     : (width, height) of the window, pixels
     textures : for programs that include lamp_edges.glsl
+    eye_defines : see `gl.camera.camera_defines`
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class LampEdges:
         bvh: RayBvh,
         seed: int,
         sampling: Sampling,
+        eye_defines: Mapping[str, object],
     ) -> None:
         self._seed, self._sampling = seed, sampling
         self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky), **bvh.uniforms}
@@ -70,7 +72,7 @@ class LampEdges:
                 vertex="fullscreen.vert",
                 fragment="lamp_edges.frag",
                 generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
-                defines={**scene.defines, "HAS_SKY": scene.scene.sky is not None, "PLACES": PLACES},
+                defines={**scene.defines, **eye_defines, "HAS_SKY": scene.scene.sky is not None, "PLACES": PLACES},
             ),
             gl.framebuffer([self.textures["lamp_light"]]),
             textures={**scene.textures, **bvh.textures, "lamp_pixels": self._pixels} | self.textures,

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import ClassVar
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.gl.camera import eye_centre, eye_uniforms
+from glpath.errors import UsageError
+from glpath.gl.camera import CENTRE, camera_defines, eye_centre, eye_uniforms, lens_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
+from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.gl.sums import PixelSums
 from glpath.integrators.aovs import EyeAovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.lighting import Lighting
-from glpath.sampling import counter_hash
+from glpath.sampling import PathSetSampler, counter_hash
+from glpath.scene.model import Camera
 from glpath.sensors import CameraSensor
 
 Uniforms = dict[str, object]
@@ -31,7 +36,12 @@ class PathSetEngine(ABC):
     window    : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
     max_radiance : what a path may bring home besides emission, for the quantum of the sums
     lighting  : what path sets are lit by; the scene's, where it is not given
+
+    own_lens : of an engine: every pixel has a point of a camera's lens of its own, not one for all of a path set
     """
+
+    own_lens: ClassVar[bool] = False
+    _sampler: PathSetSampler  # set by the subclass
 
     def __init__(
         self,
@@ -49,6 +59,8 @@ class PathSetEngine(ABC):
         self.scene = scene
         self._settings = settings
         self.sensor = CameraSensor.of(scene.scene.camera)
+        self._eye_kind = self._kind_of(scene.scene.camera)
+        self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
         self.window = window
         self.lighting = lighting or scene.lighting
         self.stopwatch = Stopwatch(gl, hardware, timings)
@@ -57,14 +69,20 @@ class PathSetEngine(ABC):
         self._sum = 0  # which of the two sets of sums holds the present ones
         self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._eye_buffer = self._texture(size, 1, "u4")
+        self._bvh: RayBvh | None = None  # where rays are cast
         self._eye_of: object = None  # sensor and window of `_eye`, what is told of the camera for all path sets
         self._eye: Uniforms = {}
+        self._camera = scene.scene.camera
         self._eye_constant: Uniforms = scene.uniforms
         self._eye_pass = Pass(
             "eye",
             gl,
             load_program(
-                gl, vertex="eye.vert", fragment="eye.frag", generated=scene.generated, defines=scene.defines
+                gl,
+                vertex="eye.vert",
+                fragment="eye.frag",
+                generated=scene.generated,
+                defines=scene.defines | self._eye_defines,
             ),
             gl.framebuffer([self._eye_buffer], gl.depth_texture(size)),
             triangles=scene.triangles,
@@ -72,7 +90,9 @@ class PathSetEngine(ABC):
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=scene.textures,
         )
-        self._aovs = EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer) if settings.aovs else None
+        self._aovs = (
+            EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines) if settings.aovs else None
+        )
         self._prepare()
 
     @abstractmethod
@@ -89,8 +109,9 @@ class PathSetEngine(ABC):
         self.window = window
 
     def look_from(self, sensor: CameraSensor) -> None:
-        """Start paths at another sensor of the same resolution."""
+        """Start paths at another sensor of the same resolution. Raises UsageError for one of another kind."""
         assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
+        check_same_kind(self._eye_kind, self._kind_of(sensor.camera))
         self.sensor = sensor
 
     def forget_statistics(self) -> None:
@@ -134,6 +155,20 @@ class PathSetEngine(ABC):
 
     # What the frame is made of.
 
+    def move_to(self, index: int) -> None:
+        """Put what moves where it is at the time of a path set; the eye goes by its own uniforms."""
+        moving = self.scene.moving
+        if moving is None:
+            return
+        with self.stopwatch.stage("motion"):
+            time = self._time(index)
+            self.scene.move_to(time)
+            if self._bvh is not None:
+                self._bvh.move_to(moving.triangles_at(time))
+            if moving.lamps:
+                # The chances of lights stay, or they would not be those that emission is weighed by.
+                self.lighting = replace(self.lighting, scene=moving.at(time))
+
     def _see(self, eye: Uniforms) -> None:
         """Which triangle every pixel of the window sees, and the AOVs of what it sees."""
         with self.stopwatch.stage("eye"):
@@ -149,14 +184,54 @@ class PathSetEngine(ABC):
         """What the eye's rays need: their place in each pixel, and of which path set they are."""
         of = (self.sensor, self.window)
         if self._eye_of != of:
-            camera = self.sensor.camera
-            extent = float(np.linalg.norm(self.scene.centre - camera.position)) + self.scene.radius
-            depths = (1e-5 * self.scene.radius, 1.01 * extent)
-            self._eye_of, self._eye = of, eye_uniforms(camera, self.window) | {"eye_range": depths}
-        return self._eye | {
-            "eye_centre": eye_centre(self.sensor.resolution, (float(pixel[0]), float(pixel[1]))),
-            "opacity_seed": counter_hash(self._settings.seed, index, 0, 12),
-        }
+            self._eye_of, self._camera = of, self.sensor.camera
+            self._eye = self._seen_by(self._camera.at())
+        seed, place = self._settings.seed, (float(pixel[0]), float(pixel[1]))
+        own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
+        camera = self._camera
+        if not (camera.moves or camera.aperture_radius > 0):
+            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, place)}
+        lens = self._sampler.eye(index)[:2]
+        camera = camera.at(self._time(index))
+        if self.own_lens:
+            return self._seen_by(camera, place) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
+        return self._seen_by(camera, place, lens) | own
+
+    def _seen_by(
+        self,
+        camera: Camera,
+        pixel: tuple[float, float] = CENTRE,
+        lens: NDArray[np.float64] | None = None,
+    ) -> Uniforms:
+        eye = eye_uniforms(camera, self.window, pixel, lens)
+        position = np.asarray(eye["eye_position"])
+        extent = float(np.linalg.norm(self.scene.centre - position)) + self.scene.radius
+        return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
+
+    def _time(self, index: int) -> float:
+        """When a path set looks, seconds: all of its paths at once [PB 3.3]."""
+        opened, closed = self.sensor.shutter
+        return opened if opened == closed else opened + (closed - opened) * float(self._sampler.eye(index)[2])
+
+    def _kind_of(self, camera: Camera) -> tuple[object, ...]:
+        """What programs and passes are made for."""
+        moving = self.scene.moving is not None
+        return (camera.projection, camera.aperture_radius > 0, camera.moves, camera.shutter if moving else None)
+
+    def _look_by_rays(self) -> None:
+        """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""
+        gl, scene = self.gl, self.scene
+        bvh = self._bvh = self._bvh or RayBvh(gl, scene)
+        program = load_program(
+            gl,
+            vertex="fullscreen.vert",
+            fragment="eye_rays.frag",
+            generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
+            defines=scene.defines | self._eye_defines,
+        )
+        target = gl.framebuffer([self._eye_buffer])
+        self._eye_pass = Pass("eye", gl, program, target, textures={**scene.textures, **bvh.textures})
+        self._eye_constant = {**scene.uniforms, **bvh.uniforms}
 
     def _image_window(self) -> tuple[int, int, int, int]:
         """x, y of the window's lower left pixel in the image, and the image's size."""
@@ -168,3 +243,19 @@ class PathSetEngine(ABC):
         texture = self.gl.texture(size, components, dtype=dtype)
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
+
+
+def check_same_kind(made_for: tuple[object, ...], found: tuple[object, ...]) -> None:
+    """Raise UsageError for a camera of another kind (projection, whether it has a lens, whether it moves)."""
+    if made_for != found:
+        raise UsageError(
+            f"render_frames: a frame's camera is {_kind_in_words(found)}, after one that is "
+            f"{_kind_in_words(made_for)}",
+            "All frames have one kind of camera: render the others by themselves.",
+        )
+
+
+def _kind_in_words(kind: tuple[object, ...]) -> str:
+    projection, lens, moves, shutter = kind
+    told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
+    return told if shutter is None else f"{told}, with a shutter of {shutter}"

@@ -79,6 +79,8 @@ class PathStages(PathSetEngine):
         self._sampler = PathSetSampler(
             settings.seed, self._bounces() + 1, settings.sampling, lattice=settings.directions == "lattice"
         )
+        if scene.scene.camera.projection == "panorama":
+            self._look_by_rays()
         views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
         self.path_buffer = PathBuffer(gl, scene, size, cells, views)
@@ -264,6 +266,7 @@ class PathStages(PathSetEngine):
             generated={**self.scene.generated, **(generated or {})},
             defines={
                 **self.scene.defines,
+                **self._eye_defines,
                 **self.path_buffer.defines,
                 **self.shadow_buffer.defines,
                 **sphere,

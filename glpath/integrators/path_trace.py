@@ -52,6 +52,7 @@ class PathTracer(PathStages):
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel [PB table 3]."""
         sample = self._sampler[index]
+        self.move_to(index)  # what moves, to the set's time
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
         self.light_from_infinity(index, 0, light, last=self.settings.max_depth == 1)

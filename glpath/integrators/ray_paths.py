@@ -65,6 +65,8 @@ class RayPathEngine(PathSetEngine):
     radiosity : the solution of the scene's triangles that a gather looks up, and that guides paths
     """
 
+    own_lens = True
+
     def __init__(
         self,
         gl: moderngl.Context,
@@ -110,16 +112,21 @@ class RayPathEngine(PathSetEngine):
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
-        bvh = RayBvh(gl, scene)
+        bvh = self._bvh = RayBvh(gl, scene)
         width, height = self.sensor.resolution
-        if not self._hardware and len(scene.scene.triangles) > width * height:
-            self._look_by_rays(bvh)
+        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
+        # picture in tiles has the bits of the picture in one.
+        many = not self._hardware and len(scene.scene.triangles) > width * height
+        camera = scene.scene.camera
+        if many or camera.projection == "panorama" or camera.aperture_radius > 0:
+            self._look_by_rays()
         self._constant = self._constant_uniforms() | bvh.uniforms
         textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
         # Includes are put in place before #ifdef is looked at.
         generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": ""}
         defines: dict[str, object] = {
             **scene.defines,
+            **self._eye_defines,
             **light_defines(scene.scene.sky, self.lighting),
             "BOUNCES": self._bounces,
             "LIGHTS": len(self._light_shifts),
@@ -128,8 +135,11 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
         }
         self._lamp_edges: LampEdges | None = None
-        if LampEdges.are_in(scene):
-            self._lamp_edges = LampEdges(gl, scene, self._size, bvh, settings.seed, settings.sampling)
+        # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
+        if LampEdges.are_in(scene) and not (camera.aperture_radius > 0 or camera.moves or scene.moving):
+            self._lamp_edges = LampEdges(
+                gl, scene, self._size, bvh, settings.seed, settings.sampling, self._eye_defines
+            )
             defines["LAMP_EDGES"] = 1
             textures |= self._lamp_edges.textures
         self._edges_of: object = None
@@ -160,21 +170,6 @@ class RayPathEngine(PathSetEngine):
         make = self._dispatch if self._hardware else self._pass
         self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
 
-    def _look_by_rays(self, bvh: RayBvh) -> None:
-        """See by eye rays from now on, not by scan conversion.
-
-        On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
-        picture in tiles has the bits of the picture in one.
-        """
-        gl, scene = self.gl, self.scene
-        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl()}
-        program = load_program(
-            gl, vertex="fullscreen.vert", fragment="eye_rays.frag", generated=generated, defines=scene.defines
-        )
-        target = gl.framebuffer([self._eye_buffer])
-        self._eye_pass = Pass("eye", gl, program, target, textures={**scene.textures, **bvh.textures})
-        self._eye_constant = {**scene.uniforms, **bvh.uniforms}
-
     def _pass(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> Pass:
         program = load_program(
             self.gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
@@ -191,6 +186,7 @@ class RayPathEngine(PathSetEngine):
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
         sample = self._sampler[index]
+        self.move_to(index)
         eye = self._eye_uniforms(sample.pixel, index)
         self._see_lamp_edges(index, sample.pixel, eye)
         self._see(eye)
@@ -237,9 +233,11 @@ class RayPathEngine(PathSetEngine):
 
         Made for many sets at once, as a call into numpy costs more than what it does for a single one.
         """
-        block, place = divmod(index, _LIGHT_BLOCK)
+        # Where lamps move, each set's are elsewhere.
+        size = 1 if self.scene.moving and self.scene.moving.lamps else _LIGHT_BLOCK
+        block, place = divmod(index, size)
         if self._light_block != block:
-            sets = range(block * _LIGHT_BLOCK, (block + 1) * _LIGHT_BLOCK)
+            sets = range(block * size, (block + 1) * size)
             points = _words(np.array([self._sampler[i].light for i in sets]))
             u = (points[:, None] ^ self._light_shifts) / 2.0**32
             edges = self._light_edges
@@ -248,8 +246,8 @@ class RayPathEngine(PathSetEngine):
             u[..., 0] = np.clip(edges[part] + share * u[..., 0], edges[part], np.nextafter(edges[part + 1], 0.0))
             u = u.reshape(-1, 3)
             lights = LightSamples.dark(len(u)) if self.lighting.dark else self.lighting.samples(u)
-            rows = light_rows(lights, np.tile(share, _LIGHT_BLOCK))
-            self._light_tables = [each.tobytes() for each in np.split(rows, _LIGHT_BLOCK)]
+            rows = light_rows(lights, np.tile(share, size))
+            self._light_tables = [each.tobytes() for each in np.split(rows, size)]
             self._light_block = block
         return self._light_tables[place]
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
-from glpath.gl.camera import eye_uniforms
+from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
@@ -30,6 +30,7 @@ from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
+from glpath.integrators.path_set_engine import check_same_kind
 from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.sampling import PathSetSampler, counter_hash, pixel_place
@@ -45,6 +46,8 @@ class WhittedTracer:
     Parameters
     ----------
     window : (x, y, width, height) in pixels of the whole image, y from the top
+    moving : the scene of the objects, where some of them move while the shutter is open: all is put on the device
+             anew for each path set, whose rays have one time
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class WhittedTracer:
         settings: WhittedSettings,
         window: tuple[int, int, int, int],
         *,
+        moving: Scene | None = None,
         hardware: bool,
         timings: bool = False,
     ) -> None:
@@ -64,6 +68,9 @@ class WhittedTracer:
         self.sensor = CameraSensor.of(objects.scene.camera)
         self._size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones
+        self._moving = moving
+        self._brightest = max_radiance(objects.scene)
+        self._held = np.zeros((*self._size[::-1], 3))  # of the path sets before the objects moved
         self.forget_statistics()
         self._set_up(objects)
         self.look_at(window)
@@ -76,13 +83,16 @@ class WhittedTracer:
     def look_from(self, sensor: CameraSensor) -> None:
         """Start rays at another sensor of the same resolution. Shadow-buffers stay as they are [TB III.D]."""
         assert sensor.resolution == self.sensor.resolution, "another resolution needs another tracer"
+        check_same_kind(_kind_of(self.sensor), _kind_of(sensor))
         self.sensor = sensor
 
     def change_scene(self, scene: Scene) -> None:
         """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
         self._count_shadow_buffer()
         same = self.objects.geometry_digest
-        objects = DeviceScene(self.gl, scene)
+        self._moving = scene if scene.moving_shapes else None
+        self._brightest = max_radiance(scene)
+        objects = DeviceScene(self.gl, scene.still())
         kept = self.shadow_buffer if objects.geometry_digest == same else None
         if kept is not None and kept.lights != objects.positional_lights:
             kept = None
@@ -94,11 +104,26 @@ class WhittedTracer:
 
     def trace_path_set(self, index: int) -> None:
         """One ray for every pixel, and what follows from it [TB IV]."""
-        eye = eye_uniforms(self.sensor.camera, self.window, pixel_place(self.settings.seed, index))
+        self.move_to(index)
+        camera = self.sensor.camera
+        lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
+        camera = camera.at(self._time(index))
+        eye = eye_uniforms(camera, self.window, pixel_place(self.settings.seed, index), lens)
         eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
         self.shade(index, eye)
+
+    def move_to(self, index: int) -> None:
+        """Put all where it is at the time of a path set, where something moves."""
+        if self._moving is None:
+            return
+        with self.stopwatch.stage("motion"):
+            self._held += self._take()
+            self._count_shadow_buffer()
+            sensor = self.sensor
+            self._set_up(DeviceScene(self.gl, self._moving.still(self._time(index))))
+            self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
         """What the lights see; nothing to do where it was filled before and neither light nor object has moved."""
@@ -128,6 +153,12 @@ class WhittedTracer:
 
         Multiples of one power of two, so that float64 adds them without rounding.
         """
+        total = self._held + self._take() if self._moving else self._take()
+        self._held[:] = 0.0
+        return total
+
+    def _take(self) -> NDArray[np.float64]:
+        """What is on the device of it."""
         taken = self._sums.take(self._sum)
         self._dropped += int((taken.high >> DROPPED_SHIFT).sum())
         self._count()
@@ -160,6 +191,11 @@ class WhittedTracer:
 
     # What the frame is made of.
 
+    def _time(self, index: int) -> float:
+        """When a path set looks, seconds."""
+        opened, closed = self.sensor.shutter
+        return opened if opened == closed else opened + (closed - opened) * float(self._sampler.eye(index)[2])
+
     def _light_samples(self, index: int) -> Uniforms:
         """The light points of a path set, which shaders/light_samples.glsl reads."""
         lighting, n = self._area_lighting, self.settings.light_samples
@@ -185,13 +221,14 @@ class WhittedTracer:
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0
-        self._sums: PixelSums = PixelSums(gl, self._size, max_radiance(objects.scene))
+        self._sums: PixelSums = PixelSums(gl, self._size, self._brightest)
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
         generated, defines = {**objects.generated, "BVH": bvh_glsl()}, dict(objects.defines)
+        defines |= camera_defines(objects.scene.camera)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
         # Ambient light stands for the sky's on surfaces; both would count it twice.
@@ -271,6 +308,10 @@ class WhittedTracer:
         if self.shadow_buffer is not None:
             self._tests["shadow_buffer"] += self.shadow_buffer.intersection_tests - self._counted
             self._counted = self.shadow_buffer.intersection_tests
+
+
+def _kind_of(sensor: CameraSensor) -> tuple[object, ...]:
+    return (sensor.projection, sensor.aperture_radius > 0, sensor.camera.moves, None)
 
 
 def _check_shadows(scene: Scene) -> None:

@@ -33,11 +33,23 @@ def shifted(camera: Camera, right: float, down: float) -> Camera:
     """The camera and its target moved so that the target's plane follows the pointer, pixels."""
     to_right, up, _ = camera.frame()
     distance = float(np.linalg.norm(camera.target - camera.position))
-    move = distance / camera.focal * (down * up - right * to_right)
+    move = _pixel(camera, distance) * (down * up - right * to_right)
     return replace(camera, position=camera.position + move, target=camera.target + move)
 
 
 def nearer(camera: Camera, notches: float) -> Camera:
-    """The camera on its way to the target (notches < 0), or back; it never arrives."""
+    """The camera on its way to the target (notches < 0), or back; it never arrives.
+
+    Of parallel rays, which come no nearer, the image is of less.
+    """
+    if camera.projection == "orthographic":
+        return replace(camera, height=camera.height * _ZOOM_PER_NOTCH**notches)
     arm = (camera.position - camera.target) * _ZOOM_PER_NOTCH**notches
     return replace(camera, position=camera.target + arm)
+
+
+def _pixel(camera: Camera, distance: float) -> float:
+    """How wide a pixel is in the target's plane, scene units."""
+    if camera.projection == "panorama":
+        return distance * 2.0 * np.pi / camera.resolution[0]
+    return (1.0 if camera.projection == "orthographic" else distance) / camera.focal

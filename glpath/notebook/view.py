@@ -66,7 +66,8 @@ def view(
     Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
     double click, or Reset, goes back to the scene's camera. Stop holds the image, Save writes it as PNG into the
     present folder. `view(...).scene` is the scene as it is seen now, to be rendered, `view(...).film` what has been
-    rendered of it. While the camera moves the image has half or a quarter of the pixels along a side.
+    rendered of it. What moves by itself stands as when the shutter opens. While the camera moves the image has
+    half or a quarter of the pixels along a side.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def view(
     """
     image.check_tonemap(tonemap)
     image.check_exposure(exposure)
-    loaded = load_scene(scene, parameters)
+    loaded = load_scene(scene, parameters).at()
     chosen = integrator or _integrator(loaded)
     if chosen in ("t-buffer", "classic") and options.get("shadows") is None:
         given = {name: value for name, value in options.items() if value is not None}

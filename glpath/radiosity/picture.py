@@ -50,13 +50,14 @@ class EyeHits:
     @classmethod
     def of(cls, scene: Scene, k: int = 4) -> EyeHits:
         """Of a scene, seen by its camera."""
-        triangles = path_traceable(scene)
-        camera = triangles.camera
+        triangles = path_traceable(scene.still())
+        camera = triangles.camera.at()
         width, height = camera.resolution
-        fine = replace(camera, resolution=(width * k, height * k)).rays()
-        ways = fine.reshape(height, k, width, k, 3).swapaxes(1, 2).reshape(-1, 3)
+        fine = replace(camera, resolution=(width * k, height * k))
+        parts = (height, k, width, k, 3)
+        starts, ways = (r.reshape(parts).swapaxes(1, 2).reshape(-1, 3) for r in (fine.origins(), fine.rays()))
         hit, found = np.empty(len(ways), np.int64), np.zeros((len(ways), 3))
-        _first_hits(rays_of(triangles), np.asarray(camera.position, float), ways, hit, found)
+        _first_hits(rays_of(triangles), starts, ways, hit, found)
         back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
         shape = (height, width, k * k)
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
@@ -118,6 +119,6 @@ def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
 
 
 @kernel
-def _first_hits(rays: Any, origin: Any, ways: Any, hit: Any, found: Any) -> None:
+def _first_hits(rays: Any, origins: Any, ways: Any, hit: Any, found: Any) -> None:
     for i in range(len(ways)):
-        hit[i] = nearest(rays, origin, ways[i], -1, found[i])
+        hit[i] = nearest(rays, origins[i], ways[i], -1, found[i])

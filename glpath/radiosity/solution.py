@@ -161,7 +161,7 @@ class RadiositySolution:
         Other parameters and errors are those of `irradiance`.
         """
         arrived = self.irradiance(triangle, barycentric, back, mode)
-        reflectance = side_reflectance(path_traceable(scene))
+        reflectance = side_reflectance(path_traceable(scene.still()))
         t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
         return np.asarray(reflectance[side, t] * arrived)
 
@@ -170,13 +170,13 @@ class RadiositySolution:
 
         scene : that it is a solution of, see `check_scene`; whose reflectance it is
         """
-        reflectance = side_reflectance(path_traceable(scene))
+        reflectance = side_reflectance(path_traceable(scene.still()))
         of_elements = np.repeat(reflectance, self.divisions.astype(np.int64) ** 2, axis=1)
         return np.asarray(of_elements * self.elements.sum(axis=0))
 
     def check_scene(self, scene: Scene) -> None:
         """Raises SceneError unless this is a solution of `scene`, whatever its camera."""
-        triangles = path_traceable(scene)
+        triangles = path_traceable(scene.still())
         if triangles.digest(camera=False) != self.scene_hash or len(triangles.triangles) != len(self.divisions):
             raise SceneError(
                 f"{scene.source or scene.name}: the radiosity solution belongs to another scene, or to this one "
@@ -218,7 +218,7 @@ class RadiositySolution:
         from glpath.radiosity.glb import write_glb
 
         self.check_scene(scene)
-        write_glb(self, path_traceable(scene), path, exposure)
+        write_glb(self, path_traceable(scene.still()), path, exposure)
 
     @classmethod
     def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:

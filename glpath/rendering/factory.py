@@ -149,12 +149,13 @@ class _PathTracing:
         return []
 
     def traceable(self, scene: Scene) -> Scene:
-        return path_traceable(scene)
+        return path_traceable(_posed(scene))
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
-        return _PathTracing(self.settings, _solved(scene, say))
+        # Guides may be of any moment: paths stay unbiased.
+        return _PathTracing(self.settings, _solved(scene.still(), say))
 
     def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
         return _path_set_engine(self, context, scene, window, timings)
@@ -179,6 +180,11 @@ def _path_set_engine(
         hardware=context.info.hardware,
         timings=timings,
     )
+
+
+def _posed(scene: Scene) -> Scene:
+    """The scene as it stands while the shutter is open: what moves only at other times is where it is then."""
+    return scene if scene.moving_shapes else scene.still()
 
 
 def _solved(scene: Scene, say: Say) -> RadiositySolution:
@@ -237,7 +243,16 @@ class _Gathering:
         ]
 
     def traceable(self, scene: Scene) -> Scene:
-        return path_traceable(scene)
+        if scene.moving_shapes:
+            names = [scene.shapes[i].name for i in scene.moving_shapes]
+            listed = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+            raise SceneError(
+                f"{scene.source or scene.name}: {listed} move{'s' * (len(names) == 1)} while the shutter is open, "
+                "but a radiosity solution, which a gather looks up, is of one moment.",
+                "Render it with --integrator path; or give the shutter one moment, for a gather of that. (The "
+                "camera may move.)",
+            )
+        return path_traceable(_posed(scene))
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         from glpath.radiosity.solution import RadiositySolution  # slow to import
@@ -295,7 +310,14 @@ class _Whitted:
                 "and does not part.",
                 "Render it with --integrator path or gather.",
             )
-        return scene
+        camera = scene.camera
+        if self.settings.primary == "t-buffer" and camera.projection != "perspective":
+            raise SceneError(
+                f"{scene.source or scene.name}: has a camera of type {camera.projection}; a T-buffer bounds "
+                "objects as one eye sees them on a plane.",
+                "Render it with --integrator classic, which shoots every ray, or with path or gather.",
+            )
+        return _posed(scene)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         return self
@@ -305,9 +327,10 @@ class _Whitted:
 
         return WhittedTracer(
             context.gl,
-            DeviceScene(context.gl, scene),
+            DeviceScene(context.gl, scene.still()),
             self.settings,
             window,
+            moving=scene if scene.moving_shapes else None,
             hardware=context.info.hardware,
             timings=timings,
         )

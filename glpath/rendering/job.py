@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -38,9 +38,10 @@ from glpath.rendering.options import (
     with_options,
 )
 from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene.camera import Projection
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
-from glpath.sensors import CameraSensor
+from glpath.sensors import CameraSensor, SensorKey
 
 Window = tuple[int, int, int, int]
 
@@ -159,7 +160,7 @@ class RenderJob:
                 "version": _VERSION,
                 "scene": asdict(self.scene),
                 "integrator": {"name": self.integrator.integrator, **settings},
-                "sensor": {"type": "camera", **asdict(self.sensor)},
+                "sensor": {"type": "camera", **self.sensor.as_json()},
                 "window": self.window,
                 "path_sets": self.path_sets,
             },
@@ -219,6 +220,12 @@ class _CameraFile(msgspec.Struct, forbid_unknown_fields=True):
     up: tuple[float, float, float]
     fov: float
     resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
+    projection: Projection = "perspective"
+    height: float = 1.0
+    aperture_radius: float = 0.0
+    focus_distance: float | None = None
+    shutter: tuple[float, float] = (0.0, 0.0)
+    motion: tuple[SensorKey, ...] = ()
 
 
 class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
@@ -257,6 +264,19 @@ def describe(
     return RenderJob(source, settings, CameraSensor.of(loaded.camera), window, path_sets), loaded
 
 
+#: What may be replaced of a camera, and of how many numbers each is.
+_CAMERA_NUMBERS = {
+    "position": 3,
+    "target": 3,
+    "up": 3,
+    "fov": 1,
+    "height": 1,
+    "aperture_radius": 1,
+    "focus_distance": 1,
+    "shutter": 2,
+}
+
+
 def with_overrides(
     scene: Scene,
     resolution: tuple[int, int] | None,
@@ -269,10 +289,18 @@ def with_overrides(
     """
     changes: dict[str, Any] = {}
     for name, value in (camera or {}).items():
-        if name not in ("position", "target", "up", "fov"):
-            raise UsageError(f"camera: no field is named {name!r}; allowed are position, target, up, fov")
-        found = numbers(f"camera {name}", value, 1 if name == "fov" else 3)
-        changes[name] = float(found[0]) if name == "fov" else found
+        if name == "type":
+            check_word("camera type", value, get_args(Projection))
+            changes["projection"] = value
+            continue
+        if name not in _CAMERA_NUMBERS:
+            allowed = ", ".join(["type", *_CAMERA_NUMBERS])
+            raise UsageError(f"camera: no field is named {name!r}; allowed are {allowed}")
+        count = _CAMERA_NUMBERS[name]
+        found = numbers(f"camera {name}", value, count)
+        changes[name] = found if count == 3 else tuple(map(float, found)) if count == 2 else float(found[0])
+    if changes.keys() & {"position", "target", "up"}:
+        changes["motion"] = ()  # where it moved along is not there
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)

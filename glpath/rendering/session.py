@@ -131,7 +131,8 @@ class Session:
                 "All frames have one resolution.",
             )
         assert job.integrator == before.integrator, "another integrator needs another session"
-        if job.scene.sha256 != before.scene.sha256:
+        elsewhere = job.sensor.shutter != before.sensor.shutter and any(shape.motion for shape in scene.shapes)
+        if job.scene.sha256 != before.scene.sha256 or elsewhere:
             self._plan.change_scene(engine, self._plan.traceable(scene))
         else:
             engine.look_from(job.sensor)

@@ -1,12 +1,16 @@
-"""The camera, and the one place that knows how a pinhole projects.
+"""The camera, and the one place that knows how it projects: a pinhole, a thin lens, parallel rays, or a panorama.
 
 Positions in an image are in pixels from its upper left corner, x to the right and y down, so that the middle of the
 first pixel is (0.5, 0.5). Row 0 of an image is at the top.
+
+A camera has a shutter, and keys where it moves: a picture is the mean over the time that the shutter is open, by
+accumulation of path sets, each of which has one time [PB 3.3; Haeberli & Akeley 1990].
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +18,39 @@ from pyrr import matrix33
 
 from glpath.scene.geometry import Float64
 
+Projection = Literal["perspective", "orthographic", "panorama"]
+
+
+@dataclass(frozen=True)
+class CameraKey:
+    """Where a camera is at a time.
+
+    time                 : seconds
+    position, target, up : (3,) float64, as of `Camera`
+    """
+
+    time: float
+    position: Float64
+    target: Float64
+    up: Float64
+
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera.
+    """A camera.
 
     position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
-    fov                  : vertical field of view of the whole image, degrees, 0 < fov < 180
+    fov                  : of "perspective": vertical field of view of the whole image, degrees, 0 < fov < 180
     resolution           : (width, height) in pixels
+    projection           : "perspective"; "orthographic", whose rays are parallel and start in the plane through
+                           `position`; "panorama", equirectangular: 360 degrees from the left to the right, 180 from
+                           the top to the bottom, `target` in the middle
+    height               : of "orthographic": of the whole image, scene units
+    aperture_radius      : of a thin lens, scene units; 0 is a pinhole. With "perspective"
+    focus_distance       : along the view, to the plane that is sharp, scene units; None: to the target
+    shutter              : when it opens and when it closes, seconds; equal for one moment
+    motion               : where it moves: held before the first and after the last, linear between them; they stand
+                           for position, target and up. () where it stands still
     """
 
     position: Float64
@@ -29,6 +58,12 @@ class Camera:
     up: Float64
     fov: float
     resolution: tuple[int, int]
+    projection: Projection = "perspective"
+    height: float = 1.0
+    aperture_radius: float = 0.0
+    focus_distance: float | None = None
+    shutter: tuple[float, float] = (0.0, 0.0)
+    motion: tuple[CameraKey, ...] = ()
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
         """Unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
@@ -39,23 +74,69 @@ class Camera:
         return right, np.cross(right, forward), forward
 
     def turned(self, degrees: float) -> Camera:
-        """The camera carried around its target, about the axis `up` through it, counter-clockwise from above."""
+        """The camera carried around its target, about the axis `up` through it, counter-clockwise from above.
+
+        One that moves goes on from there in a moment's place: it stands still.
+        """
         arm = self.position - self.target
         rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
-        return replace(self, position=self.target + arm @ rotation)
+        return replace(self, position=self.target + arm @ rotation, motion=())
 
     def turntable(self, frames: int) -> list[Camera]:
         """The camera at so many equal steps of its way once around the target."""
         return [self.turned(360.0 * i / frames) for i in range(frames)]
 
     @property
+    def moves(self) -> bool:
+        """While the shutter is open."""
+        opened, closed = self.shutter
+        return (
+            len(self.motion) > 1
+            and opened < self.motion[-1].time
+            and closed > self.motion[0].time
+            and opened < closed
+        )
+
+    def at(self, time: float | None = None) -> Camera:
+        """The camera as it stands at a time, seconds: without motion, and with a shutter of that moment.
+
+        time : None: when the shutter opens
+        """
+        moment = self.shutter[0] if time is None else float(time)
+        if not self.motion:
+            return replace(self, shutter=(moment, moment))
+        times = [key.time for key in self.motion]
+
+        def held(name: str) -> Float64:
+            values = np.array([getattr(key, name) for key in self.motion])
+            return np.array([np.interp(moment, times, values[:, axis]) for axis in range(3)])
+
+        return replace(
+            self,
+            position=held("position"),
+            target=held("target"),
+            up=held("up"),
+            shutter=(moment, moment),
+            motion=(),
+        )
+
+    @property
     def focal(self) -> float:
-        """Focal length in pixels: how far from the eye an image lies whose pixels have sides of length 1."""
+        """Pixels of what is one scene unit wide: at distance 1, by parallel rays at any."""
+        if self.projection == "orthographic":
+            return float(self.resolution[1] / self.height)
         return float(self.resolution[1] / (2.0 * np.tan(np.radians(self.fov) / 2.0)))
 
     @property
+    def focus(self) -> float:
+        """Distance along the view of the plane that is sharp, scene units."""
+        if self.focus_distance is not None:
+            return float(self.focus_distance)
+        return float(np.linalg.norm(self.target - self.position))
+
+    @property
     def extent(self) -> tuple[float, float]:
-        """Half the width and half the height of the image that lies at distance 1."""
+        """Half the width and half the height of the image that lies at distance 1, or is seen by parallel rays."""
         width, height = self.resolution
         return 0.5 * width / self.focal, 0.5 * height / self.focal
 
@@ -65,33 +146,60 @@ class Camera:
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
     def rays(self, at: ArrayLike | None = None) -> Float64:
-        """(..., 3) float64 unit directions from `position` through positions in the image.
+        """(..., 3) float64 unit directions through positions in the image, from `origins`; of a lens its middle's.
 
         at : (..., 2) positions, inside the image or beside it; the centres of all pixels, (H, W, 2), without it
         """
-        x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
-        width, height = self.resolution
-        right, up, forward = self.frame()
-        across, above = (x - width / 2) / self.focal, (height / 2 - y) / self.focal
+        x, y = self._from_middle(at)
+        right, up, forward = (axis for axis in self.frame())
+        if self.projection == "orthographic":
+            return np.broadcast_to(forward, (*x.shape, 3)).copy()
+        if self.projection == "panorama":
+            width, height = self.resolution
+            longitude, latitude = 2.0 * np.pi / width * x[..., None], np.pi / height * y[..., None]
+            level = np.cos(longitude) * forward + np.sin(longitude) * right
+            return np.asarray(np.cos(latitude) * level + np.sin(latitude) * up)
+        across, above = x / self.focal, y / self.focal
         directions = forward + across[..., None] * right + above[..., None] * up
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
+
+    def origins(self, at: ArrayLike | None = None) -> Float64:
+        """(..., 3) float64 where `rays` start: the position; of parallel rays points of the plane through it."""
+        x, y = self._from_middle(at)
+        if self.projection != "orthographic":
+            return np.broadcast_to(np.asarray(self.position, np.float64), (*x.shape, 3)).copy()
+        right, up, _ = self.frame()
+        return np.asarray(self.position + (x / self.focal)[..., None] * right + (y / self.focal)[..., None] * up)
 
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Where points (..., 3) appear: (..., 2) positions in the image, and (...) depth along the view.
 
-        Of no meaning where the depth is not above 0: behind the eye.
+        Of no meaning where the depth is not above 0: behind the eye. Of a panorama, which has nothing behind it,
+        the depth is the distance.
         """
         right, up, forward = self.frame()
         seen = np.asarray(points, np.float64) - self.position
-        depth = seen @ forward
+        across, above, depth = seen @ right, seen @ up, seen @ forward
         width, height = self.resolution
         with np.errstate(divide="ignore", invalid="ignore"):
-            x = width / 2 + self.focal * (seen @ right) / depth
-            y = height / 2 - self.focal * (seen @ up) / depth
-        return np.stack([x, y], axis=-1), depth
+            if self.projection == "panorama":
+                longitude, latitude = np.arctan2(across, depth), np.arctan2(above, np.hypot(across, depth))
+                x, y = width / (2 * np.pi) * longitude, height / np.pi * latitude
+                depth = np.linalg.norm(seen, axis=-1)
+            elif self.projection == "orthographic":
+                x, y = self.focal * across, self.focal * above
+            else:
+                x, y = self.focal * across / depth, self.focal * above / depth
+        return np.stack([width / 2 + x, height / 2 - y], axis=-1), depth
 
     def corner_rays(self) -> Float64:
-        """(4, 3) float64 directions through the corners of the image, around it; not of unit length."""
+        """(4, 3) float64 directions through the corners of the image of a perspective, around it; not unit."""
         (right, up, forward), (wide, high) = self.frame(), self.extent
         corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         return np.array([forward + a * wide * right + b * high * up for a, b in corners])
+
+    def _from_middle(self, at: ArrayLike | None) -> tuple[Float64, Float64]:
+        """Pixels to the right of the image's middle, and above it."""
+        x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
+        width, height = self.resolution
+        return x - width / 2, height / 2 - y

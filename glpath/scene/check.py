@@ -5,9 +5,12 @@ Loading does not warn by itself: a scene is often loaded to be changed. Renderin
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.scene.camera import CameraKey, Projection
 from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, sphere_extent
 from glpath.scene.place import Place
 
@@ -35,6 +38,8 @@ def check_camera(camera: Camera, source: str | Place) -> None:
         raise place.field("fov").wrong(
             float(camera.fov), "above 0 and below 180 degrees", "It is the vertical field of view."
         )
+    _check_lens(camera, place)
+    _check_motion(camera, place)
     width, height = camera.resolution
     if not (width >= 1 and height >= 1 and width * height <= MAX_PIXELS):
         raise (
@@ -44,6 +49,48 @@ def check_camera(camera: Camera, source: str | Place) -> None:
                 [width, height], f"at least 1 x 1 and at most {MAX_PIXELS:,} pixels", "Choose a smaller resolution."
             )
         )
+    _check_pose(camera, place)
+    for index, key in enumerate(camera.motion):
+        _check_pose(key, place.field("motion").item(index))
+
+
+def _check_lens(camera: Camera, place: Place) -> None:
+    """What a projection and a lens need, each by itself."""
+    if camera.projection not in get_args(Projection):
+        raise place.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
+    for name, least in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
+        value = getattr(camera, name)
+        if value is not None and not (np.isfinite(value) and value > least and value >= 0):
+            raise place.field(name).wrong(float(value), "0 or more" if least < 0 else "above 0")
+    if camera.aperture_radius > 0 and camera.projection != "perspective":
+        raise place.field("aperture_radius").error(
+            f"is {camera.aperture_radius:g}, but a camera of type {camera.projection} has no lens.",
+            'Leave it out, or take type = "perspective".',
+        )
+
+
+def _check_motion(camera: Camera, place: Place) -> None:
+    """The shutter, and the order of the keys."""
+    opened, closed = camera.shutter
+    if not (np.isfinite([opened, closed]).all() and opened <= closed):
+        raise place.field("shutter").wrong(
+            [float(opened), float(closed)], "two finite numbers, the first at most the second"
+        )
+    for index, key in enumerate(camera.motion):
+        here = place.field("motion").item(index)
+        for name in ("position", "target", "up"):
+            vector = np.asarray(getattr(key, name), np.float64)
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise here.field(name).wrong(vector, "three finite numbers")
+        before = camera.motion[index - 1].time if index else -np.inf
+        if not (np.isfinite(key.time) and key.time > before):
+            raise here.field("time").wrong(
+                float(key.time), f"above {before:g}, the key before" if index else "a finite number", "Sort them."
+            )
+
+
+def _check_pose(camera: Camera | CameraKey, place: Place) -> None:
+    """Raise SceneError where there is no direction or no up."""
     view = camera.target - camera.position
     distance = np.linalg.norm(view)
     up = place.field("up")
@@ -162,14 +209,46 @@ def _about_materials(scene: Scene) -> list[str]:
 def sees_anything(scene: Scene) -> bool:
     """Whether any shape reaches into the pyramid of view, whatever hides it; exact up to rounding.
 
-    The pyramid has no near and no far end.
+    The pyramid has no near and no far end; parallel rays begin in the camera's plane, and bodies are to them the
+    boxes around them, in the camera's axes. What moves is looked for when the shutter opens, in the middle of the
+    time and when it closes.
     """
+    opened, closed = scene.camera.shutter
+    moves = opened < closed and (scene.camera.moves or scene.moving_shapes)
+    times = (opened, 0.5 * (opened + closed), closed) if moves else (opened,)
+    return any(_sees_anything(scene.at(time)) for time in times)
+
+
+def _sees_anything(scene: Scene) -> bool:
     camera = scene.camera
+    if camera.projection != "perspective":
+        return camera.projection == "panorama" or _seen_by_parallel_rays(camera, scene)
     return (
         _sees_planes(camera, scene.planes)
         or _sees_spheres(camera, scene.spheres)
         or sees_triangles(camera, scene.triangles)
     )
+
+
+def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
+    """Planes exactly, triangles and spheres by the boxes around them in the camera's axes."""
+    axes = np.stack(camera.frame())
+    wide, high = camera.extent
+    centre, reach = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
+    spheres = (centre - camera.position) @ axes.T
+    triangles = (scene.triangles - camera.position) @ axes.T
+    lower = np.concatenate([triangles.min(axis=1), spheres - reach])
+    upper = np.concatenate([triangles.max(axis=1), spheres + reach])
+    limit = np.array([wide, high])
+    within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
+    if within.any():
+        return True
+    # From the corners of the image: a plane is in front of one of them, or beside them all.
+    corners = camera.origins([[0, 0], [camera.resolution[0], 0], [0, camera.resolution[1]], camera.resolution])
+    normal = scene.planes[:, :, 2]
+    towards = normal @ axes[2]
+    height = np.einsum("pi,pki->pk", normal, corners[None] - scene.planes[:, None, :, 3])
+    return bool(np.any((height * towards[:, None] < 0) & (towards[:, None] != 0)))
 
 
 def _sees_planes(camera: Camera, planes: Float64) -> bool:

@@ -20,6 +20,13 @@ UNSEEN = {
     "Light": {"name"},
 }
 
+#: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
+#: do without have the digest that they had.
+LATER = {
+    "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
+    "Shape": {"motion"},
+}
+
 _Update = Callable[[bytes], None]
 
 
@@ -46,7 +53,8 @@ def _add(value: object, update: _Update) -> None:
         kind = type(value).__name__
         update(f"dataclass {kind} ".encode())
         for field in fields(value):
-            if field.name not in UNSEEN.get(kind, ()):
+            absent = field.name in LATER.get(kind, ()) and getattr(value, field.name) == field.default
+            if field.name not in UNSEEN.get(kind, ()) and not absent:
                 update(f"field {field.name} ".encode())
                 _add(getattr(value, field.name), update)
     elif isinstance(value, str):

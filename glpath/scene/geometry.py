@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.scene.digest import digest_of
+from glpath.scene.motion import Motion
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -114,6 +115,8 @@ class Shape:
     emission_two_sided : the light leaves both sides; otherwise only the side of the normal
     subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
     kind               : how it was written: quad, box, mesh, sphere or plane
+    motion             : where it stands at a time, `world_from_object` being where when the shutter opens; None
+                         where it stands still
     """
 
     name: str
@@ -124,6 +127,7 @@ class Shape:
     emission_two_sided: bool = False
     subdivisions: int = 4
     kind: str = ""
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         if not self.kind:
@@ -143,6 +147,10 @@ class Shape:
     @property
     def emits(self) -> bool:
         return bool(np.any(self.emission > 0))
+
+    def at(self, time: float) -> Shape:
+        """The shape as it stands at a time, seconds."""
+        return self if self.motion is None else replace(self, world_from_object=self.motion.at(time), motion=None)
 
 
 _Number = TypeVar("_Number", np.float64, np.int32)

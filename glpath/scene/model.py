@@ -202,6 +202,31 @@ class Scene:
 
         return mimebundle(self)
 
+    def at(self, time: float | None = None) -> Scene:
+        """The scene as it stands at a time, seconds: nothing moves, and the shutter is that moment.
+
+        time : None: when the shutter opens
+        """
+        moment = self.camera.shutter[0] if time is None else time
+        return replace(self.still(moment), camera=self.camera.at(moment))
+
+    def still(self, time: float | None = None) -> Scene:
+        """The scene with shapes that stand as they do at a time, and the camera as it is; itself where none moves.
+
+        time : seconds; None: when the shutter opens
+        """
+        if all(shape.motion is None for shape in self.shapes):
+            return self
+        moment = self.camera.shutter[0] if time is None else time
+        return replace(self, shapes=Shapes(shape.at(moment) for shape in self.shapes))
+
+    @property
+    def moving_shapes(self) -> tuple[int, ...]:
+        """Indices of the shapes that move while the shutter is open."""
+        return tuple(
+            i for i, s in enumerate(self.shapes) if s.motion and s.motion.moves_within(*self.camera.shutter)
+        )
+
     def with_camera(self, **changes: object) -> Scene:
         """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
         return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]

@@ -31,12 +31,15 @@ _BACKGROUND = 0.8
 _SMALL = 8
 # Of the light that a surface shows, how much does not depend on how it is turned.
 _FLAT = 0.3
+# From where parallel rays are nearly those of an eye: so many times what there is to see.
+_AFAR = 1e3
 
 
 def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
     """See `Scene.preview`."""
     if longest < 1:
         raise UsageError(f"Scene.preview: {longest} pixels; at least 1 is needed.")
+    scene = scene.at()
     camera = _smaller(scene.camera, longest)
     # Four rays a pixel.
     fine = replace(camera, resolution=(2 * camera.resolution[0], 2 * camera.resolution[1]))
@@ -63,8 +66,14 @@ def _smaller(camera: Camera, longest: int) -> Camera:
 
 
 def _shaded(scene: Scene, camera: Camera) -> Float64:
-    """(H, W, 3) linear colours in [0, 1]."""
-    view = _View(camera)
+    """(H, W, 3) linear colours in [0, 1]; of a lens what a pinhole in its middle sees."""
+    if camera.projection == "panorama":
+        return _shaded_around(scene, camera)
+    near = 0.0
+    if camera.projection == "orthographic":
+        camera, near = _from_afar(scene, camera)
+    scene = replace(scene, camera=camera)
+    view = _View(camera, near)
     found = _found(scene, view)
     ways = camera.rays()
     colour = np.empty_like(ways)
@@ -81,14 +90,41 @@ def _shaded(scene: Scene, camera: Camera) -> Float64:
     return np.clip(colour, 0.0, 1.0)
 
 
+def _from_afar(scene: Scene, camera: Camera) -> tuple[Camera, float]:
+    """Parallel rays as nearly those of a pinhole far behind, and how far that is; what is nearer is not seen."""
+    lower, upper = scene.bounds
+    away = _AFAR * (camera.height + float(np.linalg.norm(upper - lower)))
+    fov = float(np.degrees(2.0 * np.arctan(0.5 * camera.height / away)))
+    position = camera.position - away * camera.frame()[2]
+    return replace(camera, projection="perspective", position=position, fov=fov), away
+
+
+def _shaded_around(scene: Scene, camera: Camera) -> Float64:
+    """A panorama, from six views of a right angle."""
+    right, up, forward = camera.frame()
+    rays = camera.rays()
+    side = max(1, round(camera.resolution[1] / 2))
+    colour, taken = np.zeros_like(rays), np.zeros(rays.shape[:2], np.bool_)
+    level = [(forward, up), (right, up), (-forward, up), (-right, up)]
+    for towards, above in (*level, (up, -forward), (-up, forward)):
+        face = Camera(camera.position, camera.position + towards, above, 90.0, (side, side))
+        at, depth = face.project(camera.position + rays)
+        seen = ~taken & (depth > 0) & (np.abs(at - side / 2) <= side / 2 * (1 + 1e-9)).all(axis=-1)
+        column, row = np.clip(np.floor(at[seen]).astype(np.int64), 0, side - 1).T
+        colour[seen] = _shaded(scene, face)[row, column]
+        taken |= seen
+    return colour
+
+
 class _View:
-    """Pixels as directions forward + x right + y up; depth is along `forward`.
+    """Pixels as directions forward + x right + y up; depth is along `forward`, and what is seen is beyond `near`.
 
     nearest : (H, W) depth of what was found, infinite for nothing
     stretch : (H, W) distance over depth
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: Camera, near: float = 0.0) -> None:
+        self.near = near
         width, height = camera.resolution
         self.eye = camera.position
         self.right, self.up, self.forward = camera.frame()
@@ -160,7 +196,7 @@ def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
 
 def _keep(view: _View, found: NDArray[np.int64], rows: slice, columns: slice, depth: Float64, number: int) -> None:
     nearest = view.nearest[rows, columns]
-    nearer = (depth > 0) & (depth < nearest)
+    nearer = (depth > view.near) & (depth < nearest)
     nearest[nearer] = depth[nearer]
     found[rows, columns][nearer] = number
 
@@ -190,7 +226,7 @@ def _take_small(
         start = view.eye - scene.spheres[number[~flat] - first_sphere, :, 3]
         to = np.einsum("nij,nj->in", curved, way[~flat])
         depth[~flat] = _sphere_depth(np.einsum("nij,nj->in", curved, start), to)
-        depth[~(depth > 0)] = np.inf
+        depth[~(depth > view.near)] = np.inf
         before = view.nearest[row, column]
         np.minimum.at(view.nearest, (row, column), depth)
         won = (depth == view.nearest[row, column]) & (depth < before)

@@ -28,14 +28,23 @@ def path_traceable(scene: Scene) -> Scene:
     if not len(scene.spheres):
         return scene
     _check_number(scene)
-    place = Place(scene.source or scene.name)
+    place, opened = Place(scene.source or scene.name), scene.camera.shutter[0]
     shapes = [
-        _tessellated(shape, scene.materials[shape.material].needs_uv, place.field("shapes").item(index))
+        _moving(shape, opened, scene.materials[shape.material].needs_uv, place.field("shapes").item(index))
         if shape.primitive == "sphere"
         else shape
         for index, shape in enumerate(scene.shapes)
     ]
     return replace(scene, shapes=Shapes(shapes))
+
+
+def _moving(shape: Shape, opened: float, textured: bool, place: Place) -> Shape:
+    """`_tessellated`, of a shape that moves as well; opened: when the shutter does."""
+    if shape.motion is None:
+        return _tessellated(shape, textured, place)
+    made = _tessellated(replace(shape, world_from_object=shape.motion.placed, motion=None), textured, place)
+    motion = replace(shape.motion, placed=made.world_from_object)
+    return replace(made, world_from_object=motion.at(opened), motion=motion)
 
 
 def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:

@@ -192,7 +192,7 @@ def solve_radiosity(
             'solve_radiosity: method "matrix" has nothing to keep between its beginning and its end.',
             'Take "progressive" or "monte-carlo", or leave the checkpoint out.',
         )
-    triangles = path_traceable(loaded)
+    triangles = path_traceable(loaded.still())
     check_solvable(triangles)
     surface = surfaces(triangles)
     if size is None:

@@ -38,6 +38,13 @@ def listed(names: list[str]) -> str:
     return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")
 
 
+def at_opening(scene: Scene, notes: Notes) -> Scene:
+    """The scene as it stands when the shutter opens, with a note of what then moves."""
+    if scene.camera.moves or scene.moving_shapes:
+        notes.add("nothing moves: all stands where it is when the shutter opens")
+    return scene.at()
+
+
 def in_triangles(scene: Scene, notes: Notes) -> Scene:
     """The scene in the triangles that path tracing renders; endless planes are large squares, which is noted."""
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]

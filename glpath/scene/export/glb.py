@@ -20,6 +20,8 @@ from glpath.scene.model import Scene
 
 #: glTF needs a near plane: so far before the camera, as a share of the scene's diagonal.
 _NEAR = 1e-3
+#: And of parallel rays a far one.
+_FAR = 1e3
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
@@ -151,7 +153,12 @@ def _camera(camera: Camera, size: float) -> Any:
     import pygltflib as gltf
 
     width, height = camera.resolution
-    view = gltf.Perspective(yfov=math.radians(camera.fov), aspectRatio=width / height, znear=_NEAR * size)
+    if camera.projection == "orthographic":
+        wide, high = camera.extent
+        parallel = gltf.Orthographic(xmag=wide, ymag=high, znear=0.0, zfar=_FAR * size)
+        return gltf.Camera(name="camera", type="orthographic", orthographic=parallel)
+    fov = 90.0 if camera.projection == "panorama" else camera.fov
+    view = gltf.Perspective(yfov=math.radians(fov), aspectRatio=width / height, znear=_NEAR * size)
     return gltf.Camera(name="camera", type="perspective", perspective=view)
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from glpath.image import encode_srgb
 from glpath.scene.export.geometry import (
     Notes,
+    at_opening,
     in_triangles,
     in_world,
     map_downwards,
@@ -51,7 +52,12 @@ def write_gltf(scene: Scene, path: Path) -> tuple[str, ...]:
 class _Writer:
     def __init__(self, scene: Scene) -> None:
         self.notes = Notes()
+        scene = at_opening(scene, self.notes)
         self.scene = in_triangles(scene, self.notes)
+        if scene.camera.projection == "panorama":
+            self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")
+        if scene.camera.aperture_radius > 0:
+            self.notes.add("the camera's lens is left out: all is sharp")
         self.file = Glb(scene)
         self._attributes: dict[Mesh, dict[str, int]] = {}
         self._indices: dict[Mesh, int] = {}

@@ -29,6 +29,7 @@ import numpy as np
 
 from glpath.scene.export.geometry import (
     Notes,
+    at_opening,
     face_normals,
     in_triangles,
     in_world,
@@ -76,6 +77,7 @@ def described(
     Raises SceneError for what `path_traceable` refuses.
     """
     notes = Notes()
+    scene = at_opening(scene, notes)
     low, high = scene.bounds  # of what is not endless
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
@@ -91,7 +93,7 @@ def described(
     plugins = {
         "type": "scene",
         "integrator": integrator(max_depth, surfaces.integrator),
-        "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp),
+        "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts)
 
@@ -491,20 +493,30 @@ def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
     return matrix
 
 
-def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int) -> Plugin:
-    camera = scene.camera
+def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
+    camera = scene.camera.at()
     low, high = scene.bounds
     far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
     width, height = camera.resolution
     right, up, forward = camera.frame()
-    return {
-        "type": "perspective",
-        "fov_axis": "y",
-        "fov": float(camera.fov),
+    # Mitsuba's camera has its x to the left of the picture: row 0 is towards `up`, column 0 away from `right`.
+    view: Plugin = {"type": "perspective", "fov_axis": "y", "fov": float(camera.fov)}
+    scale = 1.0
+    if camera.projection == "orthographic":
+        view, scale = {"type": "orthographic"}, camera.extent[0]  # of an image that is 2 wide
+    elif camera.projection == "panorama":
+        notes.add("Mitsuba has no panorama: the camera is a perspective one of 90 degrees")
+        view["fov"] = 90.0
+    elif camera.aperture_radius > 0:
+        view |= {
+            "type": "thinlens",
+            "aperture_radius": float(camera.aperture_radius),
+            "focus_distance": camera.focus,
+        }
+    return view | {
         "near_clip": 1e-4 * size,
         "far_clip": far,
-        # Mitsuba's camera has its x to the left of the picture: row 0 is towards `up`, column 0 away from `right`.
-        "to_world": _frame(-right, up, forward, camera.position),
+        "to_world": _frame(-scale * right, scale * up, forward, camera.position),
         "sampler": {"type": sampler, "sample_count": spp},
         "film": {
             "type": "hdrfilm",

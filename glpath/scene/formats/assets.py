@@ -19,8 +19,10 @@ from glpath.scene.formats.description import Asset
 from glpath.scene.formats.gltf import Model
 from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.models import FORMATS, read_model
+from glpath.scene.formats.motion import motion_of
 from glpath.scene.formats.values import LARGEST, nearby_files, unknown
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
+from glpath.scene.motion import Motion
 from glpath.scene.place import Place, shown
 
 
@@ -39,12 +41,14 @@ class Assets:
     folder    : where relative paths start
     number    : of the scene's own materials, by their names
     materials : of the scene, which those of the assets come behind; so with textures
+    shutter   : of the camera, seconds, for what moves
     """
 
     folder: Path
     number: Mapping[str, int]
     materials: list[Material]
     textures: list[Texture]
+    shutter: tuple[float, float] = (0.0, 0.0)
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
@@ -62,14 +66,22 @@ class Assets:
         name = path.stem if isinstance(given.name, UnsetType) else given.name
         world = transform.world_from_shape(given.transform, place.field("transform"))
         replaced = self._replaced(given, read, place.field("materials"))
+        moved = motion_of(given.motion, world[None, :3], place.field("motion"))
+        began = 0.0 if isinstance(given.time, UnsetType) else given.time
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
             if shape.material in replaced:
                 # Its light belongs to the material that it had.
                 material, emission = replaced[shape.material], np.zeros(3)
             here = self._placed(shape, world, self.materials[material].needs_uv, place)
+            here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
         if given.lights:
+            if moved is not None:
+                world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
+                if model.lights and moved.moves_within(*self.shutter):
+                    text = f"{place}: its punctual lights stay where they are when the shutter opens."
+                    warnings.warn(SceneWarning(text), stacklevel=3)
             self.lights += [_placed_light(light, world, f"{name}/{light.name}") for light in model.lights]
 
     def _model(self, given: Asset, place: Place) -> _Read:
@@ -83,7 +95,8 @@ class Assets:
             there = "is not a file" if os.path.exists(path) else "does not exist"
             raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:
-            model = read_model(path, here, time)
+            opened, closed = self.shutter
+            model = read_model(path, here, None if time is None else time + opened, closed - opened)
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             for note in model.notes:
@@ -98,6 +111,30 @@ class Assets:
                 self.materials.append(replace(moved, name=f"{path.stem}/{material.name}"))
             self.textures += model.textures
         return self._read[path, time]
+
+    def _moving(
+        self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
+    ) -> Shape:
+        """The placed shape with its motions: its own in the model, in seconds of its animations, and the asset's.
+
+        began : seconds of the animations at time 0
+        """
+        if own is None and moved is None:
+            return shape
+        if own is None:
+            assert moved is not None, "one of them is there"
+            motion = replace(moved, placed=shape.world_from_object)
+        else:
+            times = own.times - began
+            if moved is not None:
+                inside = (moved.times > times[0]) & (moved.times < times[-1])
+                times = np.union1d(times, moved.times[inside])
+            maps = []
+            for time in times:
+                there = _product(world, own.map_at(time + began))
+                maps.append(there if moved is None else _product(_square(moved.map_at(time)), there))
+            motion = Motion(times, np.array(maps), own.placed)
+        return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
     def _replaced(self, given: Asset, read: _Read, place: Place) -> dict[int, int]:
         """For numbers of the model's materials, those of the scene's that stand in for them."""
@@ -135,6 +172,15 @@ class Assets:
             made = tessellate.with_projected_uv(mesh) if key[1] else mesh
             self._meshes[key] = made.turned() if key[2] else made
         return replace(shape, geometry=self._meshes[key], world_from_object=maps)
+
+
+def _square(m: Float64) -> Float64:
+    return np.concatenate([m[:3], [[0.0, 0.0, 0.0, 1.0]]])
+
+
+def _product(a: Float64, b: Float64) -> Float64:
+    """(3, 4): b (3, 4), and then a (4, 4)."""
+    return np.asarray(a[:3] @ _square(b))
 
 
 def _placed_light(light: Light, world: Float64, name: str) -> Light:

@@ -16,7 +16,7 @@ from msgspec import UnsetType
 
 from glpath.scene import tessellate
 from glpath.scene.check import check_camera
-from glpath.scene.formats import description, lights, materials, transform
+from glpath.scene.formats import description, lights, materials, motion, transform
 from glpath.scene.formats.assets import Assets
 from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import inline_mesh, read_mesh
@@ -29,6 +29,8 @@ from glpath.scene.triangulate import turned
 # Of a quad's diameter; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
+# Of cameras that have none; what a perspective one has by default.
+_FOV = 40.0
 
 
 def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh]) -> Scene:
@@ -74,9 +76,14 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
                 geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
-        shapes.append(Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind))
+        moved = motion.motion_of(given.motion, matrix[None], here.field("motion"))
+        if moved is not None:
+            matrix = moved.at(camera.shutter[0])[0]
+        shapes.append(
+            Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind, moved)
+        )
 
-    assets = Assets(folder, number, list(surfaces), list(textures))
+    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter)
     assets.add(file.assets, place.field("assets"))
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
@@ -94,13 +101,22 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
 
 def _camera(file: SceneFile) -> Camera:
     given = file.camera
-    return Camera(
+    camera = Camera(
         position=np.array(given.position, np.float64),
         target=np.array(given.target, np.float64),
         up=np.array(given.up, np.float64),
-        fov=float(given.fov),
+        fov=_FOV,
         resolution=file.film.resolution,
+        shutter=given.shutter,
+        motion=motion.camera_keys(given),
     )
+    match given:
+        case description.Orthographic():
+            return replace(camera, projection="orthographic", height=given.height)
+        case description.Panorama():
+            return replace(camera, projection="panorama")
+    focus = None if isinstance(given.focus_distance, UnsetType) else given.focus_distance
+    return replace(camera, fov=float(given.fov), aperture_radius=given.aperture_radius, focus_distance=focus)
 
 
 def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:

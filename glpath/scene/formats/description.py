@@ -59,8 +59,17 @@ Radiance = Annotated[
 ]
 
 
-class Camera(Struct, tag_field="type", tag="perspective", forbid_unknown_fields=True, kw_only=True):
-    """A pinhole camera."""
+class CameraKey(Struct, forbid_unknown_fields=True, kw_only=True):
+    """Where a camera is at a time; what is left out is as of the camera."""
+
+    time: Annotated[float, Meta(description="Seconds, later than the key before.")]
+    position: Annotated[Vector, Meta(description="Where the eye is then, [x, y, z].")] | UnsetType = UNSET
+    target: Annotated[Vector, Meta(description="What it looks at then, [x, y, z].")] | UnsetType = UNSET
+    up: Annotated[Vector, Meta(description="What is up then.")] | UnsetType = UNSET
+
+
+class View(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all cameras have in common."""
 
     position: Annotated[Vector, Meta(description="Where the eye is, [x, y, z] in scene units.")]
     target: Annotated[Vector, Meta(description="A point in the middle of the picture, [x, y, z] in scene units.")]
@@ -69,11 +78,51 @@ class Camera(Struct, tag_field="type", tag="perspective", forbid_unknown_fields=
         1.0,
         0.0,
     )
+    shutter: Annotated[
+        tuple[float, float],
+        Meta(description="When it opens and closes, seconds: what moves is blurred. Both alike show that moment."),
+    ] = (0.0, 0.0)
+    motion: Annotated[
+        list[CameraKey],
+        Meta(
+            description="Keys where the camera moves: { time, position, target, up }. Linear between them, held "
+            "before the first and after the last."
+        ),
+    ] = []
+
+
+class Camera(View, tag="perspective", kw_only=True):
+    """A pinhole, or a thin lens. A camera without a type is of this one."""
+
     fov: Annotated[
         float, Meta(gt=0, lt=180, description="Vertical field of view of the whole picture, degrees.")
     ] = 40.0
+    aperture_radius: Annotated[
+        float, Meta(ge=0, description="Radius of the lens in scene units; 0 is a pinhole, where all is sharp.")
+    ] = 0.0
+    focus_distance: (
+        Annotated[
+            float,
+            Meta(
+                gt=0,
+                description="Of the plane that is sharp, along the view, scene units; to the target without it.",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
+class Orthographic(View, tag="orthographic", kw_only=True):
+    """Parallel rays, which start in the plane through the position."""
+
+    height: Annotated[float, Meta(gt=0, description="Of the whole picture, scene units.")]
+
+
+class Panorama(View, tag="panorama", kw_only=True):
+    """All around, equirectangular: 360 degrees wide, 180 high, the target in the middle."""
+
+
+AnyCamera = Camera | Orthographic | Panorama
 _Pixels = Annotated[int, Meta(ge=1, le=MAX_RESOLUTION)]
 
 
@@ -292,6 +341,28 @@ class Step(Struct, forbid_unknown_fields=True, kw_only=True):
     ) = UNSET
 
 
+_Steps = Annotated[
+    list[Annotated[Step, Meta(extra_json_schema={"minProperties": 1, "maxProperties": 1})]],
+    Meta(description="Steps that take it from where its own transform puts it, the first one first."),
+]
+
+
+class Key(Struct, forbid_unknown_fields=True, kw_only=True):
+    """Where something that moves is at a time."""
+
+    time: Annotated[float, Meta(description="Seconds, later than the key before.")]
+    transform: _Steps = []
+
+
+_Motion = Annotated[
+    list[Key],
+    Meta(
+        description="Keys where it moves, { time, transform }, for the camera's shutter. Between them it turns the "
+        "shorter way and goes straight; it is held before the first and after the last."
+    ),
+]
+
+
 class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
     """What all shapes have in common."""
 
@@ -310,6 +381,7 @@ class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
         list[Annotated[Step, Meta(extra_json_schema={"minProperties": 1, "maxProperties": 1})]],
         Meta(description="Steps that take the shape to the world, the first one first."),
     ] = []
+    motion: _Motion = []
     flip_normals: Annotated[
         bool, Meta(description="true turns the fronts to the other side, e.g. of a box seen from within.")
     ] = False
@@ -431,8 +503,16 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     lights: Annotated[
         bool, Meta(description="false leaves the model's punctual lights out. Their intensity knows no scale.")
     ] = True
+    motion: _Motion = []
     time: (
-        Annotated[float, Meta(ge=0, description="Seconds into the animations of a glTF file; at rest without it.")]
+        Annotated[
+            float,
+            Meta(
+                ge=0,
+                description="Seconds into the animations of a glTF file at time 0 of the camera's shutter; at rest "
+                "without it.",
+            ),
+        ]
         | UnsetType
     ) = UNSET
 
@@ -553,7 +633,9 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
         UNSET
     )
     description: Annotated[str, Meta(description="What the scene shows, in one line.")] = ""
-    camera: Annotated[Camera, Meta(description="The camera: position, target, up, fov.")]
+    camera: Annotated[
+        AnyCamera, Meta(description="The camera: perspective (a pinhole or a lens), orthographic or panorama.")
+    ]
     film: Annotated[Film, Meta(description="The picture: resolution, exposure.")] = msgspec.field(
         default_factory=Film
     )

@@ -104,7 +104,7 @@ def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> 
         for key in keys:
             number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
-    _name_the_default_material(plain)
+    _name_default_types(plain)
     try:
         file = convert(plain, SceneFile)
     except msgspec.ValidationError as error:
@@ -157,8 +157,11 @@ def _unusable(value: Any) -> list[str | int] | None:
     return None
 
 
-def _name_the_default_material(data: Any) -> None:
-    """A material without a type is diffuse; msgspec has no default among several types."""
+def _name_default_types(data: Any) -> None:
+    """A material without a type is diffuse, a camera perspective; msgspec has no default among several types."""
+    camera = data.get("camera")
+    if isinstance(camera, dict):
+        camera.setdefault("type", "perspective")
     materials = data.get("materials")
     for material in materials.values() if isinstance(materials, dict) else ():
         if isinstance(material, dict):

@@ -6,13 +6,14 @@ A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 
-from glpath.errors import SceneWarning
+from glpath.errors import SceneWarning, UsageError
 from glpath.scene.check import check_camera
 from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
@@ -39,6 +40,9 @@ def read_gltf_as_asked(
         Annotated[float, Meta(ge=0)] | Literal["rest"],
         Meta(description="seconds into the file's animations, from 0, or rest"),
     ] = "rest",
+    shutter: Annotated[
+        float, Meta(ge=0, description="seconds, from time on, that the shutter is open for what moves")
+    ] = 0.0,
     light_factor: Annotated[
         float,
         Meta(
@@ -51,16 +55,24 @@ def read_gltf_as_asked(
     wanted: int | str | None = None if camera == "first" else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
-    return read_gltf(path, time=None if time == "rest" else time, camera=wanted, light_factor=light_factor)
+    if shutter and time == "rest":
+        raise UsageError(f"shutter is {shutter:g}, but the model is at rest.", "Say when it opens: -D time=0.")
+    return read_gltf(
+        path,
+        time=None if time == "rest" else time,
+        shutter=shutter,
+        camera=wanted,
+        light_factor=light_factor,
+    )
 
 
-def read_model(path: Path, place: Place, time: float | None = None) -> Model:
+def read_model(path: Path, place: Place, time: float | None = None, shutter: float = 0.0) -> Model:
     """The model of a file of one of `FORMATS`; `place` is where it is named. Raises SceneError.
 
-    time : as of `read_gltf`
+    time, shutter : as of `read_gltf`
     """
     if path.suffix.lower() in GLTF_FORMATS:
-        return read_gltf(path, time=time)
+        return read_gltf(path, time=time, shutter=shutter)
     return read_mesh_model(path, place)
 
 
@@ -81,7 +93,7 @@ def scene_of_model(model: Model) -> Scene:
         warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=3)
     scene = Scene(
         name=model.name,
-        camera=NO_CAMERA if model.camera is None else _camera(model.camera),
+        camera=replace(NO_CAMERA if model.camera is None else _camera(model.camera), shutter=model.shutter),
         shapes=Shapes(model.shapes),
         materials=model.materials,
         source=model.source,
@@ -99,4 +111,13 @@ def _camera(given: ModelCamera) -> Camera:
     aspect = given.aspect or 1.0
     width, height = (longest, longest / aspect) if aspect >= 1 else (longest * aspect, longest)
     size = max(1, round(width)), max(1, round(height))
-    return Camera(given.position, given.target, np.asarray(given.up), given.fov, size)
+    return Camera(
+        given.position,
+        given.target,
+        np.asarray(given.up),
+        given.fov,
+        size,
+        projection=given.projection,
+        height=given.height,
+        motion=given.motion,
+    )

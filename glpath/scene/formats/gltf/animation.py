@@ -17,6 +17,8 @@ from glpath.scene.formats.gltf.table import Table
 from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
+# While a shutter is open: a turn of a hundred degrees between two of them would still be less than half a turn.
+_EVEN_TIMES, _MOST_KEYS = 17, 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 
@@ -54,6 +56,21 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
             sampler = samplers[channel.required_index("sampler", samplers, "samplers")]
             poses.setdefault(node, {})[path] = _value(sampler, path, accessors, time)
     return poses
+
+
+def shutter_times(document: Document, accessors: Accessors, opened: float, closed: float) -> Float64:
+    """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
+
+    Keys beyond `_MOST_KEYS` are left out.
+    """
+    keys: list[Float64] = []
+    for animation in document.all("animations"):
+        for sampler in animation.tables("samplers"):
+            every, at = accessors.document.all("accessors"), sampler.place.field("input")
+            times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
+            keys.append(times[(times > opened) & (times < closed)][:_MOST_KEYS])
+    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MOST_KEYS]
+    return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
 
 
 def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64:

@@ -7,10 +7,12 @@ Source: KHR_lights_punctual; glTF 2.0, 3.10.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from glpath.scene.camera import CameraKey, Projection
 from glpath.scene.formats.gltf.document import Document
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.formats.values import LARGEST
@@ -22,11 +24,12 @@ _PROJECTIONS = {"perspective": True, "orthographic": False}
 
 @dataclass(frozen=True)
 class ModelCamera:
-    """A perspective camera of a model, without a resolution.
+    """A camera of a model, without a resolution.
 
     position, target, up : (3,) float64, scene units; the target is at distance 1
-    fov                  : vertical field of view, degrees
+    fov                  : of a perspective one: vertical field of view, degrees
     aspect               : width over height of the image that it is meant for; None: any
+    projection, height, motion : as of `glpath.scene.Camera`
     """
 
     name: str
@@ -35,6 +38,21 @@ class ModelCamera:
     up: Float64
     fov: float
     aspect: float | None = None
+    projection: Projection = "perspective"
+    height: float = 1.0
+    motion: tuple[CameraKey, ...] = ()
+
+    def through(self, times: Float64, others: Sequence[ModelCamera]) -> ModelCamera:
+        """The camera with the places where it is at some times, (K,) seconds, where these differ."""
+        first = others[0]
+        if all(np.array_equal(first.position, c.position) and _looks_alike(first, c) for c in others):
+            return self
+        keys = zip(times, others, strict=True)
+        return replace(self, motion=tuple(CameraKey(float(t), c.position, c.target, c.up) for t, c in keys))
+
+
+def _looks_alike(a: ModelCamera, b: ModelCamera) -> bool:
+    return np.array_equal(a.target, b.target) and np.array_equal(a.up, b.up)
 
 
 def light_of(document: Document, node: Table, world: Float64, factor: float) -> Light | None:
@@ -70,29 +88,27 @@ def light_of(document: Document, node: Table, world: Float64, factor: float) -> 
 
 
 def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
-    """The camera of a node; None where it has none, or an orthographic one."""
+    """The camera of a node; None where it has none."""
     cameras = document.all("cameras")
     index = node.index("camera", cameras, "cameras")
     if index is None:
         return None
     table = cameras[index]
+    name, position = node.name(table.name(f"camera-{index}")), world[:3, 3]
+    frame = (position, position + _along(node, world, 2), -_along(node, world, 1))
     if not table.required_choice("type", _PROJECTIONS):
-        document.notes.add("Orthographic cameras.")
-        return None
+        view = table.table("orthographic")
+        x, y = (view.number(key, 0.0, -LARGEST, LARGEST) for key in ("xmag", "ymag"))
+        if not (x and y):
+            raise view.place.error(f"has an xmag of {x:g} and a ymag of {y:g}, but none may be 0.", "")
+        aspect = abs(x / y)
+        return ModelCamera(name, *frame, 40.0, aspect, "orthographic", 2.0 * abs(y))
     view = table.table("perspective")
     fov = float(np.degrees(view.number("yfov", 0.0)))
     if not 0 < fov < 180:
         raise view.place.field("yfov").wrong(view.values.get("yfov"), "above 0 and below pi", "It is in radians.")
     aspect = view.number("aspectRatio", 0.0, 0.0, LARGEST) if "aspectRatio" in view else None
-    position = world[:3, 3]
-    return ModelCamera(
-        node.name(table.name(f"camera-{index}")),
-        position,
-        position + _along(node, world, 2),
-        -_along(node, world, 1),
-        fov,
-        aspect or None,
-    )
+    return ModelCamera(name, *frame, fov, aspect or None)
 
 
 def _along(node: Table, world: Float64, axis: int) -> Float64:

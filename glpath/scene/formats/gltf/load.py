@@ -15,7 +15,7 @@ import numpy as np
 from glpath.errors import UsageError
 from glpath.scene.formats.gltf import limits
 from glpath.scene.formats.gltf.accessors import Accessors
-from glpath.scene.formats.gltf.animation import poses_at
+from glpath.scene.formats.gltf.animation import poses_at, shutter_times
 from glpath.scene.formats.gltf.document import Document, read_document
 from glpath.scene.formats.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.scene.formats.gltf.nodes import Nodes, Pose, instances
@@ -24,6 +24,7 @@ from glpath.scene.formats.gltf.surfaces import Surfaces
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
+from glpath.scene.motion import Motion
 from glpath.scene.place import shown
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
@@ -40,8 +41,9 @@ class Model:
     name      : of its scene, or of the file
     shapes    : one for each primitive, with all its instances
     lights    : punctual ones
-    cameras   : all perspective ones of the scene
+    cameras   : all of the scene
     camera    : the one that was asked for, else the first; None where there is none
+    shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each said once
     """
 
@@ -54,14 +56,21 @@ class Model:
     cameras: tuple[ModelCamera, ...]
     camera: ModelCamera | None
     notes: tuple[str, ...]
+    shutter: tuple[float, float] = (0.0, 0.0)
 
 
 def read_gltf(
-    path: Path, *, time: float | None = None, camera: str | int | None = None, light_factor: float = 1.0
+    path: Path,
+    *,
+    time: float | None = None,
+    shutter: float = 0.0,
+    camera: str | int | None = None,
+    light_factor: float = 1.0,
 ) -> Model:
     """Read a .gltf or .glb.
 
     time         : seconds into its animations; None shows it at rest
+    shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
     light_factor : what the intensity of punctual lights is multiplied by: candela are taken as W sr^-1, lux as
                    W m^-2. Blender's exporter writes 683 lumen for a watt, so 1 / 683 brings back its watts.
@@ -78,10 +87,22 @@ def read_gltf(
     poses = poses_at(document, accessors, time)
     nodes = Nodes.of(document, poses)
     surfaces = Surfaces(document)
-    shapes = _Shapes(document, accessors, nodes, poses, surfaces).all()
+    path_of = None
+    if time is not None and shutter > 0:
+        times = shutter_times(document, accessors, time, time + shutter)
+        every = [Nodes.of(document, poses_at(document, accessors, float(t))).world for t in times]
+        path_of = NodePaths(times, every)
+    shapes = _Shapes(document, accessors, nodes, poses, surfaces, path_of).all()
     lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor) for i in nodes.drawn]
-    found = [camera_of(document, nodes.tables[i], nodes.world[i]) for i in nodes.drawn]
+    found = [_camera(document, nodes, i, path_of) for i in nodes.drawn]
     cameras = tuple(each for each in found if each is not None)
+    if path_of is not None:
+        if any(
+            light is not None and path_of.of(i) is not None for light, i in zip(lights, nodes.drawn, strict=True)
+        ):
+            document.notes.add("Lights that move while the shutter is open: they are where it opens.")
+        if any("weights" in pose for pose in poses.values()) or len(document.all("skins")):
+            document.notes.add("Skins and morph targets while the shutter is open: they are as it opens.")
     scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
     return Model(
         source=document.place.source,
@@ -93,7 +114,34 @@ def read_gltf(
         cameras=cameras,
         camera=_chosen(cameras, camera, document),
         notes=tuple(document.notes.texts),
+        shutter=(0.0, 0.0) if time is None else (time, time + shutter),
     )
+
+
+@dataclass(frozen=True)
+class NodePaths:
+    """Where nodes are while the shutter is open.
+
+    times : (K,) seconds
+    world : of each time, (4, 4) of each node
+    """
+
+    times: Float64
+    world: list[list[Float64]]
+
+    def of(self, node: int) -> Float64 | None:
+        """(K, 3, 4) of a node; None where it stands still."""
+        there = np.array([each[node][:3] for each in self.world])
+        return None if np.all(there == there[0]) else there
+
+
+def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | None) -> ModelCamera | None:
+    table = nodes.tables[index]
+    found = camera_of(document, table, nodes.world[index])
+    if found is None or paths is None or paths.of(index) is None:
+        return found
+    others = [camera_of(document, table, world[index]) for world in paths.world]
+    return found.through(paths.times, [each for each in others if each is not None])
 
 
 def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: Document) -> ModelCamera | None:
@@ -104,7 +152,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
     for each in cameras:
         if each.name == wanted:
             return each
-    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no perspective camera"
+    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
     raise UsageError(f"{document.place} camera {shown(wanted)} was asked for, but the file has {listed}.")
 
 
@@ -116,6 +164,7 @@ class _Group:
     mesh: Mesh
     surface: int
     maps: list[Float64]
+    motion: Motion | None = None
 
 
 class _Shapes:
@@ -128,14 +177,16 @@ class _Shapes:
         nodes: Nodes,
         poses: dict[int, dict[str, Float64]],
         surfaces: Surfaces,
+        paths: NodePaths | None = None,
     ) -> None:
+        self.paths = paths
         self.document, self.accessors, self.nodes = document, accessors, nodes
         self.poses: dict[int, dict[str, Float64]] = poses
         self.surfaces = surfaces
         self.primitives = Primitives(accessors)
         self.skins: dict[int, Skin] = {}
         self.turned: dict[Mesh, Mesh] = {}
-        self.groups: dict[tuple[Mesh, int], _Group] = {}
+        self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.triangles = 0
 
     def all(self) -> list[Shape]:
@@ -152,6 +203,7 @@ class _Shapes:
                     np.concatenate(group.maps),
                     surface.emission,
                     surface.material.two_sided,
+                    motion=group.motion,
                 )
             )
         self._note_single_sided()
@@ -181,7 +233,7 @@ class _Shapes:
             else:
                 made = self.primitives.skinned(primitive, weights, uv_sets, skin)
             if made is not None:
-                self._place(part, made, surface, maps, primitive)
+                self._place(part, made, surface, maps, primitive, index)
 
     def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
         """(M,) of the morph targets: animated, the node's, or the mesh's."""
@@ -198,7 +250,7 @@ class _Shapes:
             self.skins[index] = skin_of(skins[index], self.nodes.world, self.accessors)
         return self.skins[index]
 
-    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table) -> None:
+    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
         """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
         determinant, size = _stretch(maps[:, :, :3])
         flat = ~(np.abs(determinant) > _FLAT * size)
@@ -221,10 +273,21 @@ class _Shapes:
                 if mesh not in self.turned:
                     self.turned[mesh] = mesh.turned()
                 geometry = self.turned[mesh]
-            key = (geometry, surface)
+            path = None if self.paths is None else self.paths.of(node)
+            if path is not None and "skin" in self.nodes.tables[node]:
+                path = None  # its joints say where it is
+            # What moves is a shape of its own, as its instances all go one way.
+            key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
             self.groups[key].maps.append(maps[chosen])
+            if path is not None:
+                assert self.paths is not None, "asked above"
+                local = instances(self.nodes.tables[node], np.eye(4), self.accessors)
+                placed = local[chosen]
+                if (before := self.groups[key].motion) is not None:
+                    placed = np.concatenate([before.placed, placed])
+                self.groups[key].motion = Motion(self.paths.times, path, placed)
 
     def _check_extent(self, mesh: Mesh, maps: Float64, primitive: Table) -> None:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

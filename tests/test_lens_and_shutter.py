@@ -1,0 +1,388 @@
+"""What cameras see by every engine: parallel rays, all around, out of focus, and while something moves.
+
+Witnesses: closed forms, still renders of the same times, Camera.rays in numpy, and Mitsuba.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.compare import relative_mse
+from glpath.errors import SceneError, UsageError
+from glpath.integrators.lamp_edges import LampEdges
+from glpath.rendering import RenderJob, run
+from glpath.sampling import PathSetSampler
+from glpath.scene.model import Scene
+from glpath.scene.motion import Motion
+
+FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]}
+#: Glows alike all over, so that what is seen of it is its silhouette.
+GLOW = {"emission": {"radiance": 1.0, "two_sided": True}}
+PATH: list[dict[str, Any]] = [{"directions": "own", "max_depth": 1}, {"directions": "pair", "max_depth": 1}]
+RAYS: list[dict[str, Any]] = [{"integrator": "t-buffer"}, {"integrator": "classic"}]
+NAMES = ["own", "pair", "t-buffer", "classic"]
+
+
+def strip(left: float, right: float, depth: float = 0.0, **fields: Any) -> dict[str, Any]:
+    """A glowing strip, upright, from x to x."""
+    corners = [[left, -9, depth], [right, -9, depth], [right, 9, depth], [left, 9, depth]]
+    return {"type": "quad", "corners": corners, **GLOW, **fields}
+
+
+def scene_of(
+    camera: dict[str, Any], *shapes: dict[str, Any], size: tuple[int, int] = (64, 4), **more: Any
+) -> Scene:
+    whole = {"position": [0, 0, 4], "target": [0, 0, 0], **camera}
+    black = {"default": {"reflectance": 0.0}}
+    film = {"resolution": size}
+    return glpath.load_scene({"camera": whole, "film": film, "materials": black, "shapes": list(shapes), **more})
+
+
+def profile(scene: Scene, options: dict[str, Any], spp: int = 256) -> np.ndarray:
+    """(W,) radiance along the image, the mean over its height."""
+    return np.asarray(glpath.render(scene, spp=spp, **options).mean[..., 1].mean(axis=0))
+
+
+# ---- closed forms
+
+
+@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["own", "pair", "classic"])
+def test_parallel_rays_show_a_thing_as_wide_as_it_is_at_any_distance(options: dict[str, Any]) -> None:
+    for depth in (0.0, -30.0):
+        scene = scene_of({"type": "orthographic", "height": 0.25}, strip(-1.1, 0.4, depth))
+        pixel = 0.25 / 4
+        found = profile(scene, options)
+        left = 64 / 2 * pixel
+        assert found.sum() * pixel == pytest.approx(1.5, abs=0.005)
+        # Of the pixel in which it ends, the share that it covers.
+        edges = np.clip((0.4 + left) / pixel - np.arange(64), 0, 1) - np.clip(
+            (-1.1 + left) / pixel - np.arange(64), 0, 1
+        )
+        assert np.abs(found - edges).max() < 0.05
+
+
+def test_what_is_behind_the_plane_of_parallel_rays_is_not_seen() -> None:
+    for options in (*PATH, RAYS[1]):
+        scene = scene_of({"type": "orthographic", "height": 1.0}, strip(-9, 0.0, 4.5), strip(0.0, 9, 3.5))
+        found = profile(scene, options, spp=8)
+        assert found[:31].max() == 0
+        assert found[33:].min() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
+@pytest.mark.parametrize("depth", [-4.0, 1.5])
+def test_the_circle_of_confusion_is_as_large_as_a_thin_lens_makes_it(options: dict[str, Any], depth: float) -> None:
+    """A half plane's edge, out of focus: the share of a disk on one side of a line, by similar triangles."""
+    focus, radius, fov = 4.0, 0.4, 10.0
+    camera = {"fov": fov, "aperture_radius": radius, "focus_distance": focus}
+    scene = scene_of(camera, strip(0.0, 90, depth), size=(64, 16))
+    found = profile(scene, options, 1024)
+    away = 4.0 - depth
+    focal = 16 / (2 * np.tan(np.radians(fov / 2)))
+    confusion = focal * radius * abs(1 / away - 1 / focus)  # radius, pixels
+    x = np.clip((np.arange(64) + 0.5 - 32) / confusion, -1, 1)
+    share = 0.5 + (x * np.sqrt(1 - x * x) + np.arcsin(x)) / np.pi
+    assert confusion > 4
+    assert np.abs(found - share).max() < 0.02
+
+
+@pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
+def test_what_lies_in_focus_is_as_sharp_as_by_a_pinhole(options: dict[str, Any]) -> None:
+    shapes = [strip(-1.1, 0.43)]
+    sharp = profile(scene_of({}, *shapes), options)
+    lens = profile(scene_of({"aperture_radius": 0.5}, *shapes), options)
+    assert np.abs(sharp - lens).max() < 0.02
+    far = profile(scene_of({"aperture_radius": 0.5, "focus_distance": 8.0}, *shapes, size=(64, 16)), options)
+    assert np.count_nonzero((far > 0.02) & (far < 0.98)) > 4
+
+
+@pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
+@pytest.mark.parametrize("what", ["object", "camera"])
+def test_a_bright_edge_that_moves_is_a_ramp(options: dict[str, Any], what: str) -> None:
+    """At one speed past the pixels, each is bright for a time that grows evenly along its way."""
+    way = 2.0
+    motion = [{"time": 0.0}, {"time": 2.0, "transform": [{"translate": [2 * way, 0, 0]}]}]
+    camera: dict[str, Any] = {"shutter": [0.5, 1.5], "fov": 7.15}
+    shape = strip(-9, -2.0, motion=motion) if what == "object" else strip(-9, 0)
+    if what == "camera":
+        keys = [(0.0, 2.0), (2.0, 2.0 - 2 * way)]
+        camera["motion"] = [{"time": t, "position": [x, 0, 4], "target": [x, 0, 0]} for t, x in keys]
+    sets = 64 if "integrator" in options else 256
+    found = profile(scene_of(camera, shape), options, sets)
+    pixel = 2 * 4 * np.tan(np.radians(7.15) / 2) / 4
+    x = (np.arange(64) + 0.5 - 32) * pixel
+    ramp = np.clip((1.0 - x) / way, 0, 1)
+    assert np.abs(found - ramp).max() < 4 / sets  # each set has one time, so that the ramp has so many steps
+    assert np.count_nonzero((ramp > 0) & (ramp < 1)) > 10
+
+
+@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["own", "pair", "classic"])
+def test_a_panorama_sees_what_its_rays_do(options: dict[str, Any]) -> None:
+    """Against the sky along Camera.rays, and a box all around that shines in six colours."""
+    environment = {"zenith": [0, 0, 1], "horizon": [1, 0, 0]}
+    faces = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            corners = np.zeros((4, 3))
+            corners[:, axis] = 3 * side
+            corners[:, (axis + 1) % 3] = [-1, 1, 1, -1]
+            corners[:, (axis + 2) % 3] = [-1, -1, 1, 1]
+            colour = [0.2 + 0.3 * axis, 0.5 + 0.4 * side, 0.3]
+            faces.append(
+                {"type": "quad", "corners": corners.tolist(), "emission": {"radiance": colour, "two_sided": True}}
+            )
+    camera = {"type": "panorama", "position": [0.2, -0.1, 0.3], "target": [1, 0.4, -2], "up": [0.1, 1, 0]}
+    scene = scene_of(camera, *faces, size=(96, 48), sky=environment)
+    found = glpath.render(scene, spp=64, **options).mean
+    # Four by four rays a pixel, in numpy.
+    fine = replace(scene.camera, resolution=(4 * 96, 4 * 48))
+    rays, eye = fine.rays(), fine.position
+    expected = scene.sky.radiance(rays)  # type: ignore[union-attr]
+    for face in faces:
+        corners = np.array(face["corners"])
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((corners[0] - eye) @ normal) / (rays @ normal)
+        hit = eye + t[..., None] * rays
+        flat = np.abs(normal) > 0
+        inside = (t > 0) & np.all(flat | (np.abs(hit) <= 1), axis=-1)
+        expected[inside] = face["emission"]["radiance"]
+    expected = expected.reshape(48, 4, 96, 4, 3).mean(axis=(1, 3))
+    assert np.abs(found - expected).mean() < 0.006
+    assert relative_mse(found, expected) < 1e-3
+
+
+# ---- what moves, against still renders of the same times
+
+MOVING: dict[str, Any] = {
+    "camera": {"position": [0, 1.0, 4], "target": [0, 0.5, 0], "fov": 35, "shutter": [0, 1]},
+    "film": {"resolution": [48, 32]},
+    "materials": {"floor": {"reflectance": 0.6}, "red": {"reflectance": [0.7, 0.2, 0.1]}},
+    "sky": {"zenith": 0.4, "horizon": 0.4},
+    "shapes": [
+        FLOOR | {"material": "floor"},
+        {
+            "type": "sphere",
+            "center": [-0.8, 0.4, 0],
+            "radius": 0.3,
+            "material": "red",
+            "subdivisions": 3,
+            "motion": [{"time": 0}, {"time": 1, "transform": [{"translate": [0.8, 0.2, 0]}]}],
+        },
+        {
+            "type": "box",
+            "min": [0.5, 0.2, -0.2],
+            "max": [0.9, 0.6, 0.2],
+            "material": "red",
+            "motion": [
+                {"time": 0.2},
+                {
+                    "time": 1,
+                    "transform": [
+                        {"translate": [-0.7, -0.4, 0]},
+                        {"rotate": {"axis": [0, 0, 1], "angle": 80}},
+                        {"translate": [0.7, 0.4, 0]},
+                    ],
+                },
+            ],
+        },
+        {
+            "type": "quad",
+            "corners": [[-0.3, 1.6, -0.3], [0.3, 1.6, -0.3], [0.3, 1.6, 0.3], [-0.3, 1.6, 0.3]],
+            "emission": {"radiance": 12, "two_sided": True},
+            "motion": [{"time": 0}, {"time": 1, "transform": [{"translate": [1.2, 0, 0]}]}],
+        },
+    ],
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*lost the roulette:glpath.SceneWarning")
+@pytest.mark.parametrize(
+    "options",
+    [{"max_depth": 3}, {"max_depth": 3, "directions": "pair"}, {"integrator": "t-buffer", "shadows": "cube"}],
+    ids=["own", "pair", "t-buffer"],
+)
+def test_a_path_set_is_that_of_the_scene_as_it_stands_at_its_time(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Where lamps end, still scenes have rays more, which moving ones do without.
+    monkeypatch.setattr(LampEdges, "are_in", staticmethod(lambda scene: False))
+    if "shadows" in options:
+        options = options | {"shadow_resolution": 128}
+    scene, sampler, sets = glpath.load_scene(MOVING), PathSetSampler(0, 3), range(3, 7)
+    assert scene.moving_shapes == (1, 2, 3)
+    found = glpath.render(scene, spp=len(sets), first_path_set=sets.start, **options).mean
+    stills = [
+        glpath.render(scene.at(float(sampler.eye(i)[2])), spp=1, first_path_set=i, **options).mean for i in sets
+    ]
+    # Ties between boxes of another tree may fall otherwise; the device's arithmetic is the same.
+    assert np.isclose(found, np.mean(stills, axis=0), rtol=1e-5, atol=1e-6).mean() > 0.999
+    assert np.abs(stills[0] - stills[1]).max() > 0.01
+
+
+@pytest.mark.filterwarnings("ignore:.*lost the roulette:glpath.SceneWarning")
+@pytest.mark.parametrize(
+    "options", [{"max_depth": 2}, {"max_depth": 2, "directions": "pair"}, RAYS[0]], ids=NAMES[:3]
+)
+def test_parts_of_a_render_of_what_moves_merge_to_its_bits(options: dict[str, Any]) -> None:
+    camera = MOVING["camera"] | {"aperture_radius": 0.1}
+    camera["motion"] = [{"time": 0}, {"time": 1, "position": [0.3, 1.2, 4]}]
+    scene = glpath.load_scene(MOVING | {"camera": camera})
+    whole = glpath.render(scene, spp=24, **options)
+    parts = [glpath.render(scene, spp=n, first_path_set=m, **options) for m, n in ((0, 8), (8, 16))]
+    assert np.array_equal(parts[0].merge(parts[1]).radiance_sums, whole.radiance_sums)
+
+
+def test_a_moving_lamp_a_still_shutter_and_the_digest() -> None:
+    scene = glpath.load_scene(MOVING)
+    frozen = scene.with_camera(shutter=(0.5, 0.5))
+    assert not frozen.moving_shapes
+    film = glpath.render(frozen, spp=4, max_depth=2)
+    assert np.array_equal(film.mean, glpath.render(scene.at(0.5), spp=4, max_depth=2).mean)
+    assert scene.digest(camera=False) == frozen.digest(camera=False) != scene.at().digest(camera=False)
+    assert scene.digest() != frozen.digest()
+
+
+# ---- refusals
+
+
+def test_a_gather_refuses_what_moves_by_name_but_not_a_camera_that_does() -> None:
+    scene = glpath.load_scene(MOVING)
+    with pytest.raises(SceneError, match=r"sphere-1, box-2, quad-3 move while the shutter is open.*one moment"):
+        glpath.render(scene, integrator="gather", spp=1)
+    camera = MOVING["camera"] | {"motion": [{"time": 0}, {"time": 1, "position": [0.3, 1.2, 4]}]}
+    still = [shape | {"motion": []} for shape in MOVING["shapes"]]
+    film = glpath.render(MOVING | {"camera": camera, "shapes": still}, integrator="gather", spp=4)
+    assert film.mean.max() > 0
+
+
+def test_a_t_buffer_says_which_cameras_it_has_not() -> None:
+    for kind in ("orthographic", "panorama"):
+        scene = glpath.load_scene(MOVING).with_camera(projection=kind, height=3.0)
+        with pytest.raises(SceneError, match=f"a camera of type {kind}; a T-buffer"):
+            glpath.render(scene, integrator="t-buffer", spp=1)
+
+
+def test_a_lamp_that_grows_is_refused() -> None:
+    growing = [{"time": 0}, {"time": 1, "transform": [{"scale": 2.0}]}]
+    shapes = [MOVING["shapes"][0], MOVING["shapes"][3] | {"motion": growing}]
+    with pytest.raises(SceneError, match='"quad-1" emits, and changes its size'):
+        glpath.render(MOVING | {"shapes": shapes}, spp=1)
+
+
+def test_frames_of_another_kind_of_camera_are_refused() -> None:
+    frames = glpath.render_frames("cornell-box-36", [{}, {"aperture_radius": 0.1}], spp=1, resolution=(8, 8))
+    next(frames)
+    with pytest.raises(UsageError, match="perspective with a lens, after one that is perspective"):
+        next(frames)
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        ([{"time": 1}, {"time": 0}], r"\[1\]\[\"time\"\] is 0, but must be above 1"),
+        ([{"time": 0, "transform": [{"scale": [-1, 1, 1]}]}], r"\[\"transform\"\] mirrors"),
+        ([{"time": 0, "transform": [{"scale": 0}]}], "without a zero"),
+        ([{"transform": []}], "lacks the field `time`"),
+    ],
+)
+def test_keys_that_cannot_be_are_told_with_their_place(motion: list[dict[str, Any]], told: str) -> None:
+    with pytest.raises(SceneError, match=told):
+        scene_of({}, strip(0, 1, motion=motion))
+
+
+# ---- motion itself
+
+
+def test_a_motion_turns_at_one_speed_and_goes_straight() -> None:
+    def turn(degrees: float) -> np.ndarray:
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+    first, last = np.column_stack([2.0 * turn(10), [0, 0, 0]]), np.column_stack([4.0 * turn(170), [6, 0, 0]])
+    motion = Motion(np.array([1.0, 3.0]), np.array([first, last]), np.eye(3, 4)[None])
+    assert np.allclose(motion.map_at(1.5), np.column_stack([2.5 * turn(50), [1.5, 0, 0]]))
+    assert np.allclose(motion.map_at(0), first)
+    assert np.allclose(motion.map_at(9), last)
+    assert motion.moves_within(0, 2)
+    assert not motion.moves_within(3, 4)
+    half = Motion(
+        np.array([0.0, 1.0]), np.array([np.eye(3, 4), np.column_stack([turn(180), np.zeros(3)])]), motion.placed
+    )
+    found = half.map_at(0.5)[:, :3]
+    assert np.allclose(found, turn(90)) or np.allclose(found, turn(-90))
+
+
+# ---- jobs and files
+
+
+def test_a_job_keeps_all_of_a_camera_and_reads_those_of_before() -> None:
+    camera = {"aperture_radius": 0.2, "focus_distance": 3.0, "shutter": [0, 2]}
+    camera["motion"] = [{"time": 0}, {"time": 1.5, "position": [1, 0, 4]}]
+    scene = scene_of(camera, strip(0, 1), size=(8, 8))
+    job = RenderJob.of(scene, spp=8, max_depth=1)
+    text = job.to_json()
+    again = RenderJob.from_json(text)
+    assert again == job
+    assert np.array_equal(run(again, scene=scene).mean, glpath.render(scene, spp=8, max_depth=1).mean)
+    plain = json.loads(RenderJob.of(scene_of({}, strip(0, 1)), spp=1).to_json())["sensor"]
+    assert set(plain) == {"type", "position", "target", "up", "fov", "resolution"}
+
+
+def test_a_camera_is_replaced_by_options_and_then_stands_still(tmp_path: Path) -> None:
+    camera = {"shutter": [0, 1], "motion": [{"time": 0}, {"time": 1, "position": [1, 0, 4]}]}
+    scene = scene_of(camera, strip(0, 1), size=(8, 8))
+    changed = RenderJob.of(scene, spp=1, camera={"aperture_radius": 0.1, "shutter": (0, 0.5)}).sensor
+    assert changed.aperture_radius == 0.1
+    assert changed.camera.moves
+    still = RenderJob.of(scene, spp=1, camera={"position": (0, 0, 5), "type": "orthographic", "height": 2}).sensor
+    assert not still.motion
+    assert (still.projection, still.height) == ("orthographic", 2.0)
+    with pytest.raises(UsageError, match="camera type: 'fisheye'; allowed are perspective"):
+        RenderJob.of(scene, spp=1, camera={"type": "fisheye"})
+
+
+# ---- Mitsuba
+
+BOX: dict[str, Any] = {
+    "camera": {"position": [0, 1, 3.4], "target": [0, 1, 0], "fov": 39},
+    "film": {"resolution": [64, 64]},
+    "materials": {"white": {"reflectance": 0.7}, "red": {"reflectance": [0.6, 0.06, 0.05]}},
+    "shapes": [
+        {"type": "box", "min": [-1, 0, -1], "max": [1, 2, 3.6], "flip_normals": True, "material": "white"},
+        {"type": "box", "min": [-0.7, 0, 0.9], "max": [-0.3, 1.1, 1.3], "material": "red"},
+        {"type": "box", "min": [0.2, 0, -0.8], "max": [0.7, 0.7, -0.3], "material": "red"},
+        {
+            "type": "quad",
+            "corners": [[-0.4, 1.98, -0.4], [0.4, 1.98, -0.4], [0.4, 1.98, 0.4], [-0.4, 1.98, 0.4]],
+            "emission": {"radiance": 12},
+        },
+    ],
+}
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("directions", ["own", "pair"])
+@pytest.mark.parametrize("kind", ["orthographic", "lens"])
+def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: Any) -> None:
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from glpath.experiments.mitsuba_peer import render_mitsuba
+
+    changes = {
+        "orthographic": {"type": "orthographic", "height": 1.9},
+        "lens": {"fov": 39, "aperture_radius": 0.15},
+    }
+    camera = {k: v for k, v in BOX["camera"].items() if k != "fov"} | changes[kind]
+    scene = glpath.load_scene(BOX | {"camera": camera})
+    theirs = [render_mitsuba(scene, 1024, 3, seed=seed) for seed in (1, 2)]
+    ours = [glpath.render(scene, spp=1024, max_depth=3, directions=directions, seed=seed).mean for seed in (1, 2)]
+    assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
+    floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
+    assert relative_mse(ours[0], theirs[0]) < 1.3 * floor
