@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from glpath.scene.model import Camera
+from typing import Any
+
+import numpy as np
+
+from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
 
@@ -34,3 +38,20 @@ def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple
     """The one of them that changes with the place in each pixel."""
     width, height = resolution
     return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
+
+
+def view_pyramid(eye: dict[str, Any]) -> tuple[Float64, Float64]:
+    """Normals (P, 3) and offsets (P,) of the planes around what a window sees: normal . x > offset within.
+
+    eye : the uniforms. A pixel wider on each side than the window, for the rounding of the device.
+    """
+    right, up, forward, position = (
+        np.array(eye[name], np.float64) for name in ("eye_right", "eye_up", "eye_forward", "eye_position")
+    )
+    normals = [forward]
+    for axis, along in enumerate((right, up)):
+        first = eye["eye_corner"][axis] + 0.5 - eye["eye_centre"][axis]
+        low, high = (first - 1.5) / eye["eye_focal"], (first + eye["eye_size"][axis] + 0.5) / eye["eye_focal"]
+        normals += [along - low * forward, high * forward - along]
+    planes = np.array(normals)
+    return planes, planes @ position

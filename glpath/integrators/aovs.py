@@ -10,7 +10,7 @@ Source:   Open Image Denoise, documentation of the RT filter: albedo and normal 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import moderngl
 import numpy as np
@@ -35,6 +35,7 @@ class EyeAovs:
     names      : out of `film_metadata.AOVS`
     size       : (width, height) of the window, pixels
     eye_buffer : the triangle that every pixel sees + 1, 0 for none
+    met        : records of streamed triangles, by the name in GLSL, where the scene has such
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class EyeAovs:
         names: Sequence[str],
         size: tuple[int, int],
         eye_buffer: moderngl.Texture,
+        met: Mapping[str, moderngl.Texture] | None = None,
     ) -> None:
         self._names, self._size = names, size
         self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky)}
@@ -57,7 +59,7 @@ class EyeAovs:
             generated=scene.generated,
             defines={**scene.defines, "AOV_QUANTA": float(_QUANTA)},
         )
-        seen = {**scene.textures, "eye_buffer": eye_buffer}
+        seen = {**scene.textures, "eye_buffer": eye_buffer, **(met or {})}
         self._passes = [
             Pass(
                 "AOVs",

@@ -81,7 +81,7 @@ class PathStages(PathSetEngine):
         )
         views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
-        self.path_buffer = PathBuffer(gl, scene, size, cells, views)
+        self.path_buffer = PathBuffer(gl, scene, size, cells, views, self._met.get("met_records"))
         lights = self.lighting
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lights.positional)
         # One direction for all paths, so that each scan has one view of it.
@@ -235,7 +235,8 @@ class PathStages(PathSetEngine):
         self._state_targets = [gl.framebuffer([*state, *self._pending]) for state in self._state]
         self._textures = {
             **self.scene.textures,
-            "light_buffer": self.shadow_buffer.texture,
+            **self.shadow_buffer.textures,
+            **self._met,
             "eye_buffer": self._eye_buffer,
             **self.path_buffer.textures,
         }

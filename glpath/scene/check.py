@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, sphere_extent
+from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, Stream, sphere_extent
 from glpath.scene.place import Place
+from glpath.scene.tessellate import box
 
 MAX_PIXELS = 2**28
 
@@ -169,7 +170,15 @@ def sees_anything(scene: Scene) -> bool:
         _sees_planes(camera, scene.planes)
         or _sees_spheres(camera, scene.spheres)
         or sees_triangles(camera, scene.triangles)
+        or any(_sees_boxes(camera, stream) for _, stream in scene.shapes.streams)
     )
+
+
+def _sees_boxes(camera: Camera, stream: Stream) -> bool:
+    """Whether a box around a chunk reaches into the pyramid: what is in it is not asked for."""
+    unit, faces = box((0, 0, 0), (1, 1, 1))
+    corners = stream.lower[:, None] + unit * (stream.upper - stream.lower)[:, None]
+    return sees_triangles(camera, corners[:, faces].reshape(-1, 3, 3))
 
 
 def _sees_planes(camera: Camera, planes: Float64) -> bool:

@@ -18,13 +18,18 @@ MAX_TRIANGLES = 2**27
 _LISTED = 3
 
 
-def path_traceable(scene: Scene) -> Scene:
+def path_traceable(scene: Scene, streams: bool = False) -> Scene:
     """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
 
+    streams : are streamed triangles known, too?
+
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do: planes. Warns with SceneWarning of triangles without area.
+    does not do: planes, and streams for who keeps all triangles in memory. Warns with SceneWarning of triangles
+    without area.
     """
     _check_known(scene)
+    if not streams:
+        check_resident(scene)
     if not len(scene.spheres):
         return scene
     _check_number(scene)
@@ -62,6 +67,18 @@ def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:
 def turned(world_from_unit: Float64) -> Float64:
     """Spheres (..., 3, 4) with their fronts on the other side; longitude runs the other way about them."""
     return np.asarray(world_from_unit * [1.0, -1.0, 1.0, 1.0])
+
+
+def check_resident(scene: Scene) -> None:
+    """Raise SceneError for streams, whose triangles are never in memory all at once."""
+    streams = [scene.shapes[index].name for index, _ in scene.shapes.streams]
+    if streams:
+        names = f"{', '.join(streams[:_LISTED])}{', ...' if len(streams) > _LISTED else ''}"
+        raise SceneError(
+            f"{scene.source or scene.name}: streams triangles ({names}), which only scans of the path-buffer can "
+            "render: rays, trees of boxes and radiosity want them all in memory.",
+            "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+        )
 
 
 def _check_known(scene: Scene) -> None:

@@ -20,8 +20,10 @@ from glpath.scene.formats import description, lights, materials, transform
 from glpath.scene.formats.assets import Assets
 from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import inline_mesh, read_mesh
+from glpath.scene.formats.streams import Chunks, NpyTriangles, stream_of
 from glpath.scene.formats.values import LARGEST, SMALLEST, light, unit, unknown
-from glpath.scene.model import Camera, Float64, Mesh, Scene, Shape, Shapes, placed
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
 from glpath.scene.place import Place, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
@@ -31,12 +33,12 @@ _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
 
 
-def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh]) -> Scene:
+def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]) -> Scene:
     """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
     folder : where relative paths of mesh and picture files start
     name   : the name of the scene when the file does not say one
-    meshes : of shapes whose mesh is there already, by the index of the shape
+    meshes : of shapes whose mesh or stream is there already, by the index of the shape
     """
     camera = _camera(file)
     check_camera(camera, place.source)
@@ -61,17 +63,22 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             )
         radiance, two_sided = lights.emission(given.emission, here.field("emission"))
         material = number[given.material]
-        geometry: Mesh | Literal["sphere", "plane"]
+        geometry: Mesh | Stream | Literal["sphere", "plane"]
         subdivisions = 4
         match given:
             case description.Sphere():
                 geometry, matrix, subdivisions = "sphere", _sphere(given, here), given.subdivisions
             case description.Plane():
                 geometry, matrix = "plane", _plane(given, here)
+            case description.Stream():
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], meshes.get(index))
             case _:
                 matrix = _world(given, here)[:3]
                 textured = surfaces[material].needs_uv
-                geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
+                geometry = _mesh(
+                    given, here, folder, textured, transform.mirrors(matrix), _mesh_of(meshes.get(index)), known
+                )
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
         shapes.append(Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind))
@@ -165,6 +172,34 @@ def _plane(given: description.Plane, place: Place) -> Float64:
         normal = -normal
     v = v_length * np.cross(normal, u / np.linalg.norm(u))
     return np.column_stack([u, v, normal, point])
+
+
+def _stream(
+    given: description.Stream, place: Place, folder: Path, material: Material, ready: Mesh | Chunks | None
+) -> Stream:
+    if not isinstance(given.emission, UnsetType):
+        raise place.field("emission").error(
+            "makes a stream a light, but light points are drawn from triangles in memory.",
+            "Make the parts that shine a mesh, or several.",
+        )
+    if material.needs_uv or material.alpha != "opaque":
+        raise place.field("material").error(
+            f'names "{material.name}", which has textures or a brush, or lets light through; a stream\'s triangles '
+            "have no texture coordinates.",
+            "Give it a plain, opaque material.",
+        )
+    if ready is None and isinstance(given.file, UnsetType):
+        raise place.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
+    if ready is not None and not isinstance(given.file, UnsetType):
+        raise place.error("has stream and file, but a stream is one of them.", "Leave one away.")
+    chunks = NpyTriangles.open(folder / str(given.file), place.field("file")) if ready is None else ready
+    matrix = _world(given, place)[:3]
+    return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), place)  # type: ignore[arg-type]
+
+
+def _mesh_of(ready: Mesh | Chunks | None) -> Mesh | None:
+    assert ready is None or isinstance(ready, Mesh), "a stream is a shape of its own type"
+    return ready
 
 
 def _mesh(

@@ -404,6 +404,26 @@ class Mesh(Shape, tag="mesh", kw_only=True):
     ) = UNSET
 
 
+class Stream(Shape, tag="stream", kw_only=True):
+    """Triangles that are read piece by piece whenever they are needed, so that they may be more than memory holds.
+
+    Only scans can render them: the integrator path with shared directions. They cannot emit, and their material has
+    no textures and no transparency.
+    """
+
+    file: (
+        Annotated[
+            str,
+            Meta(
+                description="A .npy file of an array (T, 3, 3), float32 or float64: the corners of T triangles, "
+                "best with neighbours near each other; a relative path starts at the folder of the scene file. In "
+                "Python `stream` may be an object with chunk(i) and len() instead."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+
+
 class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     """A model file, placed in the scene with what it carries."""
 
@@ -437,7 +457,7 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     ) = UNSET
 
 
-AnyShape = Quad | Box | Sphere | Plane | Mesh
+AnyShape = Quad | Box | Sphere | Plane | Mesh | Stream
 
 Intensity = Annotated[
     float | Vector,
