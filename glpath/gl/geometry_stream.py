@@ -7,9 +7,9 @@ later chunk hides is overwritten. So each scan reads each chunk once, and nothin
 
 The chunks that the budget has room for stay on the device; the others take turns in one more place.
 
-Cost:     64 bytes a triangle on the device, a record of 64 bytes a pixel and a texel of the shadow-buffer; some 600
-          bytes a triangle of the chunk that is made ready. For each chunk a draw, and where records are kept a
-          dispatch over the buffer's texels.
+Cost:     64 bytes a triangle on the device, a record of 64 bytes a pixel and a texel of the shadow-buffer; some
+          1000 bytes a triangle of the chunk that is made ready and drawn. For each chunk a draw, and where records
+          are kept a dispatch over the buffer's texels.
 Poor at:  chunks of few triangles; triangles that are strewn over the scene, whose chunks every view sees.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.gl.passes import Pass, PixelDispatch
+from glpath.gl.passes import Dispatch, Pass, PixelDispatch
 from glpath.gl.program import load_program
 from glpath.gl.texel_store import WIDTH
 from glpath.scene.model import Scene, unit_normals
@@ -33,9 +33,11 @@ Float64 = NDArray[np.float64]
 Uniforms = dict[str, object]
 
 _TEXEL = 16
-_RECORD = 4 * _TEXEL
-#: Host memory while a chunk is made ready: corners and their edges, normals and texels.
-_IN_THE_MAKING = 600
+_INDICES = 12  # bytes a triangle
+_GROUP = 64  # triangles of a work group of stream_cull.comp
+#: Bytes a triangle while a chunk is made ready, corners and their edges, normals and texels, and while it is drawn
+#: by llvmpipe.
+_IN_THE_MAKING = 1000
 
 
 def facet_planes(triangles: Float64, normals: Float64) -> Float64:
@@ -103,10 +105,12 @@ class GeometryStream:
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
+        # Which triangles of a chunk are drawn, where not all are: their indices, and the command that draws them.
+        self.kept = gl.buffer(reserve=_INDICES * self._largest)
+        self.command = gl.buffer(reserve=20)
 
     def records(self, size: tuple[int, int]) -> moderngl.Texture:
         """An empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
-        self._check(self._in_records + _RECORD * size[0] * size[1])
         limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"])
         if max(size[0], 4 * size[1]) > limit:
             raise UsageError(
@@ -122,7 +126,7 @@ class GeometryStream:
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self._in_records + len(self._places) * self._in_place
+        return self._in_records + len(self._places) * self._in_place + self.kept.size
 
     def radius_about(self, centre: Float64) -> float:
         """The distance of the farthest corner. Reads all chunks."""
@@ -134,7 +138,7 @@ class GeometryStream:
 
     def reserve(self) -> None:
         """Make the places, when all records are made. Raises UsageError for a budget that has no room for them."""
-        self._check(self._in_records)
+        self._check()
         room = (self._budget << 20) - self._in_records - _IN_THE_MAKING * self._largest
         count = min(len(self.chunks), room // self._in_place)
         for _ in range(count - len(self._places)):
@@ -163,11 +167,15 @@ class GeometryStream:
                     "chunk_shape": chunk.shape,
                 },
             )
+            # Or a driver keeps chunk upon chunk: llvmpipe a hundred megabytes of triangles still to be drawn.
+            self.gl.finish()
 
     def release(self) -> None:
         for texture in (*self._records, *(place.texture for place in self._places)):
             texture.release()
         self._records, self._places = [], []
+        self.kept.release()
+        self.command.release()
 
     @property
     def _in_records(self) -> int:
@@ -177,8 +185,9 @@ class GeometryStream:
     def _in_place(self) -> int:
         return _TEXEL * WIDTH * self._rows
 
-    def _check(self, records: int) -> None:
-        """Raise UsageError where there is no room for so many bytes of records and one chunk."""
+    def _check(self) -> None:
+        """Raise UsageError where there is no room for one chunk besides the records."""
+        records = self._in_records
         needed = records + _IN_THE_MAKING * self._largest + self._in_place
         if needed > self._budget << 20:
             raise UsageError(
@@ -207,6 +216,7 @@ class StreamedScan:
                shaders are compiled with STREAMED_CHUNK
     records  : where the triangles that `seen` names are kept, from `stream.records`; None where nobody shades them
     seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
+    paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
     """
 
     def __init__(
@@ -226,10 +236,20 @@ class StreamedScan:
         **state: object,
     ) -> None:
         self._stream = stream
+        self._cull = None
         # What lets light through is not streamed, so nothing of it is asked for.
         plain = {name: value for name, value in defines.items() if name != "HAS_ALPHA"} | {"STREAMED_CHUNK": 1}
         program = load_program(stream.gl, vertex=vertex, fragment=fragment, generated=generated, defines=plain)
         self._textures = dict(textures)
+        if paths is not None:
+            self._cull = Dispatch(
+                f"{name}: triangles that paths may meet",
+                stream.gl,
+                load_program(stream.gl, compute="stream_cull.comp", generated=generated, defines=plain),
+                self._textures,
+                {0: stream.command, 1: stream.kept},
+            )
+            state |= {"elements": stream.kept, "indirect": stream.command}
         self._pass = Pass(name, stream.gl, program, target, textures=self._textures, **state)  # type: ignore[arg-type]
         self._record = None
         if records is not None:
@@ -264,7 +284,11 @@ class StreamedScan:
         for index, texture, own in self._stream.on_device(seen):
             given = {**uniforms, **own}
             self._textures["scene_floats"] = texture
-            self._pass.vertices = 3 * self._stream.chunks[index].size
+            size = self._stream.chunks[index].size
+            self._pass.vertices = 3 * size
+            if self._cull is not None:
+                self._stream.command.write(np.array([0, instances, 0, 0, 0], np.uint32))
+                self._cull.run(given, (-(-size // _GROUP), 1))
             if faces is None:
                 self._pass.run(given, instances)
             else:

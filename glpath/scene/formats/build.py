@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from msgspec import UnsetType
+from msgspec import UNSET, UnsetType
 
 from glpath.scene import tessellate
 from glpath.scene.check import check_camera
@@ -20,6 +20,7 @@ from glpath.scene.formats import description, lights, materials, transform
 from glpath.scene.formats.assets import Assets
 from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import inline_mesh, read_mesh
+from glpath.scene.formats.patches import patch_surface
 from glpath.scene.formats.streams import Chunks, NpyTriangles, stream_of
 from glpath.scene.formats.values import LARGEST, SMALLEST, light, unit, unknown
 from glpath.scene.geometry import IDENTITY
@@ -46,7 +47,12 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         raise place.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
-    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder)
+    heights = {
+        shape.displacement.texture
+        for shape in file.shapes
+        if isinstance(shape, description.Patches) and not isinstance(shape.displacement, UnsetType)
+    }
+    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder, heights)
     texture_number = {texture.name: index for index, texture in enumerate(textures)}
     surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
     number = {material.name: index for index, material in enumerate(surfaces)}
@@ -73,6 +79,16 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             case description.Stream():
                 matrix = IDENTITY
                 geometry = _stream(given, here, folder, surfaces[material], meshes.get(index))
+            case description.Patches(streamed=True):
+                surface = patch_surface(given, here, camera, _world(given, here)[:3], textures)
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], surface)
+            case description.Patches():
+                matrix = _world(given, here)[:3]
+                mesh = patch_surface(given, here, camera, matrix, textures).mesh()
+                geometry = _finished(mesh, False, given.flip_normals != transform.mirrors(matrix))
+                _check_extent(placed(geometry.vertices, matrix), here)
+                geometry = with_area(geometry, matrix, shape_name, here)
             case _:
                 matrix = _world(given, here)[:3]
                 textured = surfaces[material].needs_uv
@@ -175,7 +191,11 @@ def _plane(given: description.Plane, place: Place) -> Float64:
 
 
 def _stream(
-    given: description.Stream, place: Place, folder: Path, material: Material, ready: Mesh | Chunks | None
+    given: description.Stream | description.Patches,
+    place: Place,
+    folder: Path,
+    material: Material,
+    ready: Mesh | Chunks | None,
 ) -> Stream:
     if not isinstance(given.emission, UnsetType):
         raise place.field("emission").error(
@@ -188,11 +208,12 @@ def _stream(
             "have no texture coordinates.",
             "Give it a plain, opaque material.",
         )
-    if ready is None and isinstance(given.file, UnsetType):
+    file = UNSET if isinstance(given, description.Patches) else given.file
+    if ready is None and isinstance(file, UnsetType):
         raise place.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
-    if ready is not None and not isinstance(given.file, UnsetType):
+    if ready is not None and not isinstance(file, UnsetType):
         raise place.error("has stream and file, but a stream is one of them.", "Leave one away.")
-    chunks = NpyTriangles.open(folder / str(given.file), place.field("file")) if ready is None else ready
+    chunks = NpyTriangles.open(folder / str(file), place.field("file")) if ready is None else ready
     matrix = _world(given, place)[:3]
     return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), place)  # type: ignore[arg-type]
 
