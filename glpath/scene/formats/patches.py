@@ -45,7 +45,10 @@ class PatchSurface:
                 f"would be {count:,} triangles; at most {MAX_TRIANGLES:,} are kept in memory.",
                 "Lower its level, or set streamed = true.",
             )
-        return diced(of.patches, of.levels, of.heights)
+        mesh = diced(of.patches, of.levels, of.heights)
+        if not len(mesh.faces):
+            raise self.place.error("has no triangles with an area.", "Its control points coincide: check them.")
+        return mesh
 
 
 def patch_surface(
