@@ -92,6 +92,7 @@ class PathBuffer:
     cells : (columns, rows) of each view; by default as many in all as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
     records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
+    skips_near : `scan_scene` has a uniform `skipped`, scene diameters: paths meet nothing nearer
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -106,6 +107,7 @@ class PathBuffer:
         cells: tuple[int, int] | None = None,
         views: int = 1,
         records: moderngl.Texture | None = None,
+        skips_near: bool = False,
     ) -> None:
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
@@ -126,6 +128,8 @@ class PathBuffer:
         self.id_bits = max(1, (triangles - 1).bit_length())
         self.packed = self.id_bits <= MAX_PACKED_BITS
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
+        if skips_near:
+            self.defines["SKIPS_NEAR"] = 1
         if self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
             self.defines |= {

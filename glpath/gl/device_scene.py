@@ -192,8 +192,16 @@ class DeviceScene:
     Raises SceneError for what the device cannot hold.
     """
 
-    def __init__(self, gl: moderngl.Context, scene: Scene, geometry_budget: int | None = None) -> None:
-        """geometry_budget : MiB for streamed triangles, of engines that know such"""
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: Scene,
+        geometry_budget: int | None = None,
+        lighting: Lighting | None = None,
+    ) -> None:
+        """geometry_budget : MiB for streamed triangles, of engines that know such
+        lighting : whose densities emitting triangles have, where it is another's than the scene's
+        """
         self.gl = gl
         self.scene = scene
         self.numbering = numbers = number_primitives(scene)
@@ -208,7 +216,7 @@ class DeviceScene:
                 f"{MAX_PRIMITIVES:,} apart.",
                 "Simplify the meshes.",
             )
-        self.lighting = Lighting.of(scene)
+        self.lighting = lighting or Lighting.of(scene)
         self.max_radiance = max_radiance(scene)
         self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
         self.generated = {"SCENE": scene_glsl()}
@@ -337,6 +345,14 @@ class DeviceScene:
             self.defines["STREAMED"] = 1
             self.uniforms["resident_triangles"] = self.triangle_count
             self.radius = max(self.radius, self.stream.radius_about(self.centre))
+
+    def look_as(self, other: DeviceScene) -> None:
+        """Have the centre of another scene, and reach as far as either, so that both are seen in one frame."""
+        low, high = self.scene.bounds
+        reach = np.maximum(np.abs(np.stack([low, high]) - other.centre).max(axis=0), other.box.max(axis=0))
+        self.centre = other.centre
+        self.box = np.sign(other.box) * reach
+        self.radius = other.radius = max(other.radius, _radius(self.scene, other.centre))
 
     @property
     def positional_lights(self) -> int:

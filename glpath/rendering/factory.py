@@ -19,7 +19,7 @@ from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.scene import Scene, path_traceable
-from glpath.scene.triangulate import check_resident
+from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors import CameraSensor
 
 if TYPE_CHECKING:
@@ -146,6 +146,8 @@ class _PathTracing:
         return []
 
     def traceable(self, scene: Scene) -> Scene:
+        if self.settings.bounce_lod is not None:
+            check_simplifiable(scene)
         return path_traceable(scene, streams=self.settings.directions != "own")
 
     def prepared(self, scene: Scene, say: Say) -> Plan:

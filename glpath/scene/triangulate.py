@@ -71,13 +71,25 @@ def turned(world_from_unit: Float64) -> Float64:
 
 def check_resident(scene: Scene) -> None:
     """Raise SceneError for streams, whose triangles are never in memory all at once."""
+    _check_resident(
+        scene,
+        "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
+        "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+    )
+
+
+def check_simplifiable(scene: Scene) -> None:
+    """The same, where meshes are to be simplified."""
+    _check_resident(scene, "bounce_lod cannot simplify: it wants them all in memory", "Leave --bounce-lod away.")
+
+
+def _check_resident(scene: Scene, which: str, remedy: str) -> None:
     streams = [scene.shapes[index].name for index, _ in scene.shapes.streams]
     if streams:
         names = f"{', '.join(streams[:_LISTED])}{', ...' if len(streams) > _LISTED else ''}"
         raise SceneError(
-            f"{scene.source or scene.name}: streams triangles ({names}), which only scans of the path-buffer can "
-            "render: rays, trees of boxes and radiosity want them all in memory.",
-            "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+            f"{scene.source or scene.name}: streams triangles ({names}), which {which}.",
+            remedy,
         )
 
 
