@@ -13,18 +13,23 @@ from glpath.scene.patches import PatchChunks, Patches, diced
 
 # Control points along a side of the net, and half the side, scene units.
 _NET, _HALF = 19, 8.0
-_DISPLACED = 0.35
+_DISPLACED = 1.1
 
 
 def rocks(uv: Float64) -> Float64:
-    """(N,): heights at texture coordinates (N, 2), ridges in six octaves, 0 to 1."""
+    """(N,): heights at texture coordinates (N, 2), 0 to about 1: sharp ridges in five octaves [Musgrave 1994].
+
+    Each is the stronger, the higher the one before it is: valleys are smooth.
+    """
     u, v = uv.T
-    height, weight, frequency = np.zeros(len(uv)), 0.5, 3.0
-    for octave in range(6):
+    height, strength, weight, frequency = np.zeros(len(uv)), np.ones(len(uv)), 0.6, 4.0
+    for octave in range(5):
         a, b = np.cos(1.9 * octave), np.sin(1.9 * octave)
-        x, y = frequency * (a * u - b * v) + octave, frequency * (b * u + a * v)
-        height += weight * (1.0 - np.abs(np.sin(np.pi * x) * np.sin(np.pi * y)))
-        weight, frequency = 0.5 * weight, 2.1 * frequency
+        x, y = frequency * (a * u - b * v) + 0.37 * octave, frequency * (b * u + a * v)
+        waves = np.sin(2 * np.pi * x + 1.3 * np.sin(2 * np.pi * 0.63 * y)) + np.sin(2 * np.pi * y + np.sin(4.1 * x))
+        ridge = (1.0 - np.abs(0.5 * waves)) ** 2
+        height += weight * strength * ridge
+        strength, weight, frequency = np.clip(1.4 * ridge * strength, 0, 1), 0.5 * weight, 2.05 * frequency
     return height
 
 
@@ -46,7 +51,7 @@ def terrain(
     """Hills under a sky with a sun, a displaced B-spline surface; streamed, of any number of triangles."""
     at = np.linspace(-1.15, 1.15, _NET) * _HALF
     x, z = np.meshgrid(at, -at, indexing="ij")
-    y = 1.1 * np.sin(0.55 * x + 0.6) * np.cos(0.5 * z) + 0.35 * np.cos(1.3 * x - 0.9 * z)
+    y = 0.9 * np.sin(0.55 * x + 0.6) * np.cos(0.5 * z) + 0.3 * np.cos(1.3 * x - 0.9 * z)
     patches = Patches.bspline(np.stack([x, y, z], axis=-1))
     levels = patches.levels(level)
     ground: dict[str, Any] = {"name": "ground", "material": "ground"}
@@ -60,7 +65,7 @@ def terrain(
             "film": {"resolution": [640, 360]},
             "materials": {"ground": {"reflectance": [0.42, 0.4, 0.3]}},
             "sky": {"zenith": [0.18, 0.3, 0.6], "horizon": [0.6, 0.65, 0.7]},
-            "lights": [{"type": "directional", "direction": [-1, -0.7, -0.5], "irradiance": [3, 2.7, 2.2]}],
+            "lights": [{"type": "directional", "direction": [-1, -0.5, -0.35], "irradiance": [4, 3.5, 2.7]}],
             "shapes": [ground],
         },
         source="terrain",
