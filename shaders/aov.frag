@@ -27,9 +27,9 @@ void look(ivec2 pixel, out vec3 albedo, out vec3 normal)
     albedo = sky(d);
     normal = vec3(0.0);
     if (triangle >= 0) {
-        vec4 plane = facet_texel(triangle, FACET_PLANE);
+        vec4 plane = plane_met(triangle, pixel);
         vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
-        Surface s = surface_of_triangle(triangle, x, plane);
+        Surface s = surface_met(triangle, pixel, x, plane);
         bool front = front_hit(plane.xyz, d);
         float light_point;
         albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, light_point);

@@ -19,14 +19,46 @@ uniform vec2 light_cone;
 uniform bool light_quadratic;
 #endif
 
+// The plane and the corners of a triangle that a texel of the shadow-buffer sees; it may be a streamed one.
+#ifdef STREAMED
+#include "stream_records.glsl"
+TEXELS(rgba32f, light_records);
+
+vec4 plane_lit(int triangle, ivec2 at)
+{
+    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    return texel(light_records, record_place(at, RECORD_PLANE));
+}
+
+mat3 corners_lit(int triangle, ivec2 at)
+{
+    if (triangle < resident_triangles) {
+        uvec4 face = face_texel(triangle, FACE_CORNERS);
+        return mat3(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
+    }
+    return mat3(texel(light_records, record_place(at, RECORD_CORNER_A)).xyz,
+                texel(light_records, record_place(at, RECORD_CORNER_B)).xyz,
+                texel(light_records, record_place(at, RECORD_CORNER_C)).xyz);
+}
+#define IS_RESIDENT(triangle) ((triangle) < resident_triangles)
+#else
+#define plane_lit(triangle, at) facet_texel(triangle, FACET_PLANE)
+#define IS_RESIDENT(triangle) true
+#endif
+
 // Does the way from the light point along w, from 0 to just before 1, pass through the triangle? Either side counts.
 // Source: Moeller & Trumbore 1997.
-bool passes_through(vec3 w, int triangle)
+bool passes_through(vec3 w, int triangle, ivec2 seen_at)
 {
+#ifdef STREAMED
+    mat3 corners = corners_lit(triangle, seen_at);
+    vec3 a = corners[0], ab = corners[1] - a, ac = corners[2] - a;
+#else
     uvec4 face = face_texel(triangle, FACE_CORNERS);
     vec3 a = vertex_position(face.x);
     vec3 ab = vertex_position(face.y) - a;
     vec3 ac = vertex_position(face.z) - a;
+#endif
     vec3 s = light_position - a;
     vec3 p = cross(w, ac), q = cross(s, ab);
     float scale = 1.0 / dot(ab, p);
@@ -61,15 +93,19 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     int other = int(beside != own ? beside : above != own ? above : across) - 1;
 #ifdef HAS_ALPHA
     // What lets light through is known at the centres of texels alone.
-    if (other >= 0 && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
+    if (other >= 0 && IS_RESIDENT(other) && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
 #endif
-    if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other)) return true;
+    ivec2 other_at = at;
+#ifdef STREAMED
+    other_at += ivec2(beside != own || above == own ? !upper.x : upper.x, beside != own ? upper.y : !upper.y);
+#endif
+    if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other, other_at)) return true;
 
     int seen = int(own) - 1;
     if (seen < 0 || seen == receiver) return false;
 
     // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
-    vec4 plane = facet_texel(seen, FACET_PLANE);
+    vec4 plane = plane_lit(seen, at + ivec2(upper));
     float offset = plane.w - dot(plane.xyz, light_position);
     float cut = offset / dot(plane.xyz, w);
     if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;

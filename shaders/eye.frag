@@ -5,6 +5,11 @@
 #include "camera.glsl"
 #include "opacity.glsl"
 uniform vec2 eye_range;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle
+#else
+const int chunk_first = 0;
+#endif
 #ifdef HAS_ALPHA
 in vec3 world;
 #endif
@@ -22,5 +27,5 @@ void main()
 #else
     gl_FragDepth = 1.0 / (gl_FragCoord.w * eye_range.y);
 #endif
-    seen = uint(gl_PrimitiveID) + 1u;
+    seen = uint(gl_PrimitiveID + chunk_first) + 1u;
 }

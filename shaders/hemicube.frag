@@ -5,6 +5,11 @@
 #include <SCENE>
 #include "opacity.glsl"
 uniform vec2 light_range;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle
+#else
+const int chunk_first = 0;
+#endif
 #ifdef HAS_ALPHA
 in vec3 world;
 #endif
@@ -18,5 +23,5 @@ void main()
     if (lets_through(gl_PrimitiveID, world)) discard;
 #endif
     gl_FragDepth = 1.0 / (gl_FragCoord.w * light_range.y);
-    seen = uint(gl_PrimitiveID) + 1u;
+    seen = uint(gl_PrimitiveID + chunk_first) + 1u;
 }

@@ -10,6 +10,11 @@
 out vec3 world;
 #endif
 uniform vec2 light_range;  // near and far distance along a face's axis
+#ifdef STREAMED_CHUNK
+uniform int cube_face;  // a chunk is drawn on few of the faces
+#else
+#define cube_face gl_InstanceID
+#endif
 #ifdef FULL_CUBE
 uniform bool light_one_sided;  // it shines to the side of light_normal only
 #endif
@@ -21,8 +26,8 @@ void main()
     world = position;
 #endif
     vec3 l = vec3(dot(r, light_tangent), dot(r, light_bitangent), dot(r, light_normal));
-    vec3 p = hemicube_to_face(gl_InstanceID, l);
-    bool top = gl_InstanceID == 0;
+    vec3 p = hemicube_to_face(cube_face, l);
+    bool top = cube_face == 0;
 
     gl_ClipDistance[0] = p.z - p.x;
     gl_ClipDistance[1] = p.z + p.x;
@@ -36,8 +41,8 @@ void main()
     gl_ClipDistance[3] = top ? p.z + p.y : p.y - light_range.x;
 #endif
 
-    vec4 rectangle = hemicube_rectangle(gl_InstanceID);
-    float low = hemicube_low(gl_InstanceID);
+    vec4 rectangle = hemicube_rectangle(cube_face);
+    float low = hemicube_low(cube_face);
     // From the face's plane to its rectangle of the atlas, homogeneous.
     vec2 q = vec2((p.x + p.z) * 0.5 * rectangle.z + rectangle.x * p.z,
                   (p.y - low * p.z) / (1.0 - low) * rectangle.w + rectangle.y * p.z);

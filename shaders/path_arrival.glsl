@@ -44,11 +44,11 @@ Arrival arrive(ivec2 pixel)
     vec4 from = texel(path_position, pixel);
     a.throughput = texel(path_beta, pixel).rgb * weight;
     vec3 d = path_d[course_view(from.w)] * sign(from.w);
-    a.plane = facet_texel(a.triangle, FACET_PLANE);
+    a.plane = plane_met(a.triangle, pixel);
     a.t = max(0.0, (a.plane.w - dot(a.plane.xyz, from.xyz)) / dot(a.plane.xyz, d));
     a.position = from.xyz + a.t * d;
     a.wo = -d;
-    a.surface = surface_of_triangle(a.triangle, a.position, a.plane);
+    a.surface = surface_met(a.triangle, pixel, a.position, a.plane);
     a.front = front_hit(a.plane.xyz, d);
 
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.

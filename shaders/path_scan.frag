@@ -28,6 +28,10 @@ flat in uint triangle_id;
 
 layout(location = 0) out vec4 found;
 
+#ifdef SKIPS_NEAR
+uniform float skipped;  // a path meets nothing nearer, in scene diameters
+#endif
+
 // A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 3e-5 cells,
 // which a steep surface turns into depth.
 const float DEPTH_TOLERANCE = 2e-6;
@@ -57,6 +61,9 @@ void main()
     vec4 t = (z - z0) * way;
 
     float least = DEPTH_TOLERANCE + PLACE_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
+#ifdef SKIPS_NEAR
+    least = max(least, skipped);
+#endif
     bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(least))));
 #ifdef HAS_ALPHA
     // By chance for each path: its number is that of its slot, the scan's is in the seed.

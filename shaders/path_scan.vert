@@ -14,6 +14,9 @@ flat out uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where 
 #endif
 
 uniform int cell_columns;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle; they share no vertices
+#endif
 
 // Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
 const float REACH = 0.52;
@@ -63,7 +66,11 @@ void main()
     int triangle = gl_VertexID / 3;
     int k = gl_VertexID - 3 * triangle;
     PathView view = path_view(gl_InstanceID);
+#ifdef STREAMED_CHUNK
+    uvec3 face = uvec3(0u, 1u, 2u) + 3u * uint(triangle);
+#else
     uvec4 face = face_texel(triangle, FACE_CORNERS);
+#endif
     vec3 a = cell_space(view, path_space(gl_InstanceID, vertex_position(face.x)));
     vec3 b = cell_space(view, path_space(gl_InstanceID, vertex_position(face.y)));
     vec3 c = cell_space(view, path_space(gl_InstanceID, vertex_position(face.z)));
@@ -78,7 +85,11 @@ void main()
         twice_area = -twice_area;
     }
 
+#ifdef STREAMED_CHUNK
+    triangle_id = uint(triangle + chunk_first);
+#else
     triangle_id = uint(triangle);
+#endif
 #ifdef HAS_ALPHA
     see_through = shape_texel(int(face.w), SHAPE_MATERIAL).z == 0u ? 0u : exchanged ? 2u : 1u;
 #endif

@@ -26,10 +26,10 @@ void main()
 #endif
         return;
     }
-    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    vec4 plane = plane_met(triangle, pixel);
     vec3 d = eye_direction(pixel), o = eye_origin(pixel);
     vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
-    Surface s = surface_of_triangle(triangle, x, plane);
+    Surface s = surface_met(triangle, pixel, x, plane);
     bool front = front_hit(plane.xyz, d);
     float light_point;
     vec3 Le = emitted(s, front, light_point);

@@ -160,6 +160,31 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     return s;
 }
 
+// The same for the triangle that a pixel's eye ray or path has met, which may be a streamed one.
+#ifdef STREAMED
+#include "stream_records.glsl"
+uniform int resident_triangles;
+TEXELS(rgba32f, met_records);
+
+vec4 plane_met(int triangle, ivec2 pixel)
+{
+    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    return texel(met_records, record_place(pixel, RECORD_PLANE));
+}
+
+// A streamed triangle has nothing but its corners: it is shaded flat.
+Surface surface_met(int triangle, ivec2 pixel, vec3 position, vec4 plane)
+{
+    if (triangle < resident_triangles) return surface_of_triangle(triangle, position, plane);
+    Surface s = surface_of_shape(int(texel(met_records, record_place(pixel, RECORD_CORNER_A)).w), position, plane.xyz);
+    s.triangle = triangle;
+    return s;
+}
+#else
+#define plane_met(triangle, pixel) facet_texel(triangle, FACET_PLANE)
+#define surface_met(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
+#endif
+
 // What textures and the colours of vertices multiply a material by. Each is 1 where there are none.
 
 #ifdef HAS_TEXTURES

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.frame import frame_about
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 
@@ -32,6 +33,7 @@ class HemicubeShadowBuffer:
     Attributes
     ----------
     texture : R32UI, triangle number + 1, 0 for none
+    textures : for a program that includes direct.glsl, by the names there: it, and records of streamed triangles
     defines : for a program that includes hemicube.glsl
     """
 
@@ -60,6 +62,24 @@ class HemicubeShadowBuffer:
             clip_distances=5 if full else 4,
             clear=(0.0, 0.0, 0.0, 0.0),
         )
+        self.textures = {"light_buffer": self.texture}
+        self._streamed: StreamedScan | None = None
+        if scene.stream is not None:
+            self.textures["light_records"] = records = scene.stream.records(size)
+            self._streamed = StreamedScan(
+                "shadow-buffer",
+                scene.stream,
+                vertex="hemicube.vert",
+                fragment="hemicube.frag",
+                generated=scene.generated,
+                defines=scene.defines | self.defines,
+                textures=scene.textures,
+                target=self._pass.target,
+                depth=True,
+                clip_distances=5 if full else 4,
+                records=records,
+                seen=self.texture,
+            )
 
     def frame(
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
@@ -86,4 +106,24 @@ class HemicubeShadowBuffer:
 
         faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
         """
-        self._pass.run(self.scene.uniforms | uniforms, instances=faces or (6 if self.defines else 5))
+        count = faces or (6 if self.defines else 5)
+        self._pass.run(self.scene.uniforms | uniforms, instances=count)
+        if self._streamed is not None:
+            of_faces = [self._sees(uniforms, face) for face in range(count)]
+            seen = np.any(of_faces, axis=0)
+            self._streamed.run(self.scene.uniforms | uniforms, seen, faces=of_faces)
+
+    def _sees(self, uniforms: dict[str, object], face: int) -> NDArray[np.bool_]:
+        """Which chunks reach into what a face sees."""
+        stream = self.scene.stream
+        assert stream is not None, "who streams"
+        names = ("light_tangent", "light_bitangent", "light_normal", "light_position")
+        t, b, n, position = (np.array(uniforms[name], np.float64) for name in names)
+        axis = (n, t, -t, b, -b, -n)[face]
+        sides = [side for side in (t, b, n) if abs(side @ axis) < 0.5]
+        # By a degree more than its quarter of the circle, for the rounding of the device.
+        normals = [axis, *(1.02 * axis + sign * side for side in sides for sign in (1.0, -1.0))]
+        if uniforms["light_one_sided"]:
+            normals.append(n)
+        planes = np.array(normals)
+        return before_planes(stream.lower, stream.upper, planes, planes @ position)

@@ -30,6 +30,7 @@ from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
 from glpath.gl.constants import INFINITE_DEPTH, LEAST_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
@@ -90,6 +91,8 @@ class PathBuffer:
     paths : (columns, rows) of the path states; columns * rows <= 2**20
     cells : (columns, rows) of each view; by default as many in all as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
+    records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
+    skips_near : `scan_scene` has a uniform `skipped`, scene diameters: paths meet nothing nearer
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -103,6 +106,8 @@ class PathBuffer:
         paths: tuple[int, int],
         cells: tuple[int, int] | None = None,
         views: int = 1,
+        records: moderngl.Texture | None = None,
+        skips_near: bool = False,
     ) -> None:
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
@@ -118,9 +123,13 @@ class PathBuffer:
         # The views of a scan lie side by side in one buffer; the only one has it all.
         self.cells = cells = (views * cells[0], cells[1])
         count = cells[0] * cells[1]
-        self.id_bits = max(1, (scene.triangle_count - 1).bit_length())
+        self._stream = scene.stream
+        triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
+        self.id_bits = max(1, (triangles - 1).bit_length())
         self.packed = self.id_bits <= MAX_PACKED_BITS
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
+        if skips_near:
+            self.defines["SKIPS_NEAR"] = 1
         if self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
             self.defines |= {
@@ -193,7 +202,9 @@ class PathBuffer:
             buffers={0: self._heads},
         )
         self._scene_passes = []
-        for name, defines, found, blend, clear in self._scan_stages(textures):
+        self._streamed: list[StreamedScan] = []
+        stages = self._scan_stages(textures)
+        for number, (name, defines, found, blend, clear) in enumerate(stages):
             self._scene_passes.append(
                 Pass(
                     name,
@@ -207,6 +218,23 @@ class PathBuffer:
                     textures=textures,
                 )
             )
+            if self._stream is not None:
+                self._streamed.append(
+                    StreamedScan(
+                        name,
+                        self._stream,
+                        vertex="path_scan.vert",
+                        fragment="path_scan.frag",
+                        generated=scene.generated,
+                        defines=scene.defines | self.defines | defines,
+                        textures={**textures, **self.textures},
+                        target=self._scene_passes[-1].target,
+                        blend=blend,
+                        clip_distances=2,
+                        records=records if number == len(stages) - 1 else None,
+                        paths=paths,
+                    )
+                )
 
     def _scan_stages(
         self, textures: dict[str, moderngl.Texture]
@@ -274,8 +302,30 @@ class PathBuffer:
 
     def scan_scene(self, uniforms: dict[str, object]) -> None:
         """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
-        for stage in self._scene_passes:
-            stage.run(uniforms, instances=int(uniforms["path_views"]))  # type: ignore[call-overload]
+        views = int(uniforms["path_views"])  # type: ignore[call-overload]
+        seen = self._chunks_in_view(uniforms) if self._streamed else None
+        for number, stage in enumerate(self._scene_passes):
+            stage.run(uniforms, instances=views)
+            if seen is not None:
+                self._streamed[number].run(uniforms, seen, instances=views)
+
+    def _chunks_in_view(self, uniforms: dict[str, object]) -> NDArray[np.bool_]:
+        """Which chunks lie before or behind any cell of the views, as wide as a cell around them."""
+        assert self._stream is not None, "who streams"
+        views = int(uniforms["path_views"])  # type: ignore[call-overload]
+        bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4).astype(np.float64)
+        seen = np.zeros(len(self._stream.chunks), np.bool_)
+        lower, upper = self._stream.lower - self.scene.centre, self._stream.upper - self.scene.centre
+        for view in range(views):
+            u, v = (np.array(uniforms[name], np.float64).reshape(-1, 3)[view] for name in ("path_u", "path_v"))
+            low, high = bounds[view, :2], -bounds[view, 2:]
+            if not (low <= high).all():
+                continue  # no path looks there
+            margin = (high - low) / np.array(uniforms["view_cells"]) + 1e-5 * self.scene.radius
+            planes = np.stack([u, v, -u, -v])
+            offsets = np.concatenate([low - margin, -high - margin])
+            seen |= before_planes(lower, upper, planes, offsets)
+        return seen
 
     def cast(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Hits:
         """The nearest surface beyond each origin, exactly: what lost a collision is cast again.

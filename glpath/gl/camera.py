@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from glpath.sampling import concentric_disk
-from glpath.scene.model import Camera
+from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
 
@@ -73,3 +75,24 @@ def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, objec
     """
     u, v = (int(x * 2.0**32) for x in np.asarray(lens, np.float64))
     return {"lens_point": (u, v), "lens_seed": seed, "lens": (camera.aperture_radius, 1.0 / camera.focus)}
+
+
+def view_volume(camera: Camera, eye: dict[str, Any]) -> tuple[Float64, Float64]:
+    """Normals (P, 3) and offsets (P,) of the planes around what a window sees: normal . x > offset within.
+
+    eye : the uniforms. A pixel wider on each side than the window, for the rounding of the device.
+    """
+    right, up, forward, position = (
+        np.array(eye[name], np.float64) for name in ("eye_right", "eye_up", "eye_forward", "eye_position")
+    )
+    parallel = camera.projection == "orthographic"
+    normals, offsets = [forward], [forward @ position]
+    for axis, along in enumerate((right, up)):
+        first = eye["eye_corner"][axis] + 0.5 - eye["eye_centre"][axis]
+        low, high = (first - 1.5) / eye["eye_focal"], (first + eye["eye_size"][axis] + 0.5) / eye["eye_focal"]
+        both = [along, -along] if parallel else [along - low * forward, high * forward - along]
+        normals += both
+        offsets += [
+            side @ position + (shift if parallel else 0.0) for side, shift in zip(both, (low, -high), strict=True)
+        ]
+    return np.array(normals), np.array(offsets)

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
+from glpath.gl.geometry_stream import GeometryStream, facet_planes
 from glpath.gl.moving import MovingScene
 from glpath.gl.passes import TriangleIndices
 from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store, store_glsl
@@ -179,6 +180,7 @@ class DeviceScene:
     numbering : which primitive has which number
     count     : of all primitives
     triangle_count : of triangles; where there is nothing else, their numbers are the primitives'
+    stream    : what streams its triangles, whose numbers follow those of all others; None where there is none
     lighting  : all lights, as they are sampled
     max_radiance : see `glpath.lighting`
     lights    : the punctual ones: those with a position first, then the directional ones
@@ -193,7 +195,16 @@ class DeviceScene:
     Raises SceneError for what the device cannot hold.
     """
 
-    def __init__(self, gl: moderngl.Context, scene: Scene) -> None:
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: Scene,
+        geometry_budget: int | None = None,
+        lighting: Lighting | None = None,
+    ) -> None:
+        """geometry_budget : MiB for streamed triangles, of engines that know such
+        lighting : whose densities emitting triangles have, where it is another's than the scene's
+        """
         self.gl = gl
         self.moving: MovingScene | None = MovingScene(scene) if scene.moving_shapes else None
         self.scene = scene = self.moving.middle if self.moving else scene
@@ -201,12 +212,15 @@ class DeviceScene:
         self.count = numbers.count
         self.triangle_count = numbers.first_plane - numbers.first_triangle
         source = scene.source or scene.name
-        if self.count > MAX_PRIMITIVES:
+        streamed = scene.shapes.total("stream")
+        assert not streamed or geometry_budget is not None, "streams for an engine that does not know them"
+        if self.count + streamed > MAX_PRIMITIVES:
             raise SceneError(
-                f"{source}: {self.count:,} primitives; a buffer's entries tell {MAX_PRIMITIVES:,} apart.",
+                f"{source}: {self.count + streamed:,} primitives; a buffer's entries tell "
+                f"{MAX_PRIMITIVES:,} apart.",
                 "Simplify the meshes.",
             )
-        self.lighting = Lighting.of(scene)
+        self.lighting = lighting or Lighting.of(scene)
         self.max_radiance = max_radiance(scene)
         self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
         self.generated = {"SCENE": scene_glsl()}
@@ -228,6 +242,11 @@ class DeviceScene:
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
 
+        self.stream = (
+            GeometryStream(gl, scene, self.triangle_count, geometry_budget)
+            if streamed and geometry_budget is not None
+            else None
+        )
         vertices, faces = scene.shapes.vertices, scene.shapes.faces
         images = TextureImages(gl, scene)
         self.defines |= images.defines
@@ -326,6 +345,10 @@ class DeviceScene:
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
         self.box = signs * (high - low)
         self.radius = 0.5 * float(np.linalg.norm(high - low)) if self.moving else _radius(scene, self.centre)
+        if self.stream is not None:
+            self.defines["STREAMED"] = 1
+            self.uniforms["resident_triangles"] = self.triangle_count
+            self.radius = max(self.radius, self.stream.radius_about(self.centre))
 
     def move_to(self, time: float) -> None:
         """Put what moves where it is at a time, seconds."""
@@ -354,6 +377,14 @@ class DeviceScene:
             for s in self.scene.shapes
         ]
         return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+    def look_as(self, other: DeviceScene) -> None:
+        """Have the centre of another scene, and reach as far as either, so that both are seen in one frame."""
+        low, high = self.scene.bounds
+        reach = np.maximum(np.abs(np.stack([low, high]) - other.centre).max(axis=0), other.box.max(axis=0))
+        self.centre = other.centre
+        self.box = np.sign(other.box) * reach
+        self.radius = other.radius = max(other.radius, _radius(self.scene, other.centre))
 
     @property
     def positional_lights(self) -> int:
@@ -388,13 +419,16 @@ class DeviceScene:
         """Bytes on the device, textures of materials not counted."""
         stores = (self.textures["scene_floats"], self.textures["scene_uints"])
         rasterised = self.triangles.nbytes if "triangles" in self.__dict__ else 0
-        return sum(16 * t.width * t.height for t in stores) + rasterised
+        streamed = self.stream.nbytes if self.stream is not None else 0
+        return sum(16 * t.width * t.height for t in stores) + rasterised + streamed
 
     def release(self) -> None:
         for texture in self.textures.values():
             texture.release()
         if "triangles" in self.__dict__:
             self.triangles.release()
+        if self.stream is not None:
+            self.stream.release()
 
 
 def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]:
@@ -428,11 +462,7 @@ def _integers(rows: list[tuple[int, ...]], columns: int) -> NDArray[np.int64]:
 
 
 def _facets(scene: Scene) -> Float64:
-    normals = scene.normals
-    # The offset belongs to the rounded normal, or large coordinates would shift the plane.
-    rounded = normals.astype(np.float32).astype(np.float64)
-    offset = np.einsum("ij,ij->i", rounded, scene.triangles.mean(axis=1))
-    return np.column_stack([normals, offset])[:, None, :]
+    return facet_planes(scene.triangles, scene.normals)[:, None, :]
 
 
 def _spheres(scene: Scene, numbers: Numbering) -> Float64:

@@ -36,6 +36,7 @@ class EyeAovs:
     size       : (width, height) of the window, pixels
     eye_buffer : the triangle that every pixel sees + 1, 0 for none
     eye_defines : see `gl.camera.camera_defines`
+    met        : records of streamed triangles, by the name in GLSL, where the scene has such
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class EyeAovs:
         size: tuple[int, int],
         eye_buffer: moderngl.Texture,
         eye_defines: Mapping[str, object],
+        met: Mapping[str, moderngl.Texture] | None = None,
     ) -> None:
         self._names, self._size = names, size
         self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky)}
@@ -59,7 +61,7 @@ class EyeAovs:
             generated=scene.generated,
             defines={**scene.defines, **eye_defines, "AOV_QUANTA": float(_QUANTA)},
         )
-        seen = {**scene.textures, "eye_buffer": eye_buffer}
+        seen = {**scene.textures, "eye_buffer": eye_buffer, **(met or {})}
         self._passes = [
             Pass(
                 "AOVs",

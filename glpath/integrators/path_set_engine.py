@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.gl.camera import CENTRE, camera_defines, eye_centre, eye_uniforms, lens_uniforms
+from glpath.gl.camera import CENTRE, camera_defines, eye_centre, eye_uniforms, lens_uniforms, view_volume
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
@@ -70,6 +71,7 @@ class PathSetEngine(ABC):
         self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
         self._eye_buffer = self._texture(size, 1, "u4")
         self._bvh: RayBvh | None = None  # where rays are cast
+        self._met: dict[str, moderngl.Texture] = {}  # records of streamed triangles, where the scene has such
         self._eye_of: object = None  # sensor and window of `_eye`, what is told of the camera for all path sets
         self._eye: Uniforms = {}
         self._camera = scene.scene.camera
@@ -90,10 +92,32 @@ class PathSetEngine(ABC):
             clear=(0.0, 0.0, 0.0, 0.0),
             textures=scene.textures,
         )
+        self._eye_stream: StreamedScan | None = None
+        if scene.stream is not None:
+            # Of what eye rays and then paths have met.
+            self._met_records = scene.stream.records(size)
+            self._eye_stream = StreamedScan(
+                "eye",
+                scene.stream,
+                vertex="eye.vert",
+                fragment="eye.frag",
+                generated=scene.generated,
+                defines=scene.defines,
+                textures=scene.textures,
+                target=self._eye_pass.target,
+                depth=True,
+                records=self._met_records,
+                seen=self._eye_buffer,
+            )
+            self._met = {"met_records": self._met_records}
         self._aovs = (
-            EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines) if settings.aovs else None
+            EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines, self._met)
+            if settings.aovs
+            else None
         )
         self._prepare()
+        if scene.stream is not None:
+            scene.stream.reserve()
 
     @abstractmethod
     def _prepare(self) -> None:
@@ -179,6 +203,12 @@ class PathSetEngine(ABC):
 
     def _look(self, eye: Uniforms) -> None:
         self._eye_pass.run(self._eye_constant | eye)
+        if self._eye_stream is not None:
+            stream = self.scene.stream
+            assert stream is not None, "who streams"
+            normals, offsets = view_volume(self._camera, eye)
+            seen = before_planes(stream.lower, stream.upper, normals, offsets)
+            self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
         """What the eye's rays need: their place in each pixel, and of which path set they are."""

@@ -26,6 +26,7 @@ What is done otherwise than in the paper, and why:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import moderngl
@@ -34,6 +35,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, ScanView
+from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
@@ -48,6 +50,11 @@ from glpath.sampling import (
     uniform_hemisphere,
     uniform_sphere,
 )
+from glpath.scene.simplify import density_of, simplified
+
+# Of a simpler surface's deviation: how near to its start a path from the eye's surface meets nothing. It may leave
+# at a flat angle.
+_SKIPPED = 4.0
 
 
 class VertexPasses(NamedTuple):
@@ -83,12 +90,21 @@ class PathStages(PathSetEngine):
             self._look_by_rays()
         views = max((_views(settings, bounce) for bounce in range(self._bounces())), default=1)
         cells = _cells(settings.cell_share * views**-0.5, size)
-        self.path_buffer = PathBuffer(gl, scene, size, cells, views)
+        self._deep = deep = self._scene_of_bounces()
+        simpler = deep is not scene
+        self.path_buffer = PathBuffer(gl, deep, size, cells, views, self._met.get("met_records"), simpler)
         lights = self.lighting
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lights.positional)
+        self._deep_shadows = (
+            HemicubeShadowBuffer(gl, deep, settings.light_resolution, full=lights.positional)
+            if simpler
+            else self.shadow_buffer
+        )
         # One direction for all paths, so that each scan has one view of it.
-        self._distant_buffer = (
-            PathBuffer(gl, scene, size, _cells(settings.cell_share, size)) if lights.infinite else None
+        distant = _cells(settings.cell_share, size)
+        self._distant_buffer = PathBuffer(gl, scene, size, distant) if lights.infinite else None
+        self._deep_distant = (
+            PathBuffer(gl, deep, size, distant) if simpler and lights.infinite else self._distant_buffer
         )
         self._make_states(size)
         self.look_at(self.window)
@@ -115,6 +131,8 @@ class PathStages(PathSetEngine):
         with self.stopwatch.stage("shadow-buffer"):
             chance = {"opacity_seed": counter_hash(self._settings.seed, index, 0, 13)}
             self.shadow_buffer.scan(frame | chance, light.cube_faces)
+            if self._deep_shadows is not self.shadow_buffer:
+                self._deep_shadows.scan(frame | chance, light.cube_faces)
         return uniforms | frame
 
     def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
@@ -133,7 +151,9 @@ class PathStages(PathSetEngine):
             seed=counter[2],
         )
         with self.stopwatch.stage("scan positions"):
-            return self.path_buffer.scan_positions(self._state[self._current][0], view)
+            scan = self.path_buffer.scan_positions(self._state[self._current][0], view)
+        # The simpler surface may lie before the one that the eye sees, on which paths begin.
+        return scan | {"skipped": self._skipped if depth == 1 else 0.0}
 
     def scan_scene(self, scan: Uniforms) -> None:
         """The nearest surface beyond z0."""
@@ -153,6 +173,9 @@ class PathStages(PathSetEngine):
         """
         if self._distant_buffer is None or not (self._distant or last):
             return
+        buffer, passes = self._distant_buffer, self._light_passes
+        if depth > 0 and self._deep_distant is not None:
+            buffer, passes = self._deep_distant, self._deep_light_passes
         if self._distant:
             counter = [counter_hash(self._settings.seed, index, depth, use) for use in range(6, 9)]
             view = ScanView(
@@ -161,16 +184,32 @@ class PathStages(PathSetEngine):
                 seed=counter[2],
             )
             with self.stopwatch.stage("light from infinity"):
-                self._distant_scan = self._distant_buffer.scan_positions(self._pending[0], view)
-                self._distant_buffer.scan_scene(self._distant_scan)
+                self._distant_scan = buffer.scan_positions(self._pending[0], view)
+                buffer.scan_scene(self._distant_scan)
         with self.stopwatch.stage("light from infinity"):
             if last:
-                self._light_passes.last[self._current][self._sum].run(self._constant | self._distant_scan)
+                passes.last[self._current][self._sum].run(self._constant | self._distant_scan)
                 self._sum = 1 - self._sum
             else:
-                self._light_passes.inner[self._current].run(self._distant_scan)
+                passes.inner[self._current].run(self._distant_scan)
 
     # What the frame is made of.
+
+    def _scene_of_bounces(self) -> DeviceScene:
+        """What paths meet from their second vertex on: the scene, or a simpler one [PB 6.1].
+
+        All that concerns those vertices is of it: scans, shadows and surfaces.
+        """
+        share, full = getattr(self._settings, "bounce_lod", None), self.scene
+        self._skipped = 0.0
+        if share is None or self._bounces() == 0:
+            return full
+        found = simplified(full.scene, share)
+        density = density_of(full.scene, found.scene, self.lighting.triangle_density)
+        deep = DeviceScene(self.gl, found.scene, lighting=replace(full.lighting, triangle_density=density))
+        deep.look_as(full)
+        self._skipped = _SKIPPED * found.deviation / (2.0 * deep.radius)
+        return deep
 
     def _directions(self, sample: PathSetSample, bounce: int) -> tuple[NDArray[np.float64], ...]:
         u = sample.directions[bounce]
@@ -237,16 +276,20 @@ class PathStages(PathSetEngine):
         self._state_targets = [gl.framebuffer([*state, *self._pending]) for state in self._state]
         self._textures = {
             **self.scene.textures,
-            "light_buffer": self.shadow_buffer.texture,
+            **self.shadow_buffer.textures,
+            **self._met,
             "eye_buffer": self._eye_buffer,
             **self.path_buffer.textures,
         }
+        self._deep_textures = {**self._textures, **self._deep.textures, **self._deep_shadows.textures}
         depth = self._settings.max_depth
         self._start_passes = self._vertex_passes(
             "first vertex", "path_start.frag", inner=depth > 1, last=depth == 1
         )
         if self._distant_buffer is not None:
-            self._light_passes = self._distant_light_passes(self._distant_buffer)
+            self._light_passes = self._deep_light_passes = self._distant_light_passes(self._distant_buffer)
+            if self._deep_distant is not None and self._deep_distant is not self._distant_buffer:
+                self._deep_light_passes = self._distant_light_passes(self._deep_distant)
             # Until the first scan brings its own.
             self._distant_scan = {"permutation_seed": 0, "path_columns": size[0]}
 
@@ -257,15 +300,16 @@ class PathStages(PathSetEngine):
         vertex: str = "fullscreen.vert",
         generated: Mapping[str, str] | None = None,
         defines: Mapping[str, object] | None = None,
+        scene: DeviceScene,
     ) -> Program:
         sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
         return load_program(
             self.gl,
             vertex=vertex,
             fragment=fragment,
-            generated={**self.scene.generated, **(generated or {})},
+            generated={**scene.generated, **(generated or {})},
             defines={
-                **self.scene.defines,
+                **scene.defines,
                 **self._eye_defines,
                 **self.path_buffer.defines,
                 **self.shadow_buffer.defines,
@@ -286,26 +330,27 @@ class PathStages(PathSetEngine):
         generated: Mapping[str, str] | None = None,
         defines: Mapping[str, object] | None = None,
         lit: bool = True,
+        deep: bool = False,
     ) -> VertexPasses:
         """The passes of a stage, as far as they are needed, with what it needs beyond the other stages.
 
-        lit : its vertices get light from the light sample
+        lit  : its vertices get light from the light sample
+        deep : its vertices are the second or a further one of their paths
         """
+        scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
         names = ("path_position", "path_beta", "path_radiance")
-        states = [
-            {**self._textures, **(textures or {}), **dict(zip(names, state, strict=True))} for state in self._state
-        ]
+        states = [{**own, **(textures or {}), **dict(zip(names, state, strict=True))} for state in self._state]
         going_on: list[Pass] = []
         ending: list[list[Pass]] = []
         if inner:
-            program = self._program(fragment, generated=generated, defines=defines)
+            program = self._program(fragment, generated=generated, defines=defines, scene=scene)
             going_on = [
                 Pass(name, self.gl, program, self._state_targets[1 - i], textures=states[i]) for i in range(2)
             ]
         if last:
             end = {"LAST_VERTEX": 1} | ({} if unlit else {"TO_SUMS": 1})
-            program = self._program(fragment, generated=generated, defines={**(defines or {}), **end})
+            program = self._program(fragment, generated=generated, defines={**(defines or {}), **end}, scene=scene)
             sums = self._sums
             ending = [
                 [

@@ -47,7 +47,9 @@ class PathTracer(PathStages):
             timings=timings,
         )
         depth = settings.max_depth
-        self._advance_passes = self._vertex_passes("advance", "path_advance.frag", inner=depth > 2, last=depth > 1)
+        self._advance_passes = self._vertex_passes(
+            "advance", "path_advance.frag", inner=depth > 2, last=depth > 1, deep=True
+        )
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel [PB table 3]."""

@@ -186,10 +186,51 @@ class PathTraceSettings(PathSetSettings):
             extra={"metavar": "DEPTH"},
         ),
     ] = None
+    geometry_budget: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1 << 20,
+            description="of shared directions: MiB of memory, the device's and the machine's together, for the "
+            'triangles of shapes of type "stream"; more is quicker, as chunks then stay on the device',
+            extra={"metavar": "MIB"},
+        ),
+    ] = 1024
+
+    bounce_lod: Annotated[
+        float | None,
+        Meta(
+            ge=0.001,
+            le=1,
+            description="of shared directions: from their second vertex on paths meet a simpler scene, of this "
+            "share of the triangles of plain meshes; quicker in large scenes, not quite right. By itself, never",
+            extra={"metavar": "SHARE"},
+        ),
+    ] = None
 
     def recorded(self) -> dict[str, Any]:
-        """A film that is not guided is as those from before there were guides."""
-        return {k: v for k, v in super().recorded().items() if k != "guide" or self.guided}
+        """A film that is not guided is as those from before there were guides; memory decides nothing."""
+        given = super().recorded()
+        del given["geometry_budget"]
+        if self.bounce_lod is None:
+            del given["bounce_lod"]
+        return {k: v for k, v in given.items() if k != "guide" or self.guided}
+
+    @classmethod
+    def check_together(cls, given: Mapping[str, Any]) -> None:
+        super().check_together(given)
+        if given.get("directions", "own") == "own" and "geometry_budget" in given:
+            raise UsageError(
+                f'geometry_budget: {given["geometry_budget"]!r} with directions "own", whose rays want all '
+                "triangles in memory; it is an option of shared directions",
+                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
+            )
+        if given.get("directions", "own") == "own" and given.get("bounce_lod") is not None:
+            raise UsageError(
+                f'bounce_lod: {given["bounce_lod"]!r} with directions "own", whose rays have one tree of boxes; it '
+                "is an option of shared directions",
+                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
+            )
 
 
 @dataclass(frozen=True)

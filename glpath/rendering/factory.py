@@ -19,6 +19,7 @@ from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.scene import Scene, path_traceable
+from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors import CameraSensor
 
 if TYPE_CHECKING:
@@ -149,7 +150,10 @@ class _PathTracing:
         return []
 
     def traceable(self, scene: Scene) -> Scene:
-        return path_traceable(_posed(scene))
+        scene = _posed(scene)
+        if self.settings.bounce_lod is not None:
+            check_simplifiable(scene)
+        return path_traceable(scene, streams=self.settings.directions != "own")
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
@@ -173,7 +177,7 @@ def _path_set_engine(
     solution, settings = plan.solution, plan.settings
     return path_engine(
         context.gl,
-        DeviceScene(context.gl, scene),
+        DeviceScene(context.gl, scene, geometry_budget=getattr(settings, "geometry_budget", None)),
         settings,
         window,
         radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
@@ -301,6 +305,7 @@ class _Whitted:
         ]
 
     def traceable(self, scene: Scene) -> Scene:
+        check_resident(scene)
         used = (scene.materials[index] for index in sorted({shape.material for shape in scene.shapes}))
         glass = [material.name for material in used if material.roughness is not None and material.transmission > 0]
         if glass:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.camera import CameraKey, Projection
-from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, sphere_extent
+from glpath.scene.model import Camera, Float64, Light, Mesh, Primitive, Scene, Shape, Stream, sphere_extent
 from glpath.scene.place import Place
+from glpath.scene.tessellate import box
 
 MAX_PIXELS = 2**28
 
@@ -227,6 +228,7 @@ def _sees_anything(scene: Scene) -> bool:
         _sees_planes(camera, scene.planes)
         or _sees_spheres(camera, scene.spheres)
         or sees_triangles(camera, scene.triangles)
+        or any(_sees_boxes(camera, stream) for _, stream in scene.shapes.streams)
     )
 
 
@@ -249,6 +251,13 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     towards = normal @ axes[2]
     height = np.einsum("pi,pki->pk", normal, corners[None] - scene.planes[:, None, :, 3])
     return bool(np.any((height * towards[:, None] < 0) & (towards[:, None] != 0)))
+
+
+def _sees_boxes(camera: Camera, stream: Stream) -> bool:
+    """Whether a box around a chunk reaches into the pyramid: what is in it is not asked for."""
+    unit, faces = box((0, 0, 0), (1, 1, 1))
+    corners = stream.lower[:, None] + unit * (stream.upper - stream.lower)[:, None]
+    return sees_triangles(camera, corners[:, faces].reshape(-1, 3, 3))
 
 
 def _sees_planes(camera: Camera, planes: Float64) -> bool:

@@ -17,11 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
+from glpath.scene.stream import Stream
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
-Primitive = Literal["triangle", "sphere", "plane"]
+#: Triangles of a stream are not among the triangles: nobody has them in an array.
+Primitive = Literal["triangle", "sphere", "plane", "stream"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,20 +109,21 @@ IDENTITY.flags.writeable = False
 class Shape:
     """A named geometry of one material, an object in the words of TB; it may stand in several places.
 
-    geometry           : a mesh, or the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`
+    geometry           : a mesh, the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`, or a
+                         stream, which is in world space already
     material           : index into `Scene.materials`
     world_from_object  : (N, 3, 4) float64, an affine map for each instance, last column the translation. A map that
                          mirrors turns fronts to the other side; so does it a sphere's, to the inside
     emission           : (3,) float64 radiance W sr^-1 m^-2, linear Rec. 709; zeros for a shape that is not a light
     emission_two_sided : the light leaves both sides; otherwise only the side of the normal
     subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
-    kind               : how it was written: quad, box, mesh, sphere or plane
+    kind               : how it was written: quad, box, mesh, sphere, plane or stream
     motion             : where it stands at a time, `world_from_object` being where when the shutter opens; None
                          where it stands still
     """
 
     name: str
-    geometry: Mesh | Literal["sphere", "plane"]
+    geometry: Mesh | Stream | Literal["sphere", "plane"]
     material: int
     world_from_object: Float64 = field(default_factory=lambda: IDENTITY[None])
     emission: Float64 = field(default_factory=lambda: np.zeros(3))
@@ -131,16 +134,20 @@ class Shape:
 
     def __post_init__(self) -> None:
         if not self.kind:
-            object.__setattr__(self, "kind", "mesh" if isinstance(self.geometry, Mesh) else self.geometry)
+            object.__setattr__(self, "kind", "mesh" if isinstance(self.geometry, Mesh) else self.primitive)
 
     @property
     def primitive(self) -> Primitive:
         """What it consists of."""
+        if isinstance(self.geometry, Stream):
+            return "stream"
         return "triangle" if isinstance(self.geometry, Mesh) else self.geometry
 
     @property
     def count(self) -> int:
-        """How many primitives it consists of, in all its instances."""
+        """How many primitives it consists of, in all its instances; of a stream, how many triangles."""
+        if isinstance(self.geometry, Stream):
+            return self.geometry.count
         each = len(self.geometry.faces) if isinstance(self.geometry, Mesh) else 1
         return len(self.world_from_object) * each
 
@@ -177,8 +184,8 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def ranges(self) -> tuple[slice, ...]:
-        """For each shape its range of triangles, of spheres or of planes, whichever it consists of."""
-        end: dict[Primitive, int] = {"triangle": 0, "sphere": 0, "plane": 0}
+        """For each shape its range of triangles, spheres, planes or streamed triangles, whatever it consists of."""
+        end: dict[Primitive, int] = {"triangle": 0, "sphere": 0, "plane": 0, "stream": 0}
         ranges = []
         for shape in self:
             first = end[shape.primitive]
@@ -190,6 +197,11 @@ class Shapes(tuple[Shape, ...]):
     def meshes(self) -> tuple[Mesh, ...]:
         """Each mesh once, in the order of first use."""
         return tuple(dict.fromkeys(shape.geometry for shape in self if isinstance(shape.geometry, Mesh)))
+
+    @cached_property
+    def streams(self) -> tuple[tuple[int, Stream], ...]:
+        """Index of the shape and the stream of each that is one, in order."""
+        return tuple((i, shape.geometry) for i, shape in enumerate(self) if isinstance(shape.geometry, Stream))
 
     def mesh_instances(self) -> Iterator[tuple[int, Mesh, Float64]]:
         """Index of the shape, mesh and world_from_mesh (3, 4) of each instance, in the order of triangles."""
@@ -274,12 +286,14 @@ class Shapes(tuple[Shape, ...]):
         used[self.faces] = True
         extent, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
         points = np.concatenate([self.vertices[used], centre - extent, centre + extent])
+        for _, stream in self.streams:
+            points = np.concatenate([points, *(corner[None] for corner in stream.bounds)])
         if not len(points):
             points = self.planes[:, :, 3]
         return points.min(axis=0), points.max(axis=0)
 
     def total(self, primitive: Primitive) -> int:
-        """How many triangles, spheres or planes there are."""
+        """How many triangles, spheres, planes or streamed triangles there are."""
         return sum(shape.count for shape in self if shape.primitive == primitive)
 
     def primitive_shape(self, primitive: Primitive) -> Int32:

@@ -19,6 +19,7 @@ from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
 from glpath.scene.sky import Environment, Sky
+from glpath.scene.stream import Stream
 
 __all__ = [
     "Camera",
@@ -34,6 +35,7 @@ __all__ = [
     "Shape",
     "Shapes",
     "Sky",
+    "Stream",
     "Texture",
     "TextureSlot",
     "moved_textures",
@@ -42,6 +44,7 @@ __all__ = [
 ]
 
 LightKind = Literal["point", "spot", "directional"]
+_WORDS = {"stream": "streamed triangle"}
 
 
 @dataclass(frozen=True)
@@ -146,8 +149,7 @@ class Scene:
     @property
     def normals(self) -> Float64:
         """(T, 3) float64 unit normals, out of the front."""
-        n = _area_vectors(self.triangles)
-        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
+        return unit_normals(self.triangles)
 
     @property
     def areas(self) -> Float64:
@@ -156,7 +158,7 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(3,) lower and (3,) upper corner of the box around all triangles and spheres.
+        """(3,) lower and (3,) upper corner of the box around all triangles, streamed ones too, and spheres.
 
         Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
         """
@@ -187,7 +189,7 @@ class Scene:
         parts = [
             f"{count:,} {word}{'s' * (count != 1)}"
             for count, word in (
-                *((self.shapes.total(kind), kind) for kind in get_args(Primitive)),
+                *((self.shapes.total(kind), _WORDS.get(kind, kind)) for kind in get_args(Primitive)),
                 (len(self.shapes), "shape"),
                 (len(self.materials), "material"),
                 (len(self.lights) + sum(shape.emits for shape in self.shapes), "light"),
@@ -259,6 +261,12 @@ class Scene:
         camera : False leaves it out: what is left decides the light, wherever it is seen from
         """
         return digest_of(self) if camera else digest_of(replace(self, camera=None))  # type: ignore[arg-type]
+
+
+def unit_normals(triangles: Float64) -> Float64:
+    """(T, 3) float64, out of the fronts of triangles (T, 3, 3)."""
+    n = _area_vectors(triangles)
+    return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def _area_vectors(triangles: Float64) -> Float64:

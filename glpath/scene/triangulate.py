@@ -18,13 +18,22 @@ MAX_TRIANGLES = 2**27
 _LISTED = 3
 
 
-def path_traceable(scene: Scene) -> Scene:
+def path_traceable(scene: Scene, streams: bool = False) -> Scene:
     """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
 
+    streams : are streamed triangles known, too?
+
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do: planes. Warns with SceneWarning of triangles without area.
+    does not do: planes, and streams for who keeps all triangles in memory. Warns with SceneWarning of triangles
+    without area.
     """
     _check_known(scene)
+    if not streams:
+        check_resident(scene)
+    elif scene.moving_shapes:
+        _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
+    elif scene.camera.projection == "panorama":
+        _check_resident(scene, "no panorama can see: its eye rays want a tree of boxes", "Take another camera.")
     if not len(scene.spheres):
         return scene
     _check_number(scene)
@@ -71,6 +80,37 @@ def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:
 def turned(world_from_unit: Float64) -> Float64:
     """Spheres (..., 3, 4) with their fronts on the other side; longitude runs the other way about them."""
     return np.asarray(world_from_unit * [1.0, -1.0, 1.0, 1.0])
+
+
+def check_resident(scene: Scene) -> None:
+    """Raise SceneError for streams, whose triangles are never in memory all at once."""
+    _check_resident(
+        scene,
+        "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
+        "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+    )
+
+
+def check_simplifiable(scene: Scene) -> None:
+    """The same, where meshes are to be simplified."""
+    remedy = "Leave --bounce-lod away."
+    _check_resident(scene, "bounce_lod cannot simplify: it wants them all in memory", remedy)
+    if scene.moving_shapes:
+        names = ", ".join(scene.shapes[index].name for index in scene.moving_shapes[:_LISTED])
+        raise SceneError(
+            f"{scene.source or scene.name}: has shapes that move ({names}), whose simpler ones would stand still.",
+            remedy,
+        )
+
+
+def _check_resident(scene: Scene, which: str, remedy: str) -> None:
+    streams = [scene.shapes[index].name for index, _ in scene.shapes.streams]
+    if streams:
+        names = f"{', '.join(streams[:_LISTED])}{', ...' if len(streams) > _LISTED else ''}"
+        raise SceneError(
+            f"{scene.source or scene.name}: streams triangles ({names}), which {which}.",
+            remedy,
+        )
 
 
 def _check_known(scene: Scene) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from msgspec import UnsetType
+from msgspec import UNSET, UnsetType
 
 from glpath.scene import tessellate
 from glpath.scene.check import check_camera
@@ -20,8 +20,11 @@ from glpath.scene.formats import description, lights, materials, motion, transfo
 from glpath.scene.formats.assets import Assets
 from glpath.scene.formats.description import AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import inline_mesh, read_mesh
+from glpath.scene.formats.patches import patch_surface
+from glpath.scene.formats.streams import Chunks, NpyTriangles, stream_of
 from glpath.scene.formats.values import LARGEST, SMALLEST, light, unit, unknown
-from glpath.scene.model import Camera, Float64, Mesh, Scene, Shape, Shapes, placed
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
 from glpath.scene.place import Place, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
@@ -33,12 +36,12 @@ DEFAULT_MATERIAL = "default"
 _FOV = 40.0
 
 
-def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh]) -> Scene:
+def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]) -> Scene:
     """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
     folder : where relative paths of mesh and picture files start
     name   : the name of the scene when the file does not say one
-    meshes : of shapes whose mesh is there already, by the index of the shape
+    meshes : of shapes whose mesh or stream is there already, by the index of the shape
     """
     camera = _camera(file)
     check_camera(camera, place.source)
@@ -46,7 +49,12 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         raise place.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
-    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder)
+    heights = {
+        shape.displacement.texture
+        for shape in file.shapes
+        if isinstance(shape, description.Patches) and not isinstance(shape.displacement, UnsetType)
+    }
+    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder, heights)
     texture_number = {texture.name: index for index, texture in enumerate(textures)}
     surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
     number = {material.name: index for index, material in enumerate(surfaces)}
@@ -63,17 +71,32 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             )
         radiance, two_sided = lights.emission(given.emission, here.field("emission"))
         material = number[given.material]
-        geometry: Mesh | Literal["sphere", "plane"]
+        geometry: Mesh | Stream | Literal["sphere", "plane"]
         subdivisions = 4
         match given:
             case description.Sphere():
                 geometry, matrix, subdivisions = "sphere", _sphere(given, here), given.subdivisions
             case description.Plane():
                 geometry, matrix = "plane", _plane(given, here)
+            case description.Stream():
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], meshes.get(index))
+            case description.Patches(streamed=True):
+                surface = patch_surface(given, here, camera, _world(given, here)[:3], textures)
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], surface)
+            case description.Patches():
+                matrix = _world(given, here)[:3]
+                mesh = patch_surface(given, here, camera, matrix, textures).mesh()
+                geometry = _finished(mesh, False, given.flip_normals != transform.mirrors(matrix))
+                _check_extent(placed(geometry.vertices, matrix), here)
+                geometry = with_area(geometry, matrix, shape_name, here)
             case _:
                 matrix = _world(given, here)[:3]
                 textured = surfaces[material].needs_uv
-                geometry = _mesh(given, here, folder, textured, transform.mirrors(matrix), meshes.get(index), known)
+                geometry = _mesh(
+                    given, here, folder, textured, transform.mirrors(matrix), _mesh_of(meshes.get(index)), known
+                )
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
         moved = motion.motion_of(given.motion, matrix[None], here.field("motion"))
@@ -181,6 +204,39 @@ def _plane(given: description.Plane, place: Place) -> Float64:
         normal = -normal
     v = v_length * np.cross(normal, u / np.linalg.norm(u))
     return np.column_stack([u, v, normal, point])
+
+
+def _stream(
+    given: description.Stream | description.Patches,
+    place: Place,
+    folder: Path,
+    material: Material,
+    ready: Mesh | Chunks | None,
+) -> Stream:
+    if not isinstance(given.emission, UnsetType):
+        raise place.field("emission").error(
+            "makes a stream a light, but light points are drawn from triangles in memory.",
+            "Make the parts that shine a mesh, or several.",
+        )
+    if material.needs_uv or material.alpha != "opaque":
+        raise place.field("material").error(
+            f'names "{material.name}", which has textures or a brush, or lets light through; a stream\'s triangles '
+            "have no texture coordinates.",
+            "Give it a plain, opaque material.",
+        )
+    file = UNSET if isinstance(given, description.Patches) else given.file
+    if ready is None and isinstance(file, UnsetType):
+        raise place.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
+    if ready is not None and not isinstance(file, UnsetType):
+        raise place.error("has stream and file, but a stream is one of them.", "Leave one away.")
+    chunks = NpyTriangles.open(folder / str(file), place.field("file")) if ready is None else ready
+    matrix = _world(given, place)[:3]
+    return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), place)  # type: ignore[arg-type]
+
+
+def _mesh_of(ready: Mesh | Chunks | None) -> Mesh | None:
+    assert ready is None or isinstance(ready, Mesh), "a stream is a shape of its own type"
+    return ready
 
 
 def _mesh(

@@ -476,6 +476,94 @@ class Mesh(Shape, tag="mesh", kw_only=True):
     ) = UNSET
 
 
+class Displacement(Struct, forbid_unknown_fields=True, kw_only=True):
+    """Moves a surface along its normal, by the red of a texture."""
+
+    texture: Annotated[str, Meta(description="Name of a texture of this file; of colours, their linear values.")]
+    scale: Annotated[float, Meta(description="Scene units from black to white.")] = 1.0
+    offset: Annotated[float, Meta(description="Scene units that black is moved by.")] = 0.0
+
+
+class Patches(Shape, tag="patches", kw_only=True):
+    """A surface of bicubic patches: Bézier `points` and `patches`, or the `net` of a uniform B-spline.
+
+    Divided into triangles when it is loaded, without cracks, the same ones for all that is rendered.
+    """
+
+    points: Annotated[list[Vector], Meta(description="Control points [x, y, z] of Bézier patches.")] | UnsetType = (
+        UNSET
+    )
+    patches: (
+        Annotated[
+            list[Annotated[list[int], Meta(min_length=16, max_length=16)]],
+            Meta(
+                description="Of each patch the numbers of 16 `points`, four rows of four, counted from 0; the "
+                "front is where the rows follow each other to the right and the columns upwards."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    net: (
+        Annotated[
+            list[Annotated[list[Vector], Meta(min_length=4)]],
+            Meta(min_length=4, description="Control points of a B-spline, rows of equal length, 4 x 4 at least."),
+        ]
+        | UnsetType
+    ) = UNSET
+    closed: Annotated[
+        tuple[bool, bool],
+        Meta(description="Of a net: is the last row followed by the first, and the last column?"),
+    ] = (False, False)
+    level: (
+        Annotated[
+            int,
+            Meta(ge=1, le=256, description="Segments along the edges of a patch; 8 without it and `pixels`."),
+        ]
+        | UnsetType
+    ) = UNSET
+    pixels: (
+        Annotated[
+            float,
+            Meta(
+                gt=0,
+                description="Instead of a level: how long segments may be in the picture of this file's camera. "
+                "Powers of two, up to 256 a patch.",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    displacement: (
+        Annotated[Displacement, Meta(description="A height map: { texture = NAME, scale = 0.1 }.")] | UnsetType
+    ) = UNSET
+    streamed: Annotated[
+        bool,
+        Meta(
+            description="true: triangles are made whenever they are needed, not kept, as those of the type stream, "
+            "and shaded flat."
+        ),
+    ] = False
+
+
+class Stream(Shape, tag="stream", kw_only=True):
+    """Triangles that are read piece by piece whenever they are needed, so that they may be more than memory holds.
+
+    Only scans can render them: the integrator path with shared directions. They cannot emit, and their material has
+    no textures and no transparency.
+    """
+
+    file: (
+        Annotated[
+            str,
+            Meta(
+                description="A .npy file of an array (T, 3, 3), float32 or float64: the corners of T triangles, "
+                "best with neighbours near each other; a relative path starts at the folder of the scene file. In "
+                "Python `stream` may be an object with chunk(i) and len() instead."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+
+
 class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     """A model file, placed in the scene with what it carries."""
 
@@ -517,7 +605,7 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     ) = UNSET
 
 
-AnyShape = Quad | Box | Sphere | Plane | Mesh
+AnyShape = Quad | Box | Sphere | Plane | Mesh | Patches | Stream
 
 Intensity = Annotated[
     float | Vector,

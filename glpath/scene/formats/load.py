@@ -25,6 +25,7 @@ from glpath.scene.formats.build import build
 from glpath.scene.formats.convert import convert
 from glpath.scene.formats.description import SceneFile
 from glpath.scene.formats.meshes import MESH_KEYS, mesh_of_table
+from glpath.scene.formats.streams import Chunks
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.place import Place, shown
@@ -112,18 +113,22 @@ def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> 
     return build(file, place, folder, name, meshes)
 
 
-def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str, Any], dict[int, Mesh]]:
-    """`data` without the meshes that are arrays or objects, and these by the index of their shape.
+def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
+    """`data` without meshes that are arrays or objects and without streams, and these by the index of their shape.
 
     A million faces as lists would take a minute and a gigabyte.
     """
     if not isinstance(data.get("shapes"), list | tuple):
         return data, {}
     known: dict[int, Mesh] = {}  # of trimesh, by identity: instances share a mesh
-    meshes: dict[int, Mesh] = {}
+    meshes: dict[int, Mesh | Chunks] = {}
     shapes = []
     for index, shape in enumerate(data["shapes"]):
         here = place.field("shapes").item(index)
+        if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
+            meshes[index] = shape["stream"]
+            shapes.append({key: value for key, value in shape.items() if key != "stream"} | {"type": "stream"})
+            continue
         found = mesh_of_table(shape, here, known) if isinstance(shape, Mapping) else None
         if found is not None:
             meshes[index] = found

@@ -7,7 +7,7 @@ where a material's alpha is "mask" or "blend".
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -126,20 +126,26 @@ class _Use(NamedTuple):
 
 
 def textures(
-    given: Mapping[str, AnyTexture], used_by: Mapping[str, AnyMaterial], place: Place, folder: Path
+    given: Mapping[str, AnyTexture],
+    used_by: Mapping[str, AnyMaterial],
+    place: Place,
+    folder: Path,
+    heights: Collection[str] = (),
 ) -> tuple[Texture, ...]:
     """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError.
 
     used_by : materials by name: those that look through alpha, and those that read what is no colour
+    heights : names of those that displace surfaces
     """
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
-    values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS}
+    values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS} | set(heights)
     colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
     shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
     for name in given:
         if name in values and name in colours:
             raise place.field(name).error(
-                "is used both for colours and for what is no colour: a normal map, roughness or transmission.",
+                "is used both for colours and for what is no colour: a normal map, roughness, transmission or "
+                "a displacement.",
                 "Give the picture two names, one for each.",
             )
     return tuple(

@@ -30,6 +30,8 @@ from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
 from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
+from glpath.scene.shipped.teapot import teapot
+from glpath.scene.shipped.terrain import terrain
 
 _Made = TypeVar("_Made")
 #: Of the files that are scenes.
@@ -169,6 +171,8 @@ GENERATED: dict[str, Callable[..., Scene]] = {
     "office-premesh": office_premesh,
     "room": room,
     "stacked": stacked,
+    "teapot": teapot,
+    "terrain": terrain,
 }
 
 

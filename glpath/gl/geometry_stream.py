@@ -1,0 +1,308 @@
+"""Streamed triangles on the device: chunk by chunk through every pass, within a budget of memory.
+
+A scan goes over the resident triangles as ever, and then over the chunks that its view can see, in the order of
+their numbers, into the same buffers: a z-buffer needs no scene in memory [PB 2.2]. While a chunk is there, what
+shading needs of the triangles that a buffer now names is copied into records, one for each of its texels; what a
+later chunk hides is overwritten. So each scan reads each chunk once, and nothing is looked up afterwards.
+
+The chunks that the budget has room for stay on the device; the others take turns in one more place.
+
+Cost:     64 bytes a triangle on the device, a record of 64 bytes a pixel and a texel of the shadow-buffer; some
+          1000 bytes a triangle of the chunk that is made ready and drawn. For each chunk a draw, and where records
+          are kept a dispatch over the buffer's texels.
+Poor at:  chunks of few triangles; triangles that are strewn over the scene, whose chunks every view sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.gl.passes import Dispatch, Pass, PixelDispatch
+from glpath.gl.program import load_program
+from glpath.gl.texel_store import WIDTH
+from glpath.scene.model import Scene, unit_normals
+
+Float64 = NDArray[np.float64]
+Uniforms = dict[str, object]
+
+_TEXEL = 16
+_INDICES = 12  # bytes a triangle
+_GROUP = 64  # triangles of a work group of stream_cull.comp
+#: Bytes a triangle while a chunk is made ready, corners and their edges, normals and texels, and while it is drawn
+#: by llvmpipe.
+_IN_THE_MAKING = 1000
+
+
+def facet_planes(triangles: Float64, normals: Float64) -> Float64:
+    """(T, 4) unit normals (T, 3) of triangles (T, 3, 3), and the dot product of each with its triangle's points."""
+    # The offset belongs to the rounded normal, or large coordinates would shift the plane.
+    rounded = normals.astype(np.float32).astype(np.float64)
+    offset = np.einsum("ij,ij->i", rounded, triangles.mean(axis=1))
+    return np.column_stack([normals, offset])
+
+
+class Chunk(NamedTuple):
+    """One of a scene's chunks.
+
+    stream, number : of `Shapes.streams`, and within the stream
+    shape          : index of the shape
+    first, size    : its first triangle's number, and how many there are
+    """
+
+    stream: int
+    number: int
+    shape: int
+    first: int
+    size: int
+
+
+@dataclass
+class _Place:
+    """A texture that holds a chunk: corners, three texels a triangle, and from `facet_base` on the planes."""
+
+    texture: moderngl.Texture
+    holds: int = -1  # index of the chunk
+
+
+class GeometryStream:
+    """The streamed triangles of a scene.
+
+    Parameters
+    ----------
+    first  : number of the first of them, which is how many are resident
+    budget : MiB for all of this, on the device and off it
+
+    Attributes
+    ----------
+    chunks : in the order of their triangles' numbers
+    lower, upper : (N, 3) corners of the boxes around them, world space
+    count  : of all triangles
+    """
+
+    def __init__(self, gl: moderngl.Context, scene: Scene, first: int, budget: int) -> None:
+        self.gl = gl
+        self._scene = scene
+        self._budget = budget
+        self._streams = [stream for _, stream in scene.shapes.streams]
+        self.chunks: list[Chunk] = []
+        for which, (shape, stream) in enumerate(scene.shapes.streams):
+            for number, count in enumerate(stream.counts.tolist()):
+                self.chunks.append(Chunk(which, number, shape, first, count))
+                first += count
+        self.count = sum(chunk.size for chunk in self.chunks)
+        self.lower = np.concatenate([stream.lower for stream in self._streams])
+        self.upper = np.concatenate([stream.upper for stream in self._streams])
+        self._largest = max(chunk.size for chunk in self.chunks)
+        self._records: list[moderngl.Texture] = []
+        self._places: list[_Place] = []
+        corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
+        self._rows = corner_rows + plane_rows
+        self._facet_base = corner_rows * WIDTH
+        # Which triangles of a chunk are drawn, where not all are: their indices, and the command that draws them.
+        self.kept = gl.buffer(reserve=_INDICES * self._largest)
+        self.command = gl.buffer(reserve=20)
+
+    def records(self, size: tuple[int, int]) -> moderngl.Texture:
+        """An empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
+        limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"])
+        if max(size[0], 4 * size[1]) > limit:
+            raise UsageError(
+                f"records of streamed triangles for a buffer of {size[0]} x {size[1]} texels; this device has "
+                f"textures of at most {limit} rows, and a record takes four.",
+                "Choose a lower light_resolution.",
+            )
+        texture = self.gl.texture((size[0], 4 * size[1]), 4, dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._records.append(texture)
+        return texture
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return self._in_records + len(self._places) * self._in_place + self.kept.size
+
+    def radius_about(self, centre: Float64) -> float:
+        """The distance of the farthest corner. Reads all chunks."""
+        return max(
+            float(np.linalg.norm(triangles.reshape(-1, 3) - centre, axis=1).max())
+            for stream in self._streams
+            for triangles in stream
+        )
+
+    def reserve(self) -> None:
+        """Make the places, when all records are made. Raises UsageError for a budget that has no room for them."""
+        self._check()
+        room = (self._budget << 20) - self._in_records - _IN_THE_MAKING * self._largest
+        count = min(len(self.chunks), room // self._in_place)
+        for _ in range(count - len(self._places)):
+            texture = self.gl.texture((WIDTH, self._rows), 4, dtype="f4")
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._places.append(_Place(texture))
+
+    def on_device(self, seen: NDArray[np.bool_]) -> Iterator[tuple[int, moderngl.Texture, Uniforms]]:
+        """One after the other the index of each chunk that is seen, (N,) bool, its texture and uniforms for it."""
+        if not self._places:
+            self.reserve()
+        for index in np.flatnonzero(seen):
+            place = self._places[min(int(index), len(self._places) - 1)]
+            chunk = self.chunks[index]
+            if place.holds != index:
+                self._fill(place.texture, chunk)
+                place.holds = int(index)
+            yield (
+                int(index),
+                place.texture,
+                {
+                    "vertex_base": 0,
+                    "facet_base": self._facet_base,
+                    "chunk_first": chunk.first,
+                    "chunk_count": chunk.size,
+                    "chunk_shape": chunk.shape,
+                },
+            )
+            # Or a driver keeps chunk upon chunk: llvmpipe a hundred megabytes of triangles still to be drawn.
+            self.gl.finish()
+
+    def release(self) -> None:
+        for texture in (*self._records, *(place.texture for place in self._places)):
+            texture.release()
+        self._records, self._places = [], []
+        self.kept.release()
+        self.command.release()
+
+    @property
+    def _in_records(self) -> int:
+        return sum(_TEXEL * texture.width * texture.height for texture in self._records)
+
+    @property
+    def _in_place(self) -> int:
+        return _TEXEL * WIDTH * self._rows
+
+    def _check(self) -> None:
+        """Raise UsageError where there is no room for one chunk besides the records."""
+        records = self._in_records
+        needed = records + _IN_THE_MAKING * self._largest + self._in_place
+        if needed > self._budget << 20:
+            raise UsageError(
+                f"geometry_budget: {self._budget} MiB, but {-(-needed // (1 << 20))} are needed at least: "
+                f"{-(-records // (1 << 20))} for what pixels and the shadow-buffer's texels see, the rest for a "
+                f"chunk of {self._largest:,} triangles.",
+                "Give it more, render fewer pixels or with a lower light_resolution, or stream smaller chunks.",
+            )
+
+    def _fill(self, texture: moderngl.Texture, chunk: Chunk) -> None:
+        triangles = self._streams[chunk.stream].triangles(chunk.number)
+        for texels, row in (
+            (triangles.reshape(-1, 3), 0),
+            (facet_planes(triangles, unit_normals(triangles)), self._facet_base // WIDTH),
+        ):
+            rows = -(-len(texels) // WIDTH)
+            table = np.zeros((rows * WIDTH, 4), np.float32)
+            table[: len(texels), : texels.shape[1]] = texels
+            texture.write(table, viewport=(0, row, WIDTH, rows))
+
+
+class StreamedScan:
+    """A pass over the resident triangles, gone on with over the streamed ones.
+
+    name, vertex, fragment, defines, textures, target, state : of the `Pass` for a chunk, which clears nothing; its
+               shaders are compiled with STREAMED_CHUNK
+    records  : where the triangles that `seen` names are kept, from `stream.records`; None where nobody shades them
+    seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
+    paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
+    """
+
+    def __init__(
+        self,
+        name: str,
+        stream: GeometryStream,
+        *,
+        vertex: str,
+        fragment: str,
+        generated: Mapping[str, str],
+        defines: Mapping[str, object],
+        textures: Mapping[str, moderngl.Texture],
+        target: moderngl.Framebuffer,
+        records: moderngl.Texture | None = None,
+        seen: moderngl.Texture | None = None,
+        paths: tuple[int, int] | None = None,
+        **state: object,
+    ) -> None:
+        self._stream = stream
+        self._cull = None
+        # What lets light through is not streamed, so nothing of it is asked for.
+        plain = {name: value for name, value in defines.items() if name != "HAS_ALPHA"} | {"STREAMED_CHUNK": 1}
+        program = load_program(stream.gl, vertex=vertex, fragment=fragment, generated=generated, defines=plain)
+        self._textures = dict(textures)
+        if paths is not None:
+            self._cull = Dispatch(
+                f"{name}: triangles that paths may meet",
+                stream.gl,
+                load_program(stream.gl, compute="stream_cull.comp", generated=generated, defines=plain),
+                self._textures,
+                {0: stream.command, 1: stream.kept},
+            )
+            state |= {"elements": stream.kept, "indirect": stream.command}
+        self._pass = Pass(name, stream.gl, program, target, textures=self._textures, **state)  # type: ignore[arg-type]
+        self._record = None
+        if records is not None:
+            of = {"OF_PATHS": 1} if seen is None else {}
+            program = load_program(stream.gl, compute="stream_record.comp", generated=generated, defines=plain | of)
+            self._record_textures = {**textures, "kept_records": records}
+            if seen is not None:
+                self._record_textures["seen_buffer"] = seen
+            size = paths if seen is None else seen.size
+            assert size is not None, "either paths or what is seen"
+            self._record = PixelDispatch(
+                f"{name}: records",
+                stream.gl,
+                program,
+                self._record_textures,
+                frozenset({"kept_records"}),
+                area=(0, 0, *size),
+            )
+
+    def run(
+        self,
+        uniforms: Mapping[str, object],
+        seen: NDArray[np.bool_],
+        *,
+        instances: int = 1,
+        faces: Sequence[NDArray[np.bool_]] | None = None,
+    ) -> None:
+        """Draw the chunks that are seen, (N,) bool, and keep their records.
+
+        faces : of a cube, which chunks each of its faces sees; each is a draw of its own
+        """
+        for index, texture, own in self._stream.on_device(seen):
+            given = {**uniforms, **own}
+            self._textures["scene_floats"] = texture
+            size = self._stream.chunks[index].size
+            self._pass.vertices = 3 * size
+            if self._cull is not None:
+                self._stream.command.write(np.array([0, instances, 0, 0, 0], np.uint32))
+                self._cull.run(given, (-(-size // _GROUP), 1))
+            if faces is None:
+                self._pass.run(given, instances)
+            else:
+                for face, of_face in enumerate(faces):
+                    if of_face[index]:
+                        self._pass.run(given | {"cube_face": face})
+            if self._record is not None:
+                self._record_textures["scene_floats"] = texture
+                self._record.run(given)
+
+
+def before_planes(lower: Float64, upper: Float64, normals: Float64, offsets: Float64) -> NDArray[np.bool_]:
+    """(N,) bool: which boxes reach into the region normal . x > offset of all planes (P, 3), (P,), as far as each
+    plane alone tells."""
+    centre, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    reach = centre @ normals.T + half @ np.abs(normals).T
+    return np.asarray((reach > offsets).all(axis=1))

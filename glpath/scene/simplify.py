@@ -1,0 +1,156 @@
+"""Level of detail: a scene with fewer triangles, for what is seen by way of other surfaces [PB 6.1].
+
+Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification). Shapes
+that emit keep theirs, as light points are drawn on them, and so do those with textures, colours of vertices or
+transparency, whose places on the surface would be lost.
+
+Cost:     about 3 µs a triangle, once.
+Poor at:  leaves, grass, nets: what is left of them is another area.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from glpath.errors import UsageError
+from glpath.scene.appearance import has_colours
+from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
+from glpath.scene.model import Scene
+
+#: No mesh is left with fewer triangles.
+LEAST_FACES = 64
+# Vertices that the deviation is asked of, points of the simpler surface, and how many of these near each vertex.
+_ASKED, _POINTS, _NEAR = 20_000, 1 << 16, 12
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """A simpler scene.
+
+    scene     : its shapes are the others', one by one
+    deviation : how far a vertex of the full scene lies from its simpler surface, scene units, at most
+    """
+
+    scene: Scene
+    deviation: float
+
+
+def simplified(scene: Scene, share: float) -> Simplified:
+    """The scene with about that share of the triangles of its meshes, in (0, 1], but no fewer than `LEAST_FACES`.
+
+    Raises UsageError where the library is missing.
+    """
+    made: dict[Mesh, tuple[Mesh, float]] = {}
+    shapes, deviation = [], 0.0
+    for shape in scene.shapes:
+        mesh = shape.geometry
+        if not isinstance(mesh, Mesh) or not _can_be_simpler(scene, shape, mesh):
+            shapes.append(shape)
+            continue
+        if mesh not in made:
+            made[mesh] = _simpler(mesh, share)
+        simpler, apart = made[mesh]
+        largest = np.linalg.norm(shape.world_from_object[:, :, :3], ord=2, axis=(1, 2)).max()
+        deviation = max(deviation, apart * float(largest))
+        shapes.append(replace(shape, geometry=simpler))
+    return Simplified(replace(scene, shapes=Shapes(shapes)), deviation)
+
+
+def _can_be_simpler(scene: Scene, shape: Shape, mesh: Mesh) -> bool:
+    material = scene.materials[shape.material]
+    plain = not (material.needs_uv or has_colours(shape) or material.alpha != "opaque")
+    return plain and not shape.emits and len(mesh.faces) > LEAST_FACES
+
+
+def _simpler(mesh: Mesh, share: float) -> tuple[Mesh, float]:
+    """The mesh with fewer triangles, or itself, and by how much it deviates."""
+    simplify = _library()
+    whole = Mesh(mesh.vertices, mesh.faces).welded()
+    centre = whole.vertices.mean(axis=0)
+    size = float(np.ptp(whole.vertices, axis=0).max())
+    wanted = max(share, LEAST_FACES / len(whole.faces))
+    if wanted >= 1:
+        return mesh, 0.0
+    points, faces = simplify(
+        ((whole.vertices - centre) / size).astype(np.float32), whole.faces.astype(np.int32), 1.0 - wanted
+    )
+    simpler = Mesh(points.astype(np.float64) * size + centre, np.asarray(faces, np.int32))
+    corners = simpler.vertices[simpler.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    simpler = simpler.without_faces(area <= 1e-12 * size * size)
+    if not 0 < len(simpler.faces) < len(mesh.faces):
+        return mesh, 0.0
+    if mesh.normals is not None:
+        simpler = replace(simpler, normals=_vertex_normals(simpler))
+    return simpler, _deviation(whole.vertices, simpler)
+
+
+def _library() -> Any:
+    try:
+        from fast_simplification import simplify
+    except ImportError as error:
+        raise UsageError(
+            "bounce_lod: the library fast-simplification, which simplifies meshes, is not installed.",
+            'pip install "glpath[lod]"',
+        ) from error
+    return simplify
+
+
+def _vertex_normals(mesh: Mesh) -> Float64:
+    a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
+    normal = np.cross(b - a, c - a)
+    sums = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(sums, mesh.faces[:, corner], normal)
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(sums / np.where(length > 0, length, 1.0))
+
+
+def _deviation(points: Float64, mesh: Mesh) -> float:
+    """How far points (N, 3), some of them where there are many, lie from the mesh at most: rather more than less.
+
+    By the triangles of which points lie near, spread evenly over all: another may be nearer still.
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    points = points[:: -(-len(points) // _ASKED)]
+    triangles = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    at = (np.arange(_POINTS) + 0.5) / _POINTS
+    of = np.concatenate([np.searchsorted(np.cumsum(area) / area.sum(), at), np.arange(len(triangles))])
+    u, v = np.modf(np.outer(np.arange(len(of)), [0.7548776662466927, 0.5698402909980532]))[0].T  # R2 [Roberts 2018]
+    b = np.where((u + v > 1)[:, None], np.column_stack([1 - u, 1 - v]), np.column_stack([u, v]))
+    a, ab, ac = triangles[of, 0], triangles[of, 1] - triangles[of, 0], triangles[of, 2] - triangles[of, 0]
+    _, which = cKDTree(a + b[:, :1] * ab + b[:, 1:] * ac).query(points, k=_NEAR)
+    found = np.full(len(points), np.inf)
+    for k in range(_NEAR):
+        found = np.minimum(found, _distance(points, triangles[np.minimum(of[which[:, k]], len(triangles) - 1)]))
+    return float(found.max())
+
+
+def _distance(points: Float64, triangles: Float64) -> Float64:
+    """(N,): of points (N, 3) from triangles (N, 3, 3), one of each: from its inside, or from an edge."""
+    best = np.full(len(points), np.inf)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inside = np.ones(len(points), np.bool_)
+    for k in range(3):
+        start, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
+        away = points - start
+        along = np.clip(np.sum(away * edge, axis=1) / np.maximum(np.sum(edge * edge, axis=1), 1e-300), 0, 1)
+        best = np.minimum(best, np.linalg.norm(away - along[:, None] * edge, axis=1))
+        inside &= np.sum(np.cross(edge, away) * normal, axis=1) >= 0
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    height = np.abs(np.sum((points - triangles[:, 0]) * normal, axis=1)) / length
+    return np.where(inside, height, best)
+
+
+def density_of(full: Scene, simpler: Scene, density: Float64) -> Float64:
+    """(T,) densities of light points of the simpler scene's triangles from those of the full one's."""
+    found = np.zeros(len(simpler.triangles))
+    for shape, before, after in zip(full.shapes, full.shapes.ranges, simpler.shapes.ranges, strict=True):
+        if shape.emits and shape.primitive == "triangle":
+            found[after] = density[before]
+    return found
