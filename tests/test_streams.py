@@ -316,6 +316,7 @@ def test_what_streams_cannot_be_with_is_said(change, said):
     keys = [{"time": 0, "transform": []}, {"time": 1, "transform": [{"translate": [1, 0, 0]}]}]
     ball = {"type": "sphere", "center": [0, 1, 0], "radius": 0.2, "motion": keys}
     camera = {"position": [0, 2, 6], "target": [0, 0, 0], **change}
-    scene = glpath.load_scene({"camera": camera, "shapes": [{"type": "stream", "stream": Hills(1, 2)}, ball]})
+    shapes = [{"type": "stream", "stream": Hills(1, 2)}, ball]
+    scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {}})
     with pytest.raises(glpath.SceneError, match=said):
         glpath.render(scene, spp=1, directions="pair", resolution=(16, 16))
