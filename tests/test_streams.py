@@ -317,6 +317,6 @@ def test_what_streams_cannot_be_with_is_said(change, said):
     ball = {"type": "sphere", "center": [0, 1, 0], "radius": 0.2, "motion": keys}
     camera = {"position": [0, 2, 6], "target": [0, 0, 0], **change}
     shapes = [{"type": "stream", "stream": Hills(1, 2)}, ball]
-    scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {}})
+    scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {"zenith": 1}})
     with pytest.raises(glpath.SceneError, match=said):
         glpath.render(scene, spp=1, directions="pair", resolution=(16, 16))
