@@ -307,21 +307,21 @@ def two_cameras() -> Gltf:
         number = file.add("cameras", type="perspective", perspective={"yfov": fov, "znear": 0.1, "aspectRatio": 2})
         file.node(name=name, camera=number, translation=[0, 1, 5], scale=[3, 3, 3])
     file.node(
-        camera=file.add("cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 1, "znear": 0})
+        camera=file.add("cameras", type="orthographic", orthographic={"xmag": 3, "ymag": 2, "zfar": 1, "znear": 0})
     )
     return file
 
 
 def test_cameras_look_along_minus_z_with_y_up(tmp_path: Path) -> None:
     model = read(two_cameras(), tmp_path)
-    first, second = model.cameras
+    first, second, parallel = model.cameras
     assert model.camera is first
     np.testing.assert_allclose(first.position, [0, 1, 5])
     np.testing.assert_allclose(first.target, [0, 1, 4])
     np.testing.assert_allclose(first.up, [0, 1, 0])
     assert (first.fov, first.aspect) == (pytest.approx(np.degrees(1.2)), 2)
     assert second.fov == pytest.approx(np.degrees(0.3))
-    assert any("Orthographic" in note for note in model.notes)
+    assert (parallel.projection, parallel.height, parallel.aspect) == ("orthographic", 4, 1.5)
 
 
 def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
@@ -329,6 +329,6 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
         camera = read(two_cameras(), tmp_path, camera=wanted).camera
         assert camera is not None
         assert camera.name == "narrow"
-    for wanted in ("other", 2, -1):
+    for wanted in ("other", 3, -1):
         with pytest.raises(UsageError, match="narrow"):
             read(two_cameras(), tmp_path, camera=wanted)

@@ -6,6 +6,7 @@ Witnesses: closed forms, still renders of the same times, Camera.rays in numpy, 
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,10 @@ from glpath.errors import SceneError, UsageError
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.rendering import RenderJob, run
 from glpath.sampling import PathSetSampler
+from glpath.scene.formats.load import scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.motion import Motion
+from tests.gltf_files import Gltf
 
 FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]}
 #: Glows alike all over, so that what is seen of it is its silhouette.
@@ -386,3 +389,98 @@ def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: An
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
     assert relative_mse(ours[0], theirs[0]) < 1.3 * floor
+
+
+# ---- glTF, and files for other programs
+
+
+def animated(tmp_path: Path, parent_turns: bool = False) -> Path:
+    """A triangle that goes from x = 0 to 4 within two seconds, beside one that stays, seen by parallel rays."""
+    file = Gltf()
+    mesh = file.mesh(material=file.add("materials", doubleSided=True))
+    moving = file.node(mesh=mesh, name="moving", scale=[2, 2, 2])
+    stays = file.node(mesh=mesh, translation=[0, -2, 0])
+    lens = file.add("cameras", type="orthographic", orthographic={"xmag": 6, "ymag": 3, "zfar": 100, "znear": 0})
+    camera = file.node(camera=lens, translation=[0, 0, 5], name="Flat")
+    times = file.accessor([0.0, 2.0])
+    if parent_turns:
+        angle = np.radians(100) / 2
+        ends = file.accessor([[0, 0, 0, 1], [0, 0, np.sin(angle), np.cos(angle)]])
+        arm = file.node(children=[moving], translation=[0, 0, 0])
+        file.json["nodes"][moving]["translation"] = [3, 0, 0]
+        channel = {"sampler": 0, "target": {"node": arm, "path": "rotation"}}
+        roots = [arm, stays, camera]
+    else:
+        ends = file.accessor([[0, 0, 0], [4, 0, 0]])
+        channel = {"sampler": 0, "target": {"node": moving, "path": "translation"}}
+        roots = [moving, stays, camera]
+    file.add("animations", samplers=[{"input": times, "output": ends}], channels=[channel])
+    file.add("scenes", nodes=roots)
+    return file.write(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:.*no light:glpath.SceneWarning")
+def test_the_animations_of_a_model_are_its_motion_while_the_shutter_is_open(tmp_path: Path) -> None:
+    path = animated(tmp_path)
+    scene = glpath.load_scene(path, {"time": 0.5, "shutter": 1.0})
+    assert scene.camera.shutter == (0.5, 1.5)
+    assert (scene.camera.projection, scene.camera.height, scene.camera.resolution) == (
+        "orthographic",
+        6.0,
+        (512, 256),
+    )
+    assert [scene.shapes[i].name for i in scene.moving_shapes] == ["moving"]
+    for time in (0.5, 0.7, 1.5):
+        expected = glpath.load_scene(path, {"time": time}).shapes.triangles
+        found = scene.at(time).shapes.triangles
+        assert np.allclose(
+            np.sort(found.reshape(-1, 9), axis=0), np.sort(expected.reshape(-1, 9), axis=0), atol=1e-6
+        )
+    assert np.allclose(scene.shapes.triangles, scene.at(0.5).shapes.triangles)
+    assert not glpath.load_scene(path, {"time": 0.5}).moving_shapes
+    with pytest.raises(UsageError, match="shutter is 1, but the model is at rest"):
+        glpath.load_scene(path, {"shutter": 1.0})
+
+
+def test_what_a_turning_node_carries_goes_round(tmp_path: Path) -> None:
+    """Between the times that are looked at, a chord is within a part in a thousand of the arc."""
+    path = animated(tmp_path, parent_turns=True)
+    placed = {"file": path.name, "time": 0.4, "transform": [{"scale": 0.5}, {"translate": [0, 1, 0]}]}
+    base: dict[str, Any] = {
+        "camera": {"position": [0, 0, 9], "target": [0, 0, 0], "shutter": [0.1, 1.3]},
+        "assets": [placed],
+    }
+    scene = scene_from_dict(base, folder=tmp_path)
+    for time in (0.1, 0.33, 0.9, 1.3):
+        still = {"camera": base["camera"] | {"shutter": [0, 0]}, "assets": [placed | {"time": 0.4 + time}]}
+        expected = scene_from_dict(still, folder=tmp_path)
+        assert np.allclose(scene.at(time).bounds, expected.bounds, atol=3e-3)
+    turned = base | {
+        "assets": [placed | {"motion": [{"time": 0}, {"time": 1, "transform": [{"translate": [0, 0, 2]}]}]}]
+    }
+    both = scene_from_dict(turned, folder=tmp_path)
+    assert np.allclose(both.at(0.5).bounds[1] - scene.at(0.5).bounds[1], [0, 0, 1], atol=1e-6)
+
+
+def test_exporters_write_the_camera_and_say_what_they_leave_out(tmp_path: Path) -> None:
+    parallel = scene_of({"type": "orthographic", "height": 3.0}, strip(0, 1), size=(64, 32))
+    glpath.export(parallel, tmp_path / "a.glb")
+    again = glpath.load_scene(tmp_path / "a.glb")
+    assert (again.camera.projection, again.camera.resolution) == ("orthographic", (512, 256))
+    assert again.camera.height == pytest.approx(3.0)
+    assert np.allclose(again.camera.position, parallel.camera.position)
+    told: dict[str, list[str]] = {}
+    motion = [{"time": 0}, {"time": 1, "transform": [{"translate": [1, 0, 0]}]}]
+    cameras = {"lens": {"aperture_radius": 0.1}, "panorama": {"type": "panorama"}, "shutter": {"shutter": [0, 1]}}
+    for name, camera in cameras.items():
+        for suffix in (".glb", ".xml"):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                glpath.export(scene_of(camera, strip(0, 1, motion=motion)), tmp_path / f"b{suffix}")
+            told[name + suffix] = [str(each.message) for each in caught]
+    assert "lens is left out" in told["lens.glb"][0]
+    assert told["lens.xml"] == []
+    assert all("panorama" in told[f"panorama{suffix}"][0] for suffix in (".glb", ".xml"))
+    assert all("nothing moves" in told[f"shutter{suffix}"][0] for suffix in (".glb", ".xml"))
+    text = (tmp_path / "b.xml").read_text()
+    assert 'type="perspective"' in text

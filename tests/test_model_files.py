@@ -118,6 +118,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
     assert {key: default for key, (default, _) in scene_parameters(str(path)).items()} == {
         "camera": "first",
         "time": "rest",
+        "shutter": 0.0,
         "light_factor": 1.0,
     }
     job = RenderJob.of(path, parameters={"camera": camera}, spp=1)
@@ -128,7 +129,10 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"kamera": 1}, "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, light_factor=1.0."),
+        (
+            {"kamera": 1},
+            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, light_factor=1.0.",
+        ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
         ({"light_factor": "bright"}, 'light_factor is "bright", but must be a number from 0'),
         ({"camera": "Narrow"}, 'camera "Narrow" was asked for, but the file has 0 "Wide", 1 "Tall"'),

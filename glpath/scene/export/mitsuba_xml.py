@@ -30,7 +30,7 @@ _TAGS = {
     "shape": "ply shapegroup instance",
     "integrator": "path volpath",
     "sampler": "independent multijitter",
-    "sensor": "perspective",
+    "sensor": "perspective orthographic thinlens",
     "film": "hdrfilm",
     "rfilter": "box",
     "medium": "homogeneous",
