@@ -77,6 +77,11 @@ class CameraSensor:
         )
         return Camera(**vars(self) | arrays | {"motion": keys})
 
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What an engine is made for: projection, whether it has a lens, whether it moves."""
+        return (self.projection, self.aperture_radius > 0, self.camera.moves)
+
     def seen(self, scene: Scene) -> Scene:
         """The scene as this sensor sees it: with its camera."""
         return scene.with_camera(**vars(self.camera))

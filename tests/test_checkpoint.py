@@ -196,7 +196,7 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
         (["--sample-range", "8:8"], "--sample-range 8:8: expected A:B"),
         (["--sample-range", "0:8", "--spp", "8"], "--spp beside --sample-range"),
         (["--hang-limit", "soon"], "--hang-limit soon"),
-        (["--turntable", "3", "--resume"], "--resume beside --turntable"),
+        (["--turntable", "3", "--checkpoint", "1i"], "--checkpoint beside --turntable"),
         (["--turntable", "3", "--noise", "0.1"], "--noise beside --turntable"),
     ],
 )

@@ -280,13 +280,6 @@ def test_a_lamp_that_grows_is_refused() -> None:
         glpath.render(MOVING | {"shapes": shapes}, spp=1)
 
 
-def test_frames_of_another_kind_of_camera_are_refused() -> None:
-    frames = glpath.render_frames("cornell-box-36", [{}, {"aperture_radius": 0.1}], spp=1, resolution=(8, 8))
-    next(frames)
-    with pytest.raises(UsageError, match="perspective with a lens, after one that is perspective"):
-        next(frames)
-
-
 @pytest.mark.parametrize(
     ("motion", "told"),
     [

@@ -5,11 +5,13 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -17,6 +19,7 @@ import typer
 
 from glpath.cli import completion
 from glpath.cli.completion import words
+from glpath.cli.frames import Frames, films_of, left_to_do, render_to_files, write_movie
 from glpath.cli.options import (
     FOR_ALL,
     OUTPUT,
@@ -26,8 +29,17 @@ from glpath.cli.options import (
     with_integrator_options,
 )
 from glpath.cli.scene import HELP, parameters_option, read_scene, seen
-from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, forget, go_on_later, hold, interrupted, result_of
-from glpath.cli.turntable import check_turntable, frame_path, render_turntable
+from glpath.cli.signals import (
+    INTERRUPTED,
+    arrived,
+    by_scheduler,
+    exit_code,
+    forget,
+    go_on_later,
+    hold,
+    interrupted,
+    result_of,
+)
 from glpath.cli.unattended import (
     WITHOUT_CHECKPOINT,
     CheckpointOption,
@@ -214,6 +226,18 @@ def render(
             rich_help_panel=_CAMERA,
         ),
     ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A:B",
+            help="Images of frames A to B - 1 of what moves: frame_{:04}.png says where the number goes. --resume "
+            "renders those that are missing; -o a.mp4 besides makes a movie of the .png (glpath[video]).",
+            rich_help_panel=_CAMERA,
+        ),
+    ] = None,
+    fps: Annotated[
+        float, typer.Option(metavar="N", help="Frames a second of --frames.", rich_help_panel=_CAMERA)
+    ] = 24.0,
     backend: Annotated[
         str,
         typer.Option(
@@ -269,6 +293,10 @@ def render(
         go_on_later()
     if verbose:
         logging.getLogger("glpath").setLevel(logging.INFO)
+    many = _frames(turntable, frames, fps)
+    movies: list[Path] = []
+    if many is not None:
+        out, movies = many.split(out)
     for path in out:
         check_suffix(path)
     for option, found, allowed in (
@@ -318,51 +346,64 @@ def render(
         "require_gpu": require_gpu,
         "timings": verbose or stats is not None,
     }
-    if turntable is not None:
-        check_turntable(turntable, out, {"--crop": crop, "--job": job, **unattended})
+    if many is not None:
+        kept = {name: value for name, value in unattended.items() if name not in ("--resume", "--cluster")}
+        many.check(out, {"--crop": crop, "--job": job, **kept})
     if job is None:
         assert scene is not None, "asked for above"
-        loaded = seen(
-            read_scene(scene, parameters or []),
-            None if resolution is None else read_resolution(resolution),
-            {
-                "position": vector("--camera-position", camera_position),
-                "target": vector("--camera-target", camera_target),
-                "up": vector("--camera-up", camera_up),
-                "fov": camera_fov,
-                "type": camera_type,
-                "height": camera_height,
-                "aperture_radius": camera_aperture_radius,
-                "focus_distance": camera_focus_distance,
-                "shutter": None if camera_shutter is None else read_shutter(camera_shutter),
-            },
-        )
+        size = None if resolution is None else read_resolution(resolution)
+        camera = {
+            "position": vector("--camera-position", camera_position),
+            "target": vector("--camera-target", camera_target),
+            "up": vector("--camera-up", camera_up),
+            "fov": camera_fov,
+            "type": camera_type,
+            "height": camera_height,
+            "aperture_radius": camera_aperture_radius,
+            "focus_distance": camera_focus_distance,
+            "shutter": None if camera_shutter is None else read_shutter(camera_shutter),
+        }
+        scenes = _Scenes(scene, parameters or [], size, camera, fps)
+        loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
         options = {"integrator": integrator, "spp": spp, **first, **options}
         start, spp = _described(loaded, None if crop is None else read_crop(crop), options, bool(rules))
     else:
         start, spp = _of_file(job, denoise)
-    for path in out if turntable is None else [frame_path(path, 0, turntable) for path in out]:
+    for path in out if many is None else []:
         check_writable(path)
         if str(path) == "-" and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
 
     if quiet and progress == "auto":
         progress = "none"
-    if turntable is not None:
+    if many is not None:
+        todo = left_to_do(many, out, resume)
+        cameras = loaded.camera.turntable(turntable) if turntable is not None else None
         tell = None if progress == "none" else lambda line: say(line, err=True)
         with _watched(silence, "The frames before it are written."):
-            ended_early = render_turntable(
-                loaded,
-                turntable,
+            ended_early = render_to_files(
+                many,
+                todo,
+                films_of(
+                    loaded,
+                    (scenes.at(i) if cameras is None else cameras[i] for i in todo),
+                    {**options, **machine},
+                    cluster,
+                ),
                 out,
-                {**options, **machine},
                 lambda film, path, stops: film.save(path, exposure=stops, tonemap=tonemap, denoise=denoise),
                 stops,
                 tell,
                 progress == "json",
             )
         if ended_early:
-            raise typer.Exit(INTERRUPTED)
+            raise typer.Exit(exit_code())
+        pictures = next((path for path in out if path.suffix.lower() == ".png"), None)
+        for movie in movies:
+            assert pictures is not None, "asked for by Frames.split"
+            write_movie(movie, [many.path(pictures, i) for i in range(many.first, many.stop)], fps)
+            if tell is not None:
+                tell(json.dumps({"event": "movie", "file": str(movie)}) if progress == "json" else f"wrote {movie}")
         return
     if stats is not None:
         check_writable(stats)
@@ -462,6 +503,45 @@ def _film(
         if not films:
             raise
     return films[0], None
+
+
+@dataclass(frozen=True)
+class _Scenes:
+    """The scene of the command line, at the time of any frame.
+
+    camera : what to replace of its camera; None is not given
+    """
+
+    scene: str
+    parameters: Sequence[str]
+    resolution: tuple[int, int] | None
+    camera: dict[str, Any]
+    fps: float
+
+    def at(self, frame: int | None = None) -> Scene:
+        """Raises and warns as `read_scene`, of further frames no more; frame: None without --frames."""
+        if frame is None:
+            return seen(read_scene(self.scene, self.parameters), self.resolution, self.camera)
+        others = [text for text in self.parameters if text.partition("=")[0].strip() != "time"]
+        begun = [text.partition("=")[2] for text in self.parameters if text not in others]
+        try:
+            time = frame / self.fps + (float(begun[-1]) if begun else 0.0)
+        except ValueError:
+            raise UsageError(f"-D time={begun[-1]} beside --frames: expected seconds, as in -D time=1.5.") from None
+        camera = self.camera
+        if camera["shutter"] is not None:
+            camera = camera | {"shutter": tuple(moment + frame / self.fps for moment in camera["shutter"])}
+        return seen(read_scene(self.scene, [*others, f"time={time!r}"]), self.resolution, camera)
+
+
+def _frames(turntable: int | None, frames: str | None, fps: float) -> Frames | None:
+    if turntable is not None and frames is not None:
+        raise UsageError("--frames beside --turntable: each says which images there are.", "Leave one out.")
+    if not 0 < fps < math.inf:
+        raise UsageError(f"--fps {fps:g}: must be above 0.")
+    if turntable is not None:
+        return Frames.around(turntable)
+    return None if frames is None else Frames.of_range(frames)
 
 
 def _watched(hang_limit: float, left: str) -> AbstractContextManager[object]:

@@ -14,7 +14,7 @@ from glpath.film import Film
 from glpath.film_metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
-from glpath.integrators.settings import PathSetSettings
+from glpath.integrators.settings import PathSetSettings, WhittedSettings
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of
 from glpath.rendering.going_on import check_same_render
@@ -118,6 +118,12 @@ class Session:
             trace(self._engine, context, self._tiles, clock, job.path_sets)
         return film
 
+    def follows(self, job: RenderJob, scene: Scene) -> bool:
+        """Whether the engine can go on with this job, of the same integrator; the scene has its camera."""
+        before = self._job
+        same = before.sensor.kind == job.sensor.kind
+        return same and (isinstance(job.integrator, WhittedSettings) or not _differs(before, job, scene))
+
     def remarks(self, film: Film) -> list[str]:
         """What is to be said of a film that is done."""
         return self._plan.remarks(film)
@@ -131,12 +137,17 @@ class Session:
                 "All frames have one resolution.",
             )
         assert job.integrator == before.integrator, "another integrator needs another session"
-        elsewhere = job.sensor.shutter != before.sensor.shutter and any(shape.motion for shape in scene.shapes)
-        if job.scene.sha256 != before.scene.sha256 or elsewhere:
+        if _differs(before, job, scene):
             self._plan.change_scene(engine, self._plan.traceable(scene))
         else:
             engine.look_from(job.sensor)
         engine.forget_statistics()
+
+
+def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
+    """Whether a job shows something else than the one before, not only otherwise: what moves is elsewhere."""
+    moved = before.sensor.shutter != job.sensor.shutter and any(shape.motion is not None for shape in scene.shapes)
+    return moved or job.scene.sha256 != before.scene.sha256
 
 
 def _name_both(film: Film, metadata: FilmMetadata) -> None:

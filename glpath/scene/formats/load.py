@@ -40,8 +40,11 @@ _DEEP_KEY = re.compile(
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
-def read_scene_file(path: Path) -> Scene:
-    """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area."""
+def read_scene_file(path: Path, later: float = 0.0) -> Scene:
+    """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
+
+    later : seconds that the camera's shutter opens and closes later than the file says
+    """
     place = Place(str(path))
     # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
@@ -52,11 +55,12 @@ def read_scene_file(path: Path) -> Scene:
         content = path.read_bytes()
     except OSError as error:
         raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
-    return scene_from_toml(content, place, path.parent, path.stem)
+    return scene_from_toml(content, place, path.parent, path.stem, later)
 
 
-def scene_from_toml(content: bytes, place: Place, folder: Path, name: str) -> Scene:
-    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`. Raises SceneError."""
+def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
+    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` as of
+    `read_scene_file`. Raises SceneError."""
     try:
         # As text is read: an end of line is "\n".
         text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
@@ -74,7 +78,7 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str) -> Sc
         raise _too_deep(place) from error
     except ValueError as error:  # of an integer of thousands of digits
         raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
-    return scene_of(data, place, folder, name)
+    return scene_of(data, place, folder, name, later)
 
 
 def scene_from_dict(
@@ -92,7 +96,7 @@ def scene_from_dict(
     return scene_of(data, Place(source), folder or Path(), name or source)
 
 
-def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
+def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
     """See `scene_from_dict`; `place` is that of the whole dictionary, for errors."""
     data, meshes = _without_meshes(data, place)
     try:
@@ -110,6 +114,8 @@ def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> 
         file = convert(plain, SceneFile)
     except msgspec.ValidationError as error:
         raise _explained(error, SceneFile, plain, place) from error
+    opened, closed = file.camera.shutter
+    file.camera.shutter = (opened + later, closed + later)
     return build(file, place, folder, name, meshes)
 
 

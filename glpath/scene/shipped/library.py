@@ -52,8 +52,8 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, or for a glTF file: `camera`, `time`, `shutter` and `light_factor`
-                 (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
+    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter` and `light_factor`, or
+                 for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
     white sky; a SceneWarning says so, and one each what of a model is not used. The picture of a model's camera has
@@ -79,7 +79,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
     if path.suffix.lower() in MODEL_FORMATS:
         return _without_parameters(scene_of_model(read_model(path, Place(str(path)))), text, parameters)
-    return _without_parameters(read_scene_file(path), text, parameters)
+    return _made(_read_as_asked, Place(text), parameters or {}, path)
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -92,15 +92,29 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene or a glTF file; empty for other files."""
+    """Default and description of each parameter of a generated scene, a glTF or a TOML file; empty for others."""
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
-    return _parameters_of(read_gltf_as_asked) if name.lower().endswith(GLTF_FORMATS) else {}
+    if name.lower().endswith(GLTF_FORMATS):
+        return _parameters_of(read_gltf_as_asked)
+    is_toml = name in _scene_files() or name.lower().endswith(".toml")
+    return _parameters_of(_read_as_asked) if is_toml else {}
 
 
 def scene_cameras(name: str) -> tuple[str, ...]:
     """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
     return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def _read_as_asked(
+    path: Path,
+    *,
+    time: Annotated[
+        float, Meta(ge=0, description="seconds from 0, that the camera's shutter opens later than the file says")
+    ] = 0.0,
+) -> Scene:
+    """The scene of a TOML file by parameters that users give; see `load_scene`."""
+    return read_scene_file(path, time)
 
 
 def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]:
