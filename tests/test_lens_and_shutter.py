@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.buffers.t_buffer import ClassicEye, TBuffer
 from glpath.compare import relative_mse
 from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.lamp_edges import LampEdges
@@ -61,7 +63,7 @@ def profile(scene: Scene, options: dict[str, Any], spp: int = 256) -> np.ndarray
 # ---- closed forms
 
 
-@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["own", "pair", "classic"])
+@pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
 def test_parallel_rays_show_a_thing_as_wide_as_it_is_at_any_distance(options: dict[str, Any]) -> None:
     for depth in (0.0, -30.0):
         scene = scene_of({"type": "orthographic", "height": 0.25}, strip(-1.1, 0.4, depth))
@@ -77,11 +79,42 @@ def test_parallel_rays_show_a_thing_as_wide_as_it_is_at_any_distance(options: di
 
 
 def test_what_is_behind_the_plane_of_parallel_rays_is_not_seen() -> None:
-    for options in (*PATH, RAYS[1]):
+    for options in (*PATH, *RAYS):
         scene = scene_of({"type": "orthographic", "height": 1.0}, strip(-9, 0.0, 4.5), strip(0.0, 9, 3.5))
         found = profile(scene, options, spp=8)
         assert found[:31].max() == 0
         assert found[33:].min() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("split", [1, 1 << 20], ids=["small ones apart", "all drawn"])
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("three-spheres", {}),
+        ("stacked", {"objects": 400, "kind": "triangle", "ground": True}),
+        ("stacked", {"objects": 300}),
+        ("cornell-box", {}),
+    ],
+)
+def test_a_t_buffer_by_parallel_rays_has_the_bits_of_the_classical_algorithm(
+    name: str, parameters: dict[str, object], split: int
+) -> None:
+    gl, size, rng = get_context().gl, (97, 61), np.random.default_rng(1)
+    scene = glpath.load_scene(name, parameters)
+    far = float(np.linalg.norm(scene.camera.target - scene.camera.position))
+    for step, height in enumerate((0.3 * far, 0.8 * far, 2.0 * far)):
+        # In the last, the plane where rays start goes through the scene.
+        position = scene.camera.position + 0.1 * far * step * rng.normal(size=3)
+        position = position + (0.5 * step * (scene.camera.target - position) if step == 2 else 0.0) * 0.9
+        camera = replace(scene.camera, projection="orthographic", height=height, resolution=size, position=position)
+        objects, eye = DeviceScene(gl, replace(scene, camera=camera)), eye_uniforms(camera, pixel=(0.3, 0.8))
+        buffers = ClassicEye(gl, objects, size), TBuffer(gl, objects, size, split_from=split)
+        for buffer in buffers:
+            buffer.fill(eye)
+        (primitive, t), (found, u) = (buffer.read() for buffer in buffers)
+        assert np.array_equal(primitive, found)
+        assert np.array_equal(t, u)
+        assert (primitive >= 0).any()
 
 
 @pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
@@ -321,11 +354,10 @@ def test_a_gather_refuses_what_moves_by_name_but_not_a_camera_that_does() -> Non
     assert film.mean.max() > 0
 
 
-def test_a_t_buffer_says_which_cameras_it_has_not() -> None:
-    for kind in ("orthographic", "panorama"):
-        scene = glpath.load_scene(MOVING).with_camera(projection=kind, height=3.0)
-        with pytest.raises(SceneError, match=f"a camera of type {kind}; a T-buffer"):
-            glpath.render(scene, integrator="t-buffer", spp=1)
+def test_a_t_buffer_says_which_camera_it_has_not() -> None:
+    scene = glpath.load_scene(MOVING).with_camera(projection="panorama", resolution=(8, 4))
+    with pytest.raises(SceneError, match="a camera of type panorama; a T-buffer"):
+        glpath.render(scene, integrator="t-buffer", spp=1)
 
 
 def test_a_lamp_that_grows_is_refused() -> None:
