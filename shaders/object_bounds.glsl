@@ -3,7 +3,7 @@
 //
 // A rectangle from exact tangent planes, plus a margin for rounding: where the centre of a pixel lies outside, its
 // ray misses. Of what reaches behind the eye the projection has no bounds; it may be anywhere, unless it is beyond a
-// side of the view.
+// side of the view. By parallel rays (EYE_ORTHOGRAPHIC) all is where its coordinates are, and slopes are coordinates.
 const int HIDDEN = 0;   // no pixel
 const int BOUNDED = 1;  // those from low to high, both included; inside the window
 const int AROUND = 2;   // reaches through the plane of the eye: any pixel
@@ -11,7 +11,15 @@ const int AROUND = 2;   // reaches through the plane of the eye: any pixel
 const float NEARLY = 1e-3;           // share of an extent by which the plane of the eye is kept away from
 
 // Pixels: what a rasteriser rounds coordinates to, and the rounding of directions.
+#ifdef EYE_ORTHOGRAPHIC
+float bound_margin()
+{
+    vec3 far = abs(eye_position);
+    return 0.03125 + 1e-6 * (eye_focal * max(far.x, max(far.y, far.z)) + float(eye_size.x + eye_size.y));
+}
+#else
 float bound_margin() { return 0.03125 + 5e-7 * eye_focal; }
+#endif
 
 vec3 to_eye(vec3 direction)
 {
@@ -36,6 +44,19 @@ int pixels_between(vec2 least, vec2 most, out ivec2 low, out ivec2 high)
     return all(lessThanEqual(low, high)) ? BOUNDED : HIDDEN;
 }
 
+#ifdef EYE_ORTHOGRAPHIC
+// Of a body between two corners in the eye's axes, which rounding has moved a little.
+int parallel_bounds(vec3 least, vec3 most, out ivec2 low, out ivec2 high)
+{
+    vec3 far = max(abs(least), abs(most));
+    float rounding = 5e-7 * max(far.x, max(far.y, far.z));
+    low = ivec2(0);
+    high = eye_size - 1;
+    if (most.z + rounding <= 0.0) return HIDDEN;
+    return pixels_between(least.xy - rounding, most.xy + rounding, low, high);
+}
+#endif
+
 // The slopes of the two planes that contain the eye and one axis of the image and touch an ellipsoid. With X, Z how far
 // its half axes reach along x and z, and (x, z) its centre: xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
 vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
@@ -55,6 +76,9 @@ bool beyond_window(vec3 centre, vec4 reach)
 int sphere_bounds(vec3 centre, float radius, out ivec2 low, out ivec2 high)
 {
     vec3 c = to_eye(centre - eye_position);
+#ifdef EYE_ORTHOGRAPHIC
+    return parallel_bounds(c - radius, c + radius, low, high);
+#else
     low = ivec2(0);
     high = eye_size - 1;
     if (c.z + radius <= 0.0) return HIDDEN;
@@ -67,6 +91,7 @@ int sphere_bounds(vec3 centre, float radius, out ivec2 low, out ivec2 high)
     vec2 square = zz * (c.xy * c.xy + (c.z - radius) * (c.z + radius));
     vec2 x = tangent_slopes(c.xz, 0.0, zz, square.x), y = tangent_slopes(c.yz, 0.0, zz, square.y);
     return pixels_between(vec2(x.x, y.x), vec2(x.y, y.y), low, high);
+#endif
 }
 
 int ellipsoid_bounds(vec3 centre, vec3 axis0, vec3 axis1, vec3 axis2, out ivec2 low, out ivec2 high)
@@ -74,6 +99,10 @@ int ellipsoid_bounds(vec3 centre, vec3 axis0, vec3 axis1, vec3 axis2, out ivec2 
     vec3 c = to_eye(centre - eye_position);
     mat3 reach = transpose(mat3(to_eye(axis0), to_eye(axis1), to_eye(axis2)));  // X, Y, Z: of the three along one axis
     vec3 X = reach[0], Y = reach[1], Z = reach[2];
+#ifdef EYE_ORTHOGRAPHIC
+    vec3 extent = vec3(length(X), length(Y), length(Z));
+    return parallel_bounds(c - extent, c + extent, low, high);
+#else
     float zz = dot(Z, Z), deep = sqrt(zz);
     low = ivec2(0);
     high = eye_size - 1;
@@ -88,11 +117,15 @@ int ellipsoid_bounds(vec3 centre, vec3 axis0, vec3 axis1, vec3 axis2, out ivec2 
     vec2 x = tangent_slopes(c.xz, dot(X, Z), zz, dot(across_x, across_x) - dot(xz, xz));
     vec2 y = tangent_slopes(c.yz, dot(Y, Z), zz, dot(across_y, across_y) - dot(yz, yz));
     return pixels_between(vec2(x.x, y.x), vec2(x.y, y.y), low, high);
+#endif
 }
 
 int triangle_bounds(vec3 corner0, vec3 corner1, vec3 corner2, out ivec2 low, out ivec2 high)
 {
     vec3 a = to_eye(corner0 - eye_position), b = to_eye(corner1 - eye_position), c = to_eye(corner2 - eye_position);
+#ifdef EYE_ORTHOGRAPHIC
+    return parallel_bounds(min(a, min(b, c)), max(a, max(b, c)), low, high);
+#else
     float nearest = min(a.z, min(b.z, c.z)), farthest = max(a.z, max(b.z, c.z));
     low = ivec2(0);
     high = eye_size - 1;
@@ -107,4 +140,5 @@ int triangle_bounds(vec3 corner0, vec3 corner1, vec3 corner2, out ivec2 low, out
     }
     vec2 p = a.xy / a.z, q = b.xy / b.z, r = c.xy / c.z;
     return pixels_between(min(p, min(q, r)), max(p, max(q, r)), low, high);
+#endif
 }

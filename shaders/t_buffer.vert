@@ -20,7 +20,7 @@ const vec4 NOWHERE = vec4(2.0, 2.0, 0.0, 1.0);
 // A corner of the window's pixel grid.
 vec4 at_pixel(ivec2 corner) { return vec4(2.0 * vec2(corner) / vec2(eye_size) - 1.0, 0.0, 1.0); }
 
-#ifdef KIND_TRIANGLE
+#if defined(KIND_TRIANGLE) && !defined(EYE_ORTHOGRAPHIC)
 // A corner of the triangle as a cone of the camera, moved so that both edges there keep a distance. Cones need no care
 // behind the eye: the clipper does it. A camera's (x, y, z) gets its lengths in pixels.
 // Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
@@ -63,13 +63,22 @@ void main()
     gl_Position = vec4(place, 0.0, 1.0);
     vec2 slope = ((0.5 * place + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
     vec3 normal = to_eye(aim.plane.xyz);
+#ifdef EYE_ORTHOGRAPHIC
+    // The plane lies ahead of where the ray starts.
+    float height = aim.plane.w - dot(normal.xy, slope), off = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
+    gl_ClipDistance[0] = normal.z == 0.0 ? -1.0 : sign(normal.z) * height + off + 1e-5 * abs(aim.plane.w);
+#else
     float towards = dot(normal, vec3(slope, 1.0));
     float margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
     gl_ClipDistance[0] = aim.plane.w == 0.0 ? -1.0 : sign(aim.plane.w) * towards + margin + 1e-5;
+#endif
 #else
     ivec2 low, high;
     int status = bounds(primitive, low, high);
-#ifdef KIND_TRIANGLE
+#if defined(KIND_TRIANGLE) && defined(EYE_ORTHOGRAPHIC)
+    // A right triangle that covers the rectangle.
+    gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+#elif defined(KIND_TRIANGLE)
     vec3 pixels = vec3(eye_focal, eye_focal, 1.0);
     uvec4 face = face_texel(item, FACE_CORNERS);
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);

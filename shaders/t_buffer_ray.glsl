@@ -81,16 +81,32 @@ Target target(int primitive)
 float shoot_from(Target aim, vec3 direction, float tmin) { return plane_hit(aim.plane.w, aim.plane.xyz, direction, tmin); }
 #endif
 
+#ifdef EYE_ORTHOGRAPHIC
+// Parallel rays start elsewhere each, and share nothing.
+#if defined(KIND_SPHERE)
+#define INTERSECT intersect_sphere
+#elif defined(KIND_ELLIPSOID)
+#define INTERSECT intersect_ellipsoid
+#elif defined(KIND_TRIANGLE)
+#define INTERSECT intersect_triangle
+#elif defined(KIND_PLANE)
+#define INTERSECT intersect_plane
+#endif
+#define SHOOT(aim, direction, tmin) INTERSECT(primitive, origin, direction, tmin, -1)
+#else
+#define SHOOT(aim, direction, tmin) shoot_from(aim, direction, tmin)
+#endif
+
 #if defined(KIND_SPHERE) || defined(KIND_ELLIPSOID) || defined(KIND_TRIANGLE) || defined(KIND_PLANE)
 // The ray through a pixel of the window.
 float shoot(int primitive, Target aim, ivec2 pixel)
 {
-    vec3 direction = eye_direction(pixel);
-    float t = shoot_from(aim, direction, 0.0);
+    vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
+    float t = SHOOT(aim, direction, 0.0);
 #ifdef HAS_ALPHA
     new_opacity_key(pixel + eye_corner, 0u);
-    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(primitive, eye_position, direction, t); ++k)
-        t = shoot_from(aim, direction, t);
+    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(primitive, origin, direction, t); ++k)
+        t = SHOOT(aim, direction, t);
 #endif
     return t;
 }

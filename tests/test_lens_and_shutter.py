@@ -15,11 +15,18 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.buffers.t_buffer import ClassicEye, TBuffer
 from glpath.compare import relative_mse
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.gl.camera import eye_uniforms
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.lamp_edges import LampEdges
+from glpath.integrators.ray_paths import RayPathEngine
+from glpath.integrators.settings import PathTraceSettings
 from glpath.rendering import RenderJob, run
 from glpath.sampling import PathSetSampler
+from glpath.scene import check_scene, path_traceable
 from glpath.scene.formats.load import scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.motion import Motion
@@ -56,7 +63,7 @@ def profile(scene: Scene, options: dict[str, Any], spp: int = 256) -> np.ndarray
 # ---- closed forms
 
 
-@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["own", "pair", "classic"])
+@pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
 def test_parallel_rays_show_a_thing_as_wide_as_it_is_at_any_distance(options: dict[str, Any]) -> None:
     for depth in (0.0, -30.0):
         scene = scene_of({"type": "orthographic", "height": 0.25}, strip(-1.1, 0.4, depth))
@@ -72,11 +79,42 @@ def test_parallel_rays_show_a_thing_as_wide_as_it_is_at_any_distance(options: di
 
 
 def test_what_is_behind_the_plane_of_parallel_rays_is_not_seen() -> None:
-    for options in (*PATH, RAYS[1]):
+    for options in (*PATH, *RAYS):
         scene = scene_of({"type": "orthographic", "height": 1.0}, strip(-9, 0.0, 4.5), strip(0.0, 9, 3.5))
         found = profile(scene, options, spp=8)
         assert found[:31].max() == 0
         assert found[33:].min() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("split", [1, 1 << 20], ids=["small ones apart", "all drawn"])
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("three-spheres", {}),
+        ("stacked", {"objects": 400, "kind": "triangle", "ground": True}),
+        ("stacked", {"objects": 300}),
+        ("cornell-box", {}),
+    ],
+)
+def test_a_t_buffer_by_parallel_rays_has_the_bits_of_the_classical_algorithm(
+    name: str, parameters: dict[str, object], split: int
+) -> None:
+    gl, size, rng = get_context().gl, (97, 61), np.random.default_rng(1)
+    scene = glpath.load_scene(name, parameters)
+    far = float(np.linalg.norm(scene.camera.target - scene.camera.position))
+    for step, height in enumerate((0.3 * far, 0.8 * far, 2.0 * far)):
+        # In the last, the plane where rays start goes through the scene.
+        position = scene.camera.position + 0.1 * far * step * rng.normal(size=3)
+        position = position + (0.5 * step * (scene.camera.target - position) if step == 2 else 0.0) * 0.9
+        camera = replace(scene.camera, projection="orthographic", height=height, resolution=size, position=position)
+        objects, eye = DeviceScene(gl, replace(scene, camera=camera)), eye_uniforms(camera, pixel=(0.3, 0.8))
+        buffers = ClassicEye(gl, objects, size), TBuffer(gl, objects, size, split_from=split)
+        for buffer in buffers:
+            buffer.fill(eye)
+        (primitive, t), (found, u) = (buffer.read() for buffer in buffers)
+        assert np.array_equal(primitive, found)
+        assert np.array_equal(t, u)
+        assert (primitive >= 0).any()
 
 
 @pytest.mark.parametrize("options", [*PATH, *RAYS], ids=NAMES)
@@ -253,6 +291,56 @@ def test_a_moving_lamp_a_still_shutter_and_the_digest() -> None:
     assert scene.digest() != frozen.digest()
 
 
+def test_a_shutter_that_sees_no_motion_and_an_odd_panorama_are_warned_of() -> None:
+    scene = glpath.load_scene(MOVING)
+    assert check_scene(scene) == []
+    (text,) = check_scene(scene.with_camera(shutter=(0.0, 0.0)))
+    assert "motion (sphere-1, box-2, quad-3), but the shutter opens for the moment 0 alone" in text
+    assert check_scene(scene.with_camera(shutter=(0.5, 0.5))) == []
+    (text,) = check_scene(scene.with_camera(projection="panorama", resolution=(64, 64)))
+    assert "The panorama has 64 x 64 pixels" in text
+
+
+@pytest.mark.parametrize("directions", ["own", "pair"])
+def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(
+    directions: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What glows with radiance 1 has the albedo 1, all else 0: the AOV is the picture."""
+    # Where lamps end, the picture has more rays than the AOV.
+    monkeypatch.setattr(LampEdges, "are_in", staticmethod(lambda scene: False))
+    motion = [{"time": 0}, {"time": 1, "transform": [{"translate": [1, 0, 0]}]}]
+    for camera in (
+        {"fov": 10.0, "aperture_radius": 0.4, "shutter": [0, 1]},
+        {"type": "orthographic", "height": 0.5},
+        {"type": "panorama"},
+    ):
+        scene = scene_of(camera, strip(-1, 0.2, -4, motion=motion), size=(64, 32))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # of the moment 0
+            film = glpath.render(scene, spp=16, max_depth=1, aovs=("albedo", "normal"), directions=directions)
+        assert np.allclose(film.aov("albedo"), film.mean, atol=1e-5)
+        assert np.allclose(film.aov("normal")[..., 2], film.mean[..., 0], atol=1e-5)
+        assert 0.005 < film.mean.mean() < 0.98
+
+
+def test_the_compute_shader_of_graphics_cards_has_the_same_bits() -> None:
+    scene = path_traceable(glpath.load_scene(MOVING | {"camera": MOVING["camera"] | {"aperture_radius": 0.2}}))
+    context, films = get_context(), []
+    for hardware in (False, True):
+        engine = RayPathEngine(
+            context.gl,
+            DeviceScene(context.gl, scene),
+            PathTraceSettings(max_depth=2),
+            (0, 0, 48, 32),
+            hardware=hardware,
+        )
+        for index in range(3):
+            engine.trace_path_set(index)
+        films.append(engine.take())
+    assert np.array_equal(*films)
+    assert films[0].max() > 0
+
+
 # ---- refusals
 
 
@@ -266,11 +354,10 @@ def test_a_gather_refuses_what_moves_by_name_but_not_a_camera_that_does() -> Non
     assert film.mean.max() > 0
 
 
-def test_a_t_buffer_says_which_cameras_it_has_not() -> None:
-    for kind in ("orthographic", "panorama"):
-        scene = glpath.load_scene(MOVING).with_camera(projection=kind, height=3.0)
-        with pytest.raises(SceneError, match=f"a camera of type {kind}; a T-buffer"):
-            glpath.render(scene, integrator="t-buffer", spp=1)
+def test_a_t_buffer_says_which_camera_it_has_not() -> None:
+    scene = glpath.load_scene(MOVING).with_camera(projection="panorama", resolution=(8, 4))
+    with pytest.raises(SceneError, match="a camera of type panorama; a T-buffer"):
+        glpath.render(scene, integrator="t-buffer", spp=1)
 
 
 def test_a_lamp_that_grows_is_refused() -> None:
@@ -366,6 +453,39 @@ BOX: dict[str, Any] = {
 
 @pytest.mark.evidence
 @pytest.mark.parametrize("directions", ["own", "pair"])
+def test_what_moves_is_the_mean_of_mitsubas_stills(directions: Any) -> None:
+    """Mitsuba 3 has no motion blur: 64 renders, each in the middle of its part of the time."""
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from glpath.experiments.mitsuba_peer import render_mitsuba
+
+    way = [
+        {"translate": [0.5, 0.0, -1.1]},
+        {"rotate": {"axis": [0, 0, 1], "angle": 20}},
+        {"translate": [0, 0.2, 1.1]},
+    ]
+    shapes = [dict(shape) for shape in BOX["shapes"]]
+    shapes[1]["motion"] = [{"time": 0}, {"time": 1, "transform": way}]
+    keys = [{"time": 0}, {"time": 1, "position": [0.2, 1.1, 3.4]}]
+    scene = glpath.load_scene(
+        BOX | {"camera": BOX["camera"] | {"shutter": [0, 1], "motion": keys}, "shapes": shapes}
+    )
+    times = (np.arange(64) + 0.5) / 64
+    theirs = [
+        np.mean([render_mitsuba(scene.at(t), 16, 3, seed=100 * s + i) for i, t in enumerate(times)], axis=0)
+        for s in (1, 2)
+    ]
+    ours = [glpath.render(scene, spp=1024, max_depth=3, directions=directions, seed=seed).mean for seed in (1, 2)]
+    assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
+    floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
+    found = relative_mse(ours[0], theirs[0])
+    print(
+        f"{directions}: relMSE {found:.2e}, between seeds {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}"
+    )
+    assert found < 0.65 * floor  # of two pictures alike in noise it is the half
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("directions", ["own", "pair"])
 @pytest.mark.parametrize("kind", ["orthographic", "lens"])
 def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: Any) -> None:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
@@ -381,7 +501,9 @@ def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: An
     ours = [glpath.render(scene, spp=1024, max_depth=3, directions=directions, seed=seed).mean for seed in (1, 2)]
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
-    assert relative_mse(ours[0], theirs[0]) < 1.3 * floor
+    found = relative_mse(ours[0], theirs[0])
+    print(f"{kind} {directions}: relMSE {found:.2e}, {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}")
+    assert found < 0.65 * floor
 
 
 # ---- glTF, and files for other programs

@@ -254,6 +254,7 @@ class _Squares:
         scene, numbers = objects.scene, objects.numbering
         # As the device has them, so that rounding cannot part the two bounds.
         spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
+        self._parallel = scene.camera.projection == "orthographic"
         self._centres = spheres[:, :, 3]
         self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
         self._gl = objects.gl
@@ -280,7 +281,10 @@ class _Squares:
         with np.errstate(divide="ignore", invalid="ignore"):
             extent = 2.0 * float(eye["eye_focal"]) * radius * reach / square  # type: ignore[arg-type]
         # The image of a sphere that nears the plane of the eye has no bounds.
-        most = np.where(depth > 1.01 * radius, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
+        bounded = depth > 1.01 * radius
+        if self._parallel:
+            extent, bounded = 2.0 * float(eye["eye_focal"]) * radius, np.ones(len(radius), np.bool_)  # type: ignore[arg-type]
+        most = np.where(bounded, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
         across, down = (np.ceil(np.minimum(most, length) / self.side).astype(np.int64) for length in self._size)
         squares = np.where(depth + 1.01 * radius > 0.0, across * down, 0)
         items = np.repeat(np.arange(len(squares)), squares)

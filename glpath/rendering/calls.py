@@ -67,8 +67,8 @@ def render(
     resolution     : (width, height) in pixels instead of the scene's
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees); type
-                     ("perspective", "orthographic" with a height, "panorama"), aperture_radius and focus_distance
-                     of a lens, shutter (opens, closes; seconds). A new place ends its motion
+                     ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
+                     focus_distance of a lens, shutter (opens, closes; seconds). A new place ends its motion
     parameters     : of a generated scene
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     time_limit     : end after so many seconds, those of `film` included, and at least one path set

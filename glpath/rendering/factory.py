@@ -316,10 +316,10 @@ class _Whitted:
                 "Render it with --integrator path or gather.",
             )
         camera = scene.camera
-        if self.settings.primary == "t-buffer" and camera.projection != "perspective":
+        if self.settings.primary == "t-buffer" and camera.projection == "panorama":
             raise SceneError(
-                f"{scene.source or scene.name}: has a camera of type {camera.projection}; a T-buffer bounds "
-                "objects as one eye sees them on a plane.",
+                f"{scene.source or scene.name}: has a camera of type panorama; a T-buffer bounds "
+                "objects as they are seen on a plane.",
                 "Render it with --integrator classic, which shoots every ray, or with path or gather.",
             )
         return _posed(scene)

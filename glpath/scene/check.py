@@ -123,7 +123,26 @@ def check_scene(scene: Scene) -> list[str]:
     # A sphere with a light in it is meant as a room.
     lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
     found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
-    return found + _about_materials(scene)
+    return found + _about_time(scene) + _about_materials(scene)
+
+
+def _about_time(scene: Scene) -> list[str]:
+    """Motion that a shutter does not see, and panoramas of another shape."""
+    camera, found = scene.camera, []
+    moving = [shape.name for shape in scene.shapes if shape.motion is not None and len(shape.motion.times) > 1]
+    moving += ["the camera"] * (len(camera.motion) > 1)
+    if moving and camera.shutter == (0.0, 0.0):
+        found.append(
+            f"There is motion ({', '.join(moving[:3])}), but the shutter opens for the moment 0 alone, so nothing "
+            "is blurred. Say how long it is open: shutter = [0, 0.02]."
+        )
+    width, height = camera.resolution
+    if camera.projection == "panorama" and abs(width - 2 * height) > 0.01 * width:
+        found.append(
+            f"The panorama has {width} x {height} pixels, which are wider or narrower than they are high: "
+            "360 x 180 degrees are an image twice as wide as high."
+        )
+    return found
 
 
 def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
