@@ -36,11 +36,16 @@ class Simplified:
     """A simpler scene.
 
     scene     : its shapes are the others', one by one
-    deviation : how far 99 of 100 vertices of each mesh lie from its simpler surface at most, scene units
+    deviations : of each shape, how far 99 of 100 vertices lie from its simpler surface at most, scene units
     """
 
     scene: Scene
-    deviation: float
+    deviations: tuple[float, ...]
+
+    @property
+    def deviation(self) -> float:
+        """The largest."""
+        return max(self.deviations)
 
 
 def simplified(scene: Scene, share: float) -> Simplified:
@@ -49,21 +54,22 @@ def simplified(scene: Scene, share: float) -> Simplified:
     Raises UsageError where the library is missing.
     """
     made: dict[tuple[Mesh, float], tuple[Mesh, float]] = {}
-    shapes, deviation = [], 0.0
+    shapes, deviations = [], []
     low, high = scene.bounds
     most = _MOST_DEVIATION * float(np.linalg.norm(high - low))
     for shape in scene.shapes:
         mesh = shape.geometry
         if not isinstance(mesh, Mesh) or not _can_be_simpler(scene, shape, mesh):
             shapes.append(shape)
+            deviations.append(0.0)
             continue
         largest = float(np.linalg.norm(shape.world_from_object[:, :, :3], ord=2, axis=(1, 2)).max())
         if (mesh, largest) not in made:
             made[mesh, largest] = _near_enough(mesh, share, most / largest)
         simpler, apart = made[mesh, largest]
-        deviation = max(deviation, apart * largest)
+        deviations.append(apart * largest)
         shapes.append(replace(shape, geometry=simpler))
-    return Simplified(replace(scene, shapes=Shapes(shapes)), deviation)
+    return Simplified(replace(scene, shapes=Shapes(shapes)), tuple(deviations))
 
 
 def _can_be_simpler(scene: Scene, shape: Shape, mesh: Mesh) -> bool:
