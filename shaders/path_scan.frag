@@ -29,7 +29,7 @@ flat in uint triangle_id;
 layout(location = 0) out vec4 found;
 
 #ifdef SKIPS_NEAR
-uniform float skipped;  // a path meets nothing nearer, in scene diameters
+flat in float skipped;
 #endif
 
 // A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 3e-5 cells,

@@ -13,6 +13,11 @@ flat out uint triangle_id;
 flat out uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where corners b and c are exchanged
 #endif
 
+#ifdef SKIPS_NEAR
+flat out float skipped;     // a path meets nothing nearer, in scene diameters
+uniform float skipped_share;  // of a simpler shape's deviation
+#endif
+
 uniform int cell_columns;
 #ifdef STREAMED_CHUNK
 uniform int chunk_first;  // number of its first triangle; they share no vertices
@@ -92,6 +97,9 @@ void main()
 #endif
 #ifdef HAS_ALPHA
     see_through = shape_texel(int(face.w), SHAPE_MATERIAL).z == 0u ? 0u : exchanged ? 2u : 1u;
+#endif
+#ifdef SKIPS_NEAR
+    skipped = skipped_share * uintBitsToFloat(shape_texel(int(face.w), SHAPE_MATERIAL).w) / scene_diameter;
 #endif
     vec2 first = vec2(view.first_column, 0.0);
     corner_ab = vec4(a.xy + first, b.xy + first);

@@ -10,9 +10,11 @@ from typing import NamedTuple
 
 import pytest
 import typer
+from terrain import Hills
 from test_film_hashes import film_of
 from typer.testing import CliRunner
 
+import glpath
 import glpath.cli.devices as devices_cli
 from glpath.gl import limits, llvmpipe
 from glpath.gl.context import get_context
@@ -50,6 +52,22 @@ def test_no_more_is_needed_than_opengl_guarantees() -> None:
     assert LIMITS.keys() == GUARANTEED.keys()
     for name, limit in LIMITS.items():
         assert limit.needed <= GUARANTEED[name], name
+
+
+def streamed_beside(stream: dict[str, object]) -> dict[str, object]:
+    """A textured box and a lamp, and a stream: shading reads of all of them."""
+    corners = [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]]
+    return {
+        "camera": {"position": [0, 3, 6], "target": [0, 0, 0]},
+        "film": {"resolution": [24, 18]},
+        "textures": {"squares": {"type": "checker"}},
+        "materials": {"squares": {"texture": "squares"}},
+        "shapes": [
+            {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3], "material": "squares"},
+            {"type": "quad", "corners": corners, "emission": {"radiance": 9}},
+            stream,
+        ],
+    }
 
 
 class Used(NamedTuple):
@@ -98,6 +116,8 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
         film_of(name, spp=1)
     film_of("t-buffer-stacked-triangles", spp=1, count_tests=True)
     film_of("gather-rays-cornell-box-36", spp=1)
+    hills = {"type": "stream", "stream": Hills(1, 2)}
+    glpath.render(streamed_beside(hills), spp=1, max_depth=3, directions="pair", aovs=("albedo",))
     monkeypatch.setattr(RayPathEngine, "_pass", RayPathEngine._dispatch)  # as on a graphics card
     film_of("gather-rays-cornell-box-36", spp=1)
     needed = {name: limit.needed for name, limit in (LIMITS | IMAGE_LIMITS).items()}

@@ -48,10 +48,17 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     ),
     "unknown camera field": (camera("position = [0, 0, 5]\ntaget = [0, 0, 0]"), ["camera.taget", "`target`?"]),
     "missing field": (shape('type = "quad"'), ["shapes[1] lacks the field `corners`", "counter-clockwise"]),
-    "missing type": (shape("radius = 1"), ["shapes[1] lacks the field `type`", "box, mesh, plane, quad, sphere"]),
+    "missing type": (
+        shape("radius = 1"),
+        ["shapes[1] lacks the field `type`", "box, mesh, patches, plane, quad, sphere, stream"],
+    ),
     "unknown type": (
         shape('type = "spere"'),
-        ['shapes[1].type is "spere"', "must be one of: box, mesh, plane, quad, sphere", 'Did you mean "sphere"?'],
+        [
+            'shapes[1].type is "spere"',
+            "must be one of: box, mesh, patches, plane, quad, sphere, stream",
+            'Did you mean "sphere"?',
+        ],
     ),
     "unknown camera type": (
         camera('type = "fisheye"\n'),

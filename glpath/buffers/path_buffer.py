@@ -92,7 +92,8 @@ class PathBuffer:
     cells : (columns, rows) of each view; by default as many in all as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
     records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
-    skips_near : `scan_scene` has a uniform `skipped`, scene diameters: paths meet nothing nearer
+    skips_near : `scan_scene` has a uniform `skipped_share`: paths meet no simpler shape (`DeviceScene`, deviations)
+                 nearer than so many times what it deviates
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,

@@ -17,6 +17,7 @@ Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates a
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -88,7 +89,10 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
     "solid": {"SHAPE": "of a sphere, ellipsoid or plane: number of its shape"},
-    "shape": {"MATERIAL": "number of the material; 1 where both sides emit; 1 where light may pass through"},
+    "shape": {
+        "MATERIAL": "number of the material; 1 where both sides emit; 1 where light may pass through; how far a "
+        "simpler shape deviates from the full one, scene units as the bits of a float"
+    },
     "slots": {
         "FIRST": "of a material: 1 + number of its slot texture, surface_texture, normal_texture, emission_texture",
         "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
@@ -201,9 +205,11 @@ class DeviceScene:
         scene: Scene,
         geometry_budget: int | None = None,
         lighting: Lighting | None = None,
+        deviations: Sequence[float] | None = None,
     ) -> None:
         """geometry_budget : MiB for streamed triangles, of engines that know such
-        lighting : whose densities emitting triangles have, where it is another's than the scene's
+        lighting   : whose densities emitting triangles have, where it is another's than the scene's
+        deviations : of each shape, where the scene is a simpler one
         """
         self.gl = gl
         self.moving: MovingScene | None = MovingScene(scene) if scene.moving_shapes else None
@@ -309,10 +315,15 @@ class DeviceScene:
                 "shape": _texel(
                     _integers(
                         [
-                            (s.material, s.emission_two_sided, through)
-                            for s, through in zip(scene.shapes, see_through, strict=True)
+                            (s.material, s.emission_two_sided, through, int(deviation))
+                            for s, through, deviation in zip(
+                                scene.shapes,
+                                see_through,
+                                np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32),
+                                strict=True,
+                            )
                         ],
-                        3,
+                        4,
                     )
                 ),
                 "slots": images.of_materials,

@@ -31,7 +31,7 @@ LIMITS = {
     "GL_MAX_DRAW_BUFFERS": Limit(0x8824, 3, "the state of a path"),
     "GL_MAX_COLOR_ATTACHMENTS": Limit(0x8CDF, 3, "the same"),
     "GL_MAX_CLIP_DISTANCES": Limit(0x0D32, 4, "the sides of a hemicube"),
-    "GL_MAX_TEXTURE_IMAGE_UNITS": Limit(0x8872, 12, "textures of a fragment shader"),
+    "GL_MAX_TEXTURE_IMAGE_UNITS": Limit(0x8872, 14, "textures of a fragment shader"),
     "GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS": Limit(0x8B4C, 4, "of a vertex shader"),
     "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": Limit(0x91BC, 12, "of a compute shader"),
     "GL_MAX_COMPUTE_IMAGE_UNIFORMS": Limit(0x91BD, 2, "the sums that it writes"),
@@ -44,8 +44,8 @@ LIMITS = {
 }
 #: Only where texels.glsl reads textures as images.
 IMAGE_LIMITS = {
-    "GL_MAX_IMAGE_UNITS": Limit(0x8F38, 12, "textures read as images"),
-    "GL_MAX_FRAGMENT_IMAGE_UNIFORMS": Limit(0x90CE, 12, "the same"),
+    "GL_MAX_IMAGE_UNITS": Limit(0x8F38, 14, "textures read as images"),
+    "GL_MAX_FRAGMENT_IMAGE_UNIFORMS": Limit(0x90CE, 14, "the same"),
 }
 
 

@@ -153,7 +153,7 @@ class PathStages(PathSetEngine):
         with self.stopwatch.stage("scan positions"):
             scan = self.path_buffer.scan_positions(self._state[self._current][0], view)
         # The simpler surface may lie before the one that the eye sees, on which paths begin.
-        return scan | {"skipped": self._skipped if depth == 1 else 0.0}
+        return scan | {"skipped_share": _SKIPPED if depth == 1 else 0.0}
 
     def scan_scene(self, scan: Uniforms) -> None:
         """The nearest surface beyond z0."""
@@ -201,14 +201,13 @@ class PathStages(PathSetEngine):
         All that concerns those vertices is of it: scans, shadows and surfaces.
         """
         share, full = getattr(self._settings, "bounce_lod", None), self.scene
-        self._skipped = 0.0
         if share is None or self._bounces() == 0:
             return full
         found = simplified(full.scene, share)
         density = density_of(full.scene, found.scene, self.lighting.triangle_density)
-        deep = DeviceScene(self.gl, found.scene, lighting=replace(full.lighting, triangle_density=density))
+        lighting = replace(full.lighting, triangle_density=density)
+        deep = DeviceScene(self.gl, found.scene, lighting=lighting, deviations=found.deviations)
         deep.look_as(full)
-        self._skipped = _SKIPPED * found.deviation / (2.0 * deep.radius)
         return deep
 
     def _directions(self, sample: PathSetSample, bounce: int) -> tuple[NDArray[np.float64], ...]:
