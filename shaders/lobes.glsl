@@ -123,13 +123,15 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 }
 
 #ifdef HAS_PANES
-vec3 pane_lets_through(int triangle, vec3 position, vec3 direction)
+// ray: along it, of any length.
+vec3 pane_lets_through(int triangle, vec3 position, vec3 ray)
 {
     vec4 plane = facet_texel(triangle, FACET_PLANE);
     Surface s = surface_of_triangle(triangle, position, plane);
-    bool front = front_hit(plane.xyz, direction);
+    vec3 wo = -normalize(ray);
+    bool front = front_hit(plane.xyz, ray);
     Bsdf b = bsdf_at(s, front);
-    float cosine = dot(shading_normal(s, front, -direction), -direction);
+    float cosine = dot(shading_normal(s, front, wo), wo);
     return b.eta == PANE ? b.clear * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine))) : vec3(0.0);
 }
 #endif

@@ -299,6 +299,19 @@ def test_a_scene_file_has_it_all() -> None:
     assert f90 == 0.5
 
 
+@pytest.mark.parametrize("colour", [0.0, 1.0, 25.0, 100.0])
+@pytest.mark.parametrize("weight", [1.0, 0.4])
+def test_a_dielectric_reflects_no_more_than_all_however_strong_its_colour(colour: float, weight: float) -> None:
+    """KHR_materials_specular: f0 = min(f0 of the index * colour, 1) * weight, f90 = weight."""
+    tint = colour * np.array([1.0, 0.5, 2.0])
+    material = Material("m", np.full(3, 0.5), roughness=0.4, specular_colour=tint, specular_weight=weight)
+    f0, f90 = material.dielectric
+    assert f0 == pytest.approx([min(0.04 * c, 1.0) * weight for c in tint])
+    assert f0.max() <= f90 == weight
+    scene = plane_under_the_sky(material, 0.8)
+    assert glpath.render(scene, spp=64, max_depth=2).mean.max() < 1.03  # noise
+
+
 @pytest.mark.parametrize("thin", [True, False])
 def test_frosted_glass_is_lit_from_behind_by_a_light_that_no_direction_finds(thin: bool) -> None:
     """A point light beside a small lamp of the same intensity: of the first, light samples alone know."""
@@ -326,9 +339,14 @@ def test_frosted_glass_is_lit_from_behind_by_a_light_that_no_direction_finds(thi
     assert by_both.mean() == pytest.approx(by_samples.mean(), rel=0.02)
 
 
-def behind_panes(panes: int, light: dict[str, Any]) -> Scene:
+TINT = [0.9, 0.6, 0.3]
+
+
+def behind_panes(
+    panes: int, light: dict[str, Any], specular: float = 0.0, tint: Any = TINT, size: float = 4.0
+) -> Scene:
     """A floor that is lit through tinted panes by a light above them."""
-    level = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]
+    level = [[-size, 0, size], [size, 0, size], [size, 0, -size], [-size, 0, -size]]
     shapes: list[dict[str, Any]] = [{"type": "quad", "corners": level, "material": "floor"}]
     for i in range(panes):
         corners = [[x, 1.0 + 0.1 * i, z] for x, _, z in level]
@@ -350,14 +368,31 @@ def behind_panes(panes: int, light: dict[str, Any]) -> Scene:
                     "transmission": 1,
                     "roughness": 0,
                     "thin": True,
-                    "specular": 0.0,
-                    "reflectance": [0.9, 0.6, 0.3],
+                    "specular": specular,
+                    "reflectance": tint,
                 },
             },
             "shapes": shapes,
             **tables,
         }
     )
+
+
+@pytest.mark.parametrize("lamp", [True, False])
+@pytest.mark.parametrize("x", [0.0, 3.0, 8.0])
+def test_a_pane_reflects_more_of_light_that_grazes_it(x: float, lamp: bool) -> None:
+    """Of what comes straight through one and two of them 1 - F and its square are left, by Schlick's formula."""
+    light: dict[str, Any] = (
+        {"radiance": 20.0} if lamp else {"type": "point", "position": [0, 3, 0], "intensity": 9.0}
+    )
+    cosine = 3 / np.hypot(3, x)
+    through = 1 - (0.04 + 0.96 * (1 - cosine) ** 5)
+    scenes = [behind_panes(n, light, specular=1.0, tint=1.0, size=20.0) for n in (0, 1, 2)]
+    view = {"position": np.array([x, 0.3, 0.0]), "target": np.array([x, 0.0, 0.0]), "up": np.array([0.0, 0.0, 1.0])}
+    plain, one, two = (
+        glpath.render(scene.with_camera(fov=4.0, **view), spp=128, max_depth=1).mean.mean() for scene in scenes
+    )
+    assert [one / plain, two / plain] == pytest.approx([through, through**2], rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -377,7 +412,7 @@ def test_light_goes_straight_through_panes(light: dict[str, Any], integrator: st
         glpath.render(behind_panes(n, light), spp=256, integrator=integrator, **depth).mean.mean(axis=(0, 1))  # type: ignore[arg-type]
         for n in (0, 1, 2)
     )
-    tint = np.array([0.9, 0.6, 0.3])
+    tint = np.array(TINT)
     assert one == pytest.approx(plain * tint, rel=0.02)
     assert two == pytest.approx(plain * tint**2, rel=0.02)
 
