@@ -3,8 +3,9 @@
     python -m glpath.figures.model_worker < ASKED
 
 ASKED is JSON: {"program": "glpath", "file": "model.glb", "side": 160, "spp": 64, "max_depth": 8,
-"folder": "/tmp/a"}. The last line of standard output is the answer. glpath reads the model and renders it, writes FOLDER/glpath.npy and
-exports what it has read to FOLDER/scene.xml; "mitsuba" renders that file and writes FOLDER/mitsuba.npy.
+"folder": "/tmp/a"}. The last line of standard output is the answer. glpath reads the model and renders it, writes
+FOLDER/glpath.npy and exports what it has read to FOLDER/scene.xml; "mitsuba" renders that and writes
+FOLDER/mitsuba.npy.
 """
 
 from __future__ import annotations

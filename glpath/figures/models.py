@@ -1,8 +1,8 @@
 """A contact sheet of models: every one that is found, rendered headless, beside what other programs make of it.
 
 No figure of a paper. GLPATH_MODELS names the folders (with ":" between them) in which models are looked for, and
-what lies below them; without it Debian's assimp-testmodels. Each is read and rendered in a process of its own, whose
-time and memory are that model's. Beside it stand two witnesses, where they are installed:
+what lies below them; without it Debian's assimp-testmodels. Each is read and rendered in a process of its own,
+whose time and memory are that model's. Beside it stand two witnesses, where they are installed:
 
 - Mitsuba 3 renders what glpath has read, from `glpath export`: it says whether the light is right;
 - Blender reads the file itself, and Cycles renders it from the same camera: it says whether the file is understood.
