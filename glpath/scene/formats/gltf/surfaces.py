@@ -48,7 +48,7 @@ class _LookUp:
     source: int
     wrap: tuple[Wrap, Wrap]
     filter: Literal["linear", "nearest"]
-    uv_set: int
+    uv_set: Literal[0, 1]
     matrix: Float64
 
 
