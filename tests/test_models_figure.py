@@ -66,12 +66,12 @@ def test_a_model_that_ends_its_process_is_no_refusal() -> None:
 def test_a_difference_is_one_of_blocks_not_of_noise() -> None:
     rng = np.random.default_rng(1)
     one = np.full((32, 32, 3), 2.0)
-    differs, ratio = figure._difference(one, one + rng.normal(0, 0.1, one.shape))
+    differs, ratio = figure.difference(one, one + rng.normal(0, 0.1, one.shape))
     assert differs < 0.01
     assert ratio == pytest.approx(1, abs=0.01)
     half = one.copy()
     half[:, 16:] = 0
-    assert figure._difference(half, one) == (0.5, 0.5)
+    assert figure.difference(half, one) == (0.5, 0.5)
 
 
 @pytest.mark.parametrize("named", ["", "/nowhere/at/all"])

@@ -139,7 +139,7 @@ def _shown(file: Path, asked: dict[str, Any], peers: Sequence[str]) -> Shown:
             shown.pictures["blender"] = read_image(folder / "blender.exr")
         row["blender"] = theirs["message"] if "message" in theirs else theirs["render_seconds"]
     for name in shown.pictures.keys() - {"glpath"}:
-        row[f"{name}_differs"], row[f"{name}_mean"] = _difference(shown.pictures["glpath"], shown.pictures[name])
+        row[f"{name}_differs"], row[f"{name}_mean"] = difference(shown.pictures["glpath"], shown.pictures[name])
     return shown
 
 
@@ -159,7 +159,7 @@ def _run(command: Sequence[str], asked: dict[str, Any]) -> dict[str, Any]:
     return {"status": "crashed", "message": f"code {done.returncode}: {ending[-1] if ending else ''}"}
 
 
-def _difference(ours: Float64, theirs: Float64) -> tuple[float, float]:
+def difference(ours: Float64, theirs: Float64) -> tuple[float, float]:
     """Mean absolute difference of blocks over the mean, and the ratio of the means."""
     side = len(ours) // _BLOCK * _BLOCK
     a, b = (
