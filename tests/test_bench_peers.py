@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glpath.bench import cycles_peer, other_python, radiance_peer, references
+from glpath.bench import cycles_peer, radiance_peer, references
 from glpath.bench.equal_error import Contestant, compared_with, error_of, scaled
 from glpath.bench.references import Reference, reference_picture
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.experiments import mitsuba_peer
+from glpath.experiments import mitsuba_peer, other_python
 from glpath.experiments.references import stored_reference
 from glpath.scene import load_scene
 from glpath.scene.model import Shapes

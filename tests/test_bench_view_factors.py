@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from glpath.bench import other_python
 from glpath.bench.view_factors import bench_view_factors
 from glpath.errors import GlpathError
+from glpath.experiments import other_python
 
 
 def test_a_small_bench_without_pyviewfactor_measures_and_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,9 @@ import pytest
 from gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
 from glpath.errors import SceneError, UsageError
+from glpath.image import decode_srgb
 from glpath.scene.formats.gltf import Model, read_gltf
+from glpath.scene.formats.gltf.glossiness import metal_and_roughness
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
 
 #: Red and green above blue and white.
@@ -99,6 +101,61 @@ def test_specular_glossiness_reflects_its_colour_at_normal_incidence(tmp_path: P
     np.testing.assert_allclose(f0, [0.5, 0.04, 0])
     np.testing.assert_allclose(material.reflectance, [0.2, 0.3, 0.4])
     assert (material.roughness, material.metallic) == (0.25, 0)
+
+
+def glossy(folder: Path, **fields: Any) -> tuple[Material, Model]:
+    """A material of the older model, whose textures are of one row: gold, plastic, rubber and a mixture."""
+    file = Gltf()
+    diffuse = file.texture([[[0, 0, 0], [188, 124, 89], [60, 60, 60], [124, 99, 64]]])
+    # Of 255, 56 is sRGB's 0.0395: as much as a dielectric reflects.
+    shiny = file.texture([[[255, 226, 155, 204], [56, 56, 56, 128], [56, 56, 56, 0], [187, 165, 118, 255]]])
+    table = {"diffuseTexture": {"index": diffuse}, "specularGlossinessTexture": {"index": shiny}, **fields}
+    file.one_triangle(**extended("KHR_materials_pbrSpecularGlossiness", **table))
+    model = read(file, folder)
+    return model.materials[0], model
+
+
+def test_textures_of_specular_glossiness_become_metal_and_roughness(tmp_path: Path) -> None:
+    material, model = glossy(tmp_path)
+    assert material.texture is not None
+    assert material.surface_texture is not None
+    base, surface = (model.textures[slot.texture] for slot in (material.texture, material.surface_texture))
+    assert (base.srgb, surface.srgb) == (True, False)
+    assert (material.reflectance.tolist(), material.roughness, material.metallic) == ([1, 1, 1], 1, 1)
+    gold, plastic, rubber, half = base.image[0].astype(int)
+    np.testing.assert_allclose(gold, [255, 226, 155], atol=1)
+    np.testing.assert_allclose(plastic, [188, 124, 89], atol=1)
+    np.testing.assert_allclose(rubber, [60, 60, 60], atol=1)
+    metal = surface.image[0, :, 2] / 255
+    np.testing.assert_allclose(metal[:3], [1, 0, 0], atol=0.01)
+    assert 0.2 < metal[3] < 0.95
+    assert half[0] > half[1] > half[2]
+    np.testing.assert_allclose(surface.image[0, :, 1] / 255, [0.2, 0.498, 1, 0], atol=0.004)
+    assert not any("Texture:" in note for note in model.notes)
+
+
+def test_a_mixture_has_the_brightness_of_both_its_colours() -> None:
+    """What the converted model reflects at normal incidence is as bright as what the older one says."""
+    rng = np.random.default_rng(3)
+    grey = rng.uniform(0.05, 0.9, (1, 64, 1))
+    specular = np.repeat(rng.uniform(0.04, 1.0, (1, 64, 1)), 3, axis=2)
+    diffuse = np.repeat(grey, 3, axis=2)
+    base, surface = metal_and_roughness(diffuse, specular, np.zeros((1, 64)))
+    colour, metal = decode_srgb(base / 255.0), surface[..., 2:] / 255.0
+    inside = (metal > 0.02) & (metal < 0.98)
+    assert inside.sum() > 20
+    f0 = metal * colour + (1 - metal) * 0.04
+    under = (1 - metal) * colour * (1 - 0.04)
+    for ours, said in ((f0, specular), (under, diffuse * (1 - specular))):
+        assert np.abs(ours - said)[np.repeat(inside, 3, axis=2)].max() < 0.16
+        assert np.abs(ours - said)[np.repeat(inside, 3, axis=2)].mean() < 0.04
+
+
+def test_textures_of_specular_glossiness_that_lie_otherwise_are_told(tmp_path: Path) -> None:
+    shifted = {"index": 1, "extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}}}
+    material, model = glossy(tmp_path, specularGlossinessTexture=shifted, glossinessFactor=0.75)
+    assert (material.surface_texture, material.roughness) == (None, 0.25)
+    assert any("specularGlossinessTexture" in note for note in model.notes)
 
 
 def test_an_index_of_zero_leaves_the_reflection_to_its_colour(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from gltf_files import Gltf
 from models import FACES, MTL, gltf, obj
 from PIL import Image
 from typer.testing import CliRunner
@@ -96,6 +97,38 @@ def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) 
     assert scene.sky is not None
     assert scene.sky.zenith.tolist() == scene.sky.horizon.tolist() == [1, 1, 1]
     assert check_scene(scene) == []
+
+
+def glowing(folder: Path, strength: float, **other: object) -> Path:
+    """A triangle that glows by a texture, and one of `other` material."""
+    made = Gltf()
+    texture = made.texture([[[255, 0, 0], [0, 0, 0]]])
+    strong = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+    made.one_triangle(emissiveFactor=[1, 1, 1], emissiveTexture={"index": texture}, extensions=strong)
+    made.one_triangle(**other)
+    return made.write(folder)
+
+
+def test_a_faint_glow_is_not_the_light_by_which_a_model_is_seen(tmp_path: Path) -> None:
+    """Khronos' DamagedHelmet is lit by its surroundings in every viewer, and has a few glowing texels."""
+    path = glowing(tmp_path, 1.0)
+    *_, text = said(path)
+    assert "no light but what glows faintly, so a white sky shines" in text
+    scene = quiet(path)
+    assert scene.sky is not None
+    assert scene.shapes[0].emits, "it glows all the same"
+
+
+def test_what_sends_more_than_white_is_a_lamp_and_gets_no_sky(tmp_path: Path) -> None:
+    assert not any("no light" in text for text in said(glowing(tmp_path, 5.0)))
+    assert quiet(glowing(tmp_path, 5.0)).sky is None
+
+
+def test_what_is_unlit_is_seen_without_light_and_lights_nothing(tmp_path: Path) -> None:
+    unlit = {"extensions": {"KHR_materials_unlit": {}}}
+    assert quiet(Gltf().one_triangle(**unlit).write(tmp_path)).sky is None
+    mixed = Gltf().one_triangle(**unlit).one_triangle()
+    assert quiet(mixed.write(tmp_path)).sky is not None
 
 
 def test_the_camera_and_the_lights_of_a_file_are_used(tmp_path: Path) -> None:

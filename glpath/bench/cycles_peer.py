@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.bench import other_python
 from glpath.errors import GlpathError
+from glpath.experiments import other_python
 from glpath.film import read_image
 from glpath.scene.model import Float64, Scene
 

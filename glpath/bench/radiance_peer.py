@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.bench import other_python
 from glpath.errors import GlpathError
+from glpath.experiments import other_python
 from glpath.scene.model import Float64, Scene
 
 #: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.

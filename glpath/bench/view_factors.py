@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bench import other_python
 from glpath.errors import GlpathError
+from glpath.experiments import other_python
 from glpath.experiments.verdict import Condition, Report, cores, faults, judge, machine
 from glpath.experiments.view_factor_scenes import CLOSED_FORMS, block_in_a_room, city
 from glpath.radiosity.view_factors.compute import view_factors

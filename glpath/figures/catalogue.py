@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from glpath.figures import (
+    model_room,
+    models,
     path_buffer_box,
     path_buffer_room,
     scale,
@@ -24,3 +26,4 @@ FIGURES |= shaft.FIGURES | shaft_table.FIGURES
 FIGURES |= path_buffer_box.FIGURES
 FIGURES |= path_buffer_room.FIGURES
 FIGURES |= scale.FIGURES
+FIGURES |= models.FIGURES | model_room.FIGURES

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from glpath.errors import SceneWarning
-from glpath.scene.model import Camera, Scene, Sky
+from glpath.scene.model import Camera, Scene, Shape, Sky
 from glpath.scene.place import shown
 
 #: Pixels, where nothing says how many.
@@ -22,10 +22,11 @@ _FOV = 40.0
 _MARGIN = 1.1
 
 
-def completed(scene: Scene, *, has_camera: bool, stacklevel: int) -> Scene:
+def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light: bool = True) -> Scene:
     """The scene with a camera and with light; a SceneWarning says what had to be added.
 
-    has_camera : False sets one that frames everything, of the resolution of the scene's
+    has_camera    : False sets one that frames everything, of the resolution of the scene's
+    glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
     notes = []
     if not has_camera:
@@ -35,14 +36,29 @@ def completed(scene: Scene, *, has_camera: bool, stacklevel: int) -> Scene:
             f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
             f"{shown(c.target.round(3))}, fov {c.fov:g}"
         )
-    if not (scene.lights or scene.sky or np.any(scene.ambient > 0) or any(shape.emits for shape in scene.shapes)):
+    emitters = [shape for shape in scene.shapes if shape.emits]
+    lamps = emitters if glow_is_light else [shape for shape in emitters if not _glows(scene, shape)]
+    is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0) or lamps)
+    # What is unlit all over is seen without light.
+    needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
+    if needs_light and not is_lit:
         scene = replace(scene, sky=Sky(np.ones(3), np.ones(3)))
-        notes.append("no light, so a white sky shines from all around")
+        what = "no light but what glows faintly" if emitters else "no light"
+        notes.append(f"{what}, so a white sky shines from all around")
     if notes:
         warnings.warn(
             SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=stacklevel + 1
         )
     return scene
+
+
+def _glows(scene: Scene, shape: Shape) -> bool:
+    """It is unlit, or sends at most as much light as a white sky.
+
+    Models that are to be lit by their surroundings have screens and small lamps, which in viewers light nothing.
+    What is meant to light a scene sends more.
+    """
+    return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= 1))
 
 
 def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:

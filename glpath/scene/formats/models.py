@@ -102,7 +102,7 @@ def scene_of_model(model: Model) -> Scene:
     )
     if model.camera is not None:
         check_camera(scene.camera, place)
-    return completed(scene, has_camera=model.camera is not None, stacklevel=3)
+    return completed(scene, has_camera=model.camera is not None, stacklevel=3, glow_is_light=False)
 
 
 def _camera(given: ModelCamera) -> Camera:

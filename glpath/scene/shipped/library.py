@@ -28,6 +28,7 @@ from glpath.scene.formats.models import gltf_cameras, read_gltf_as_asked, read_m
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
+from glpath.scene.shipped.parlour import parlour
 from glpath.scene.shipped.room import room
 from glpath.scene.shipped.stacked import stacked
 from glpath.scene.shipped.teapot import teapot
@@ -183,6 +184,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
     "furnace": furnace,
     "office": office,
     "office-premesh": office_premesh,
+    "parlour": parlour,
     "room": room,
     "stacked": stacked,
     "teapot": teapot,

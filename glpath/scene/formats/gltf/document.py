@@ -51,12 +51,14 @@ KNOWN_EXTENSIONS = (
 )
 #: Those of which a part of the look is lost, with what that is. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
+    "EXT_lights_image_based": "light from an image all around",
     "KHR_animation_pointer": "animations of other things than nodes",
     "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
     "KHR_materials_dispersion": "dispersion of glass",
     "KHR_materials_iridescence": "iridescence",
     "KHR_materials_sheen": "sheen of cloth",
     "KHR_materials_variants": "variants of materials, other than the first",
+    "KHR_materials_volume_scatter": "light that is scattered inside of solids",
 }
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942

@@ -17,18 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.image import decode_srgb
-from glpath.scene.formats.gltf import compression
+from glpath.scene.formats.gltf import compression, glossiness
 from glpath.scene.formats.gltf.document import Document
 from glpath.scene.formats.gltf.images import read_image
 from glpath.scene.formats.gltf.table import Table
+from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 
-_WRAPS: dict[Any, Literal["repeat", "clamp", "mirror"]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
-#: Reflection of glass of index 1.5 at normal incidence, which `specular_colour` multiplies.
-_F0 = 0.04
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,17 @@ class Surface:
 
     material: Material
     emission: Float64
+
+
+@dataclass(frozen=True)
+class _LookUp:
+    """Which image of the document a texture shows, and where; see `Texture` and `TextureSlot`."""
+
+    source: int
+    wrap: tuple[Wrap, Wrap]
+    filter: Literal["linear", "nearest"]
+    uv_set: Literal[0, 1]
+    matrix: Float64
 
 
 @dataclass
@@ -117,19 +127,63 @@ class Surfaces:
     def _specular_glossiness(self, table: Table, glossy: Table, common: dict[str, Any]) -> Surface:
         """The older model, of a diffuse colour and one of the reflection at normal incidence."""
         diffuse = self._shares(glossy, "diffuseFactor", (1, 1, 1, 1))
-        self._unused(glossy, "specularGlossinessTexture")
-        common["roughness"] = 1.0 - self._share(glossy, "glossinessFactor", 1.0)
+        specular = self._shares(glossy, "specularFactor", (1, 1, 1))
+        gloss = self._share(glossy, "glossinessFactor", 1.0)
         common["opacity"] = 1.0 if common["alpha"] == "opaque" else float(diffuse[3])
+        fields: dict[str, Any] | None = None
+        if "specularGlossinessTexture" in glossy:
+            fields = self._of_metal_and_roughness(glossy, diffuse[:3], specular, gloss)
+            if fields is None:
+                self._unused(glossy, "specularGlossinessTexture")
+        if fields is None:
+            common["roughness"] = 1.0 - gloss
+            fields = {
+                "reflectance": diffuse[:3],
+                "texture": self._slot(glossy, "diffuseTexture", srgb=True),
+                "specular_colour": specular / glossiness.F0,
+            }
         material = Material(
-            reflectance=diffuse[:3],
-            texture=self._slot(glossy, "diffuseTexture", srgb=True),
-            specular_colour=self._shares(glossy, "specularFactor", (1, 1, 1)) / _F0,
             normal_texture=self._slot(table, "normalTexture", srgb=False),
             normal_scale=table.table("normalTexture").number("scale", 1.0),
+            **fields,
             **self._emission_texture(table),
             **common,
         )
         return Surface(material, self._emission(table))
+
+    def _of_metal_and_roughness(
+        self, glossy: Table, diffuse: Float64, specular: Float64, gloss: float
+    ) -> dict[str, Any] | None:
+        """The fields of a material whose textures of the older model are converted texel by texel.
+
+        None where the two are not looked up alike, so that no texel of one has a texel of the other.
+        """
+        second = self._look_up(glossy, "specularGlossinessTexture")
+        first = self._look_up(glossy, "diffuseTexture") if "diffuseTexture" in glossy else second
+        if first is None or second is None:
+            return None
+        if (first.wrap, first.uv_set) != (second.wrap, second.uv_set) or np.any(first.matrix != second.matrix):
+            return None
+        key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
+        if key not in self._texture_numbers:
+            colours = _of_size(self._linear(first.source), self._linear(second.source))
+            if "diffuseTexture" not in glossy:
+                colours[0] = np.ones_like(colours[0][..., :3])
+            colours[0][..., :3] *= diffuse
+            shiny = colours[1][..., 3] if colours[1].shape[2] == 4 else np.ones(colours[1].shape[:2])
+            self.document.take(16 * shiny.size, glossy.place)
+            images = glossiness.metal_and_roughness(colours[0], colours[1][..., :3] * specular, gloss * shiny)
+            name = self.document.all("images")[second.source].name(f"image-{second.source}")
+            self._texture_numbers[key] = len(self.textures)
+            for image, srgb in zip(images, (True, False), strict=True):
+                self.textures.append(Texture(name, image, (1.0, 1.0), first.filter, srgb, first.wrap))
+        number = self._texture_numbers[key]
+        return {
+            "reflectance": np.ones(3),
+            "metallic": 1.0,
+            "texture": TextureSlot(number, first.uv_set, first.matrix),
+            "surface_texture": TextureSlot(number + 1, first.uv_set, first.matrix),
+        }
 
     def _emission(self, table: Table) -> Float64:
         """(3,) radiance of a lit material."""
@@ -158,7 +212,7 @@ class Surfaces:
             self._unused(specular, "specularTexture", "specularColorTexture")
         if ior is not None and ior.number("ior", 1.5) == 0:
             # 0 stands for a reflection that the colour alone decides.
-            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / _F0
+            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
         coat = table.extension("KHR_materials_clearcoat")
         if coat is not None:
             fields["clearcoat"] = self._share(coat, "clearcoatFactor", 0.0)
@@ -204,8 +258,11 @@ class Surfaces:
 
     def _slot(self, owner: Table, name: str, *, srgb: bool) -> TextureSlot | None:
         """The texture of that name, and how it is looked up."""
-        if name not in owner:
-            return None
+        found = self._look_up(owner, name) if name in owner else None
+        return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
+
+    def _look_up(self, owner: Table, name: str) -> _LookUp | None:
+        """Which image, and how; None where there are no such texture coordinates."""
         info = owner.table(name)
         textures = self.document.all("textures")
         texture = textures[info.required_index("index", textures, "textures")]
@@ -216,30 +273,42 @@ class Surfaces:
         if uv_set not in (0, 1):
             self.document.notes.add("Textures whose texCoord is above 1.")
             return None
-        number = self._texture(texture, srgb)
-        matrix = np.eye(2, 3) if transform is None else _uv_transform(transform)
-        return TextureSlot(number, 1 if uv_set else 0, matrix)
-
-    def _texture(self, table: Table, srgb: bool) -> int:
-        """The place in `textures` of a texture of the document, of one colour space."""
         samplers = self.document.all("samplers")
-        index = table.index("sampler", samplers, "samplers")
-        sampler = Table({}, table.place) if index is None else samplers[index]
-        wrap = (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat"))
-        chosen = sampler.choice("magFilter", _FILTERS, "linear")
-        source = self._source(table)
-        key = (source, wrap, chosen, srgb)
+        index = texture.index("sampler", samplers, "samplers")
+        sampler = Table({}, texture.place) if index is None else samplers[index]
+        return _LookUp(
+            self._source(texture),
+            (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat")),
+            sampler.choice("magFilter", _FILTERS, "linear"),
+            1 if uv_set else 0,
+            np.eye(2, 3) if transform is None else _uv_transform(transform),
+        )
+
+    def _texture(self, found: _LookUp, srgb: bool) -> int:
+        """The place in `textures` of a texture of the document, of one colour space."""
+        key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
-            if source not in self._images:
-                self._images[source] = read_image(self.document, self.document.all("images")[source])
-            image = self._images[source]
+            image = self._image(found.source)
             if image.dtype == np.uint16:
                 stored = image / np.float64(65535)
                 image = (decode_srgb(stored) if srgb else stored).astype(np.float32)
-            name = self.document.all("images")[source].name(f"image-{source}")
-            self.textures.append(Texture(name, image, (1.0, 1.0), chosen, srgb, wrap))
+            name = self.document.all("images")[found.source].name(f"image-{found.source}")
+            self.textures.append(Texture(name, image, (1.0, 1.0), found.filter, srgb, found.wrap))
             self._texture_numbers[key] = len(self.textures) - 1
         return self._texture_numbers[key]
+
+    def _image(self, source: int) -> NDArray[Any]:
+        """(h, w, 3) or (h, w, 4) as it is stored."""
+        if source not in self._images:
+            self._images[source] = read_image(self.document, self.document.all("images")[source])
+        return self._images[source]
+
+    def _linear(self, source: int) -> Float64:
+        """The same of colours in sRGB as linear numbers in [0, 1]."""
+        image = self._image(source)
+        stored = image / np.float64(np.iinfo(image.dtype).max)
+        stored[..., :3] = decode_srgb(stored[..., :3])
+        return stored
 
     def _source(self, table: Table) -> int:
         """The number of the image: a compressed one where it can be read, else the plain one."""
@@ -256,6 +325,15 @@ class Surfaces:
                 "has no `source` that can be read.", "Export the file with textures of PNG, JPEG, WebP or KTX 2."
             )
         return plain
+
+
+def _of_size(*images: Float64) -> list[Float64]:
+    """Copies of images, of the largest's size, by their nearest texels."""
+    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
+    return [
+        image[np.arange(height) * image.shape[0] // height][:, np.arange(width) * image.shape[1] // width]
+        for image in images
+    ]
 
 
 def _uv_transform(table: Table) -> Float64:

@@ -1,0 +1,119 @@
+"""A model by Blender's importer and Cycles, run by the Python that has `bpy`, which may be another than glpath's.
+
+    python blender_worker.py < ASKED
+
+ASKED is JSON: {"file", "side", "spp", "max_depth", "folder", "camera", "fov", "clip", "sky"}, the last four as
+`model_worker` answers them. FOLDER/blender.exr is the picture; the last line of standard output says how it went.
+Nothing of glpath is imported here: the file, its materials and its lights are as Blender reads them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+def main() -> None:
+    asked = json.load(sys.stdin)
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # Blender writes what it does to standard output
+    import bpy
+
+    start = time.perf_counter()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    _import(bpy, asked["file"])
+    _at_rest(bpy)
+    scene = bpy.context.scene
+    _look(bpy, scene, asked)
+    _settle(scene, asked)
+    loaded = time.perf_counter() - start
+    start = time.perf_counter()
+    bpy.ops.render.render(write_still=True)
+    taken = {"load_seconds": loaded, "render_seconds": time.perf_counter() - start}
+    print(json.dumps({"status": "rendered", "version": bpy.app.version_string, **taken}), file=answers, flush=True)
+
+
+def _import(bpy: Any, file: str) -> None:
+    """Blender has z upwards: (x, y, z) becomes (x, -z, y)."""
+    axes = {"forward_axis": "NEGATIVE_Z", "up_axis": "Y"}
+    suffix = Path(file).suffix.lower()
+    if suffix in (".gltf", ".glb"):
+        # Candela as W/sr, which a power of 4 pi W is, as here.
+        bpy.ops.import_scene.gltf(filepath=file, export_import_convert_lighting_mode="COMPAT")
+    elif suffix == ".obj":
+        bpy.ops.wm.obj_import(filepath=file, **axes)
+    elif suffix == ".ply":
+        bpy.ops.wm.ply_import(filepath=file, **axes)
+    else:
+        bpy.ops.wm.stl_import(filepath=file, **axes)
+
+
+def _at_rest(bpy: Any) -> None:
+    for each in [*bpy.data.objects, *bpy.data.shape_keys, *bpy.data.materials]:
+        each.animation_data_clear()
+    for each in bpy.data.objects:
+        if each.type == "ARMATURE":
+            each.data.pose_position = "POSE"
+    # Shapes that the importer adds to show bones, and meshes without a material, which here are white.
+    for each in list(bpy.data.objects):
+        if each.name.startswith("Icosphere") and each.users_collection[0].name.startswith("glTF_not"):
+            bpy.data.objects.remove(each)
+    for each in bpy.data.objects:
+        if each.type == "MESH" and not any(slot.material for slot in each.material_slots):
+            material = bpy.data.materials.new("white")
+            material.use_nodes = True
+            shader = material.node_tree.nodes["Principled BSDF"]
+            shader.inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+            shader.inputs["Roughness"].default_value = 1.0
+            each.data.materials.append(material)
+
+
+def _look(bpy: Any, scene: Any, asked: dict[str, Any]) -> None:
+    """The camera, and the light from around."""
+    data = bpy.data.cameras.new("view")
+    data.sensor_fit = "VERTICAL"
+    data.angle = math.radians(asked["fov"])
+    data.clip_start, data.clip_end = asked["clip"]
+    camera = bpy.data.objects.new("view", data)
+    matrix = type(camera.matrix_world)  # mathutils.Matrix
+    turned = matrix(((1, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))
+    camera.matrix_world = turned @ matrix(asked["camera"])
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.world = None
+    if asked["sky"] is not None:
+        scene.world = bpy.data.worlds.new("sky")
+        scene.world.use_nodes = True
+        background = scene.world.node_tree.nodes["Background"]
+        background.inputs["Color"].default_value = (*asked["sky"], 1.0)
+        background.inputs["Strength"].default_value = 1.0
+
+
+def _settle(scene: Any, asked: dict[str, Any]) -> None:
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    render.use_compositing = render.use_sequencer = False
+    render.resolution_x = render.resolution_y = asked["side"]
+    render.resolution_percentage = 100
+    render.filepath = str(Path(asked["folder"], "blender.exr"))
+    render.image_settings.file_format = "OPEN_EXR"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.color_depth = "32"
+    cycles.device = "CPU"
+    cycles.samples = asked["spp"]
+    cycles.pixel_filter_type = "BOX"
+    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    bounces = asked["max_depth"] - 1
+    for name in ("max", "diffuse", "glossy", "transmission", "volume"):
+        setattr(cycles, f"{name}_bounces", bounces)
+    cycles.transparent_max_bounces = 32
+
+
+if __name__ == "__main__":
+    main()
