@@ -14,6 +14,8 @@ path sets, as they are sums of hard ones.
 
 from __future__ import annotations
 
+from typing import Any
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,7 @@ from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
+from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.sampling import PathSetSampler, counter_hash, pixel_place
@@ -64,6 +67,7 @@ class WhittedTracer:
         self.sensor = CameraSensor.of(objects.scene.camera)
         self._size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones
+        self._taken_aovs: dict[str, NDArray[Any]] = {}
         self.forget_statistics()
         self._set_up(objects)
         self.look_at(window)
@@ -98,6 +102,7 @@ class WhittedTracer:
         eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
+        self.add_aovs(eye)
         self.shade(index, eye)
 
     def fill_shadow_buffers(self) -> None:
@@ -113,6 +118,12 @@ class WhittedTracer:
         with self.stopwatch.stage("eye"):
             self.eye_buffer.fill(eye)
 
+    def add_aovs(self, eye: Uniforms) -> None:
+        """The surfaces that were found, where the film has AOVs of them."""
+        if self._aovs is not None:
+            with self.stopwatch.stage("AOVs"):
+                self._aovs.add(eye)
+
     def shade(self, index: int, eye: Uniforms) -> None:
         """Light and shadow at what was found, and the path on by reflection."""
         uniforms = self._constant | self._light_samples(index) | eye
@@ -122,6 +133,7 @@ class WhittedTracer:
         with self.stopwatch.stage("shade"):
             run_in_areas(shading, self._areas, uniforms)
         self._sum = 1 - self._sum
+        self._sums.add_direct()
 
     def take(self) -> NDArray[np.float64]:
         """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
@@ -129,13 +141,15 @@ class WhittedTracer:
         Multiples of one power of two, so that float64 adds them without rounding.
         """
         taken = self._sums.take(self._sum)
-        self._dropped += int((taken.high >> DROPPED_SHIFT).sum())
+        dropped = taken.high >> DROPPED_SHIFT
+        self._taken_aovs = light_aovs(self.settings, self._sums, dropped)
+        self._dropped += int(dropped.sum())
         self._count()
         return taken.radiance
 
-    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
-        """None: with a mirror, the first surface says little of what is seen."""
-        return {}
+    def take_aovs(self) -> dict[str, NDArray[Any]]:
+        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
+        return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
 
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
@@ -185,13 +199,14 @@ class WhittedTracer:
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0
-        self._sums: PixelSums = PixelSums(gl, self._size, max_radiance(objects.scene))
+        self._sums: PixelSums = PixelSums(gl, self._size, max_radiance(objects.scene), split=settings.splits_light)
+        self._aovs: EyeAovs | None = EyeAovs.of(gl, objects, settings.aovs, self._size, self.eye_buffer.texture)
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
-        generated, defines = {**objects.generated, "BVH": bvh_glsl()}, dict(objects.defines)
+        generated, defines = {**objects.generated, "BVH": bvh_glsl()}, objects.defines | self._sums.defines
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
         # Ambient light stands for the sky's on surfaces; both would count it twice.

@@ -1,0 +1,15 @@
+// shapes_seen.frag: the shape that every pixel sees in one path set.
+// Needs:  <SCENE>
+// Runs over: the pixels of the window. Output: number of the shape + 1, 0 for none
+#include "texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+
+UINT_TEXELS(EYE_FORMAT, eye_buffer);  // primitive + 1
+layout(location = 0) out uint shape;
+
+void main()
+{
+    int primitive = int(texel(eye_buffer, ivec2(gl_FragCoord.xy)).r) - 1;
+    shape = primitive < 0 ? 0u : uint(shape_of(primitive) + 1);
+}
