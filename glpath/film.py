@@ -26,9 +26,20 @@ from numpy.typing import DTypeLike, NDArray
 
 from glpath import denoise as open_image_denoise
 from glpath import image
+from glpath.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.errors import ImageError, UsageError
 from glpath.files import is_stream, whole_file
-from glpath.film_metadata import AOVS, FilmMetadata, differences, joined, merged_values, metadata_of
+from glpath.film_metadata import (
+    AOVS,
+    DENOISER_AOVS,
+    ID_AOVS,
+    SHAPES,
+    FilmMetadata,
+    differences,
+    joined,
+    merged_values,
+    metadata_of,
+)
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 from glpath.noise import MIN_BATCHES, error_bound
@@ -47,6 +58,9 @@ WRITABLE = (".png", ".exr", ".npz")
 
 # The end of all path sets of a file, far beyond what can be rendered: counts of them do not overflow.
 _LAST_PATH_SET = 1 << 48
+
+#: The depth where no sample of a pixel has met anything, as Blender has it: far, and a number that filters keep.
+FAR = 1e10
 
 # Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
@@ -73,7 +87,8 @@ class Film:
     batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
-    aov_sums      : (H, W, 3) float64 by name, over all path sets: what `metadata.aovs` names; see `aov`
+    aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
+    shape_counts  : how many samples of each pixel have met which shape, where `metadata.counts_shapes`
     """
 
     radiance_sums: Float64
@@ -81,6 +96,7 @@ class Film:
     ranges: tuple[tuple[int, int], ...]
     metadata: FilmMetadata
     aov_sums: dict[str, Float64] = field(default_factory=dict)
+    shape_counts: ShapeCounts | None = None
     # What `denoised` has found, and for which path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
@@ -89,19 +105,21 @@ class Film:
         """A film of the size of the metadata's window, without any path set."""
         _, _, width, height = metadata.window
         sums = np.zeros((BATCHES, height, width, 3))
-        aovs = {name: np.zeros((height, width, 3)) for name in metadata.aovs}
-        return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs)
+        aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}
+        shapes = ShapeCounts.empty((height, width)) if metadata.counts_shapes else None
+        return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs, shapes)
 
     def add(
         self,
         start: int,
         stop: int,
         radiance_sum: NDArray[np.floating[Any]],
-        aov_sums: Mapping[str, NDArray[np.floating[Any]]] = MappingProxyType({}),
+        aov_sums: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     ) -> None:
         """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
 
-        aov_sums : the same of each AOV that the film holds
+        aov_sums : the same of each of the film's `aov_sums`; where it counts shapes, as "shapes"
+                   (H, W, stop - start) the numbers + 1 of those that the samples have met, 0 for none
 
         Raises UsageError for path sets that are already in the film.
         """
@@ -109,10 +127,13 @@ class Film:
         assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
         assert radiance_sum.shape == self.radiance_sums.shape[1:], f"a sum of shape {radiance_sum.shape}"
         assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
-        assert aov_sums.keys() == self.aov_sums.keys(), f"AOVs {[*aov_sums]} for a film of {[*self.aov_sums]}"
+        held = self.aov_sums.keys() | ({SHAPES} if self.shape_counts is not None else set())
+        assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
         self.ranges = _united(self.ranges, ((start, stop),))
-        for name, aov_sum in aov_sums.items():
-            self.aov_sums[name] += aov_sum
+        for name in self.aov_sums:
+            self.aov_sums[name] += aov_sums[name]
+        if self.shape_counts is not None:
+            self.shape_counts += ShapeCounts.of(aov_sums[SHAPES])
         batch = batch_of(start)
         self.radiance_sums[batch] += radiance_sum
         self.batch_counts[batch] += stop - start
@@ -121,6 +142,12 @@ class Film:
     def path_sets(self) -> int:
         """Path sets in the film: samples per pixel."""
         return int(self.batch_counts.sum())
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the sums in memory."""
+        shapes = 0 if self.shape_counts is None else self.shape_counts.nbytes
+        return self.radiance_sums.nbytes + sum(sums.nbytes for sums in self.aov_sums.values()) + shapes
 
     @property
     def mean(self) -> Float64:
@@ -132,26 +159,85 @@ class Film:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
         return _mean(self.radiance_sums, self.batch_counts)
 
-    def aov(self, name: str) -> Float64:
-        """(H, W, 3) float64, the mean of an AOV over the path sets, row 0 at the top; antialiased as `mean` is.
+    def aov(self, name: str) -> NDArray[Any]:
+        """An AOV of the film, row 0 at the top; antialiased as `mean` is. Of what the eye sees first, mirrors and
+        glass too:
 
-        "albedo" : diffuse reflectance of what is seen, plus its emission or the sky's radiance, cut at 1: linear
-                   Rec. 709, 0 to 1
-        "normal" : to shade with, in the world's frame, on the side that is seen; unit before averaging, 0 for
-                   the sky
+        "albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, cut at 1:
+                        linear Rec. 709, 0 to 1
+        "normal"      : (H, W, 3) float64, to shade with, in the world's frame, on the side that is seen; unit
+                        before averaging, 0 for the sky
+        "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
+                        samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
+                        own extent (of an endless plane) counts as so far
+        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none
+        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order;
+                        0 where there is none. An .exr has the Cryptomatte of objects with it, see `cryptomatte`
+        "material_id" : the same of materials
+
+        Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
+
+        "direct"      : emission and sky that are seen, and light that has met one surface on its way from there
+        "indirect"    : all else, ambient light too. Both together are `mean`
+
+        "samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
 
         Raises UsageError for one that was not rendered, or a film of no path set.
         """
-        if name not in self.aov_sums:
-            held = ", ".join(self.aov_sums) or "none"
+        if name not in self.metadata.aovs:
+            held = ", ".join(self.metadata.aovs) or "none"
             raise UsageError(
                 f"film: holds no AOV {name!r}; those that it holds: {held}.",
-                f'Render with aovs={AOVS!r}, by the integrators "path" or "gather".',
+                f"Render with aovs={DENOISER_AOVS if name in DENOISER_AOVS else (name,)!r}."
+                if name in AOVS
+                else f"There are {', '.join(AOVS)}.",
             )
         if not self.path_sets:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
-        mean: Float64 = self.aov_sums[name] / self.path_sets
-        return mean
+        if name in ID_AOVS:
+            return self._ids(name)
+        if name == "samples":
+            return self.path_sets - self.aov_sums["dropped"][..., 0].astype(np.int64)
+        if name == "indirect":
+            # Exact before it is divided: both are multiples of one power of two.
+            light = np.add.reduce(self.radiance_sums, axis=0) - self.aov_sums["direct"]
+            return np.asarray(light / self.path_sets)
+        sums = self.aov_sums[name]
+        if name in ("depth", "position"):
+            value, hits = sums[..., :-1], sums[..., -1:]
+            mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
+            return mean[..., 0] if name == "depth" else mean
+        return np.asarray(sums / self.path_sets)
+
+    def _ids(self, name: str) -> NDArray[np.int64]:
+        assert self.shape_counts is not None, "the metadata name an AOV that the film has not"
+        of = self.metadata.shape_materials
+        group = np.array(of if name == "material_id" else range(len(of)), np.int64)
+        return np.asarray(self.shape_counts.ranked(group, 1)[0][..., 0] + 1)
+
+    def cryptomatte(self, kind: Kind, ranks: int = RANKS) -> Cryptomatte:
+        """Which objects, or materials, cover each pixel, and how much of it: what compositors make mattes of.
+
+        kind  : "object" (shapes of one name are one) or "material"; the film needs the AOV "object_id" or
+                "material_id"
+        ranks : names that a pixel may have; of more, those that cover least are left out. The film itself counts
+                all, whatever their number
+
+        Raises UsageError as `aov` does, and for another kind.
+
+        `film.cryptomatte("object").matte("floor")` is (H, W), from 0 to 1.
+        """
+        if kind not in ("object", "material"):
+            raise UsageError(f"cryptomatte: {kind!r}; allowed are object, material")
+        if ranks < 1:
+            raise UsageError(f"cryptomatte: {ranks} ranks where one is needed at least")
+        if self.shape_counts is None or not self.path_sets:
+            self.aov(f"{kind}_id")  # which says why not
+        assert self.shape_counts is not None, "refused just now"
+        names = list(self.metadata.shape_names)
+        if kind == "material":
+            names = [self.metadata.material_names[i] for i in self.metadata.shape_materials]
+        return cryptomatte(kind, self.shape_counts, names, self.path_sets, ranks)
 
     def denoised(self) -> Float32:
         """(H, W, 3) float32, `mean` without its noise, by Open Image Denoise: W sr^-1 m^-2, linear Rec. 709.
@@ -197,6 +283,8 @@ class Film:
         self.batch_counts += other.batch_counts
         for name, sums in self.aov_sums.items():
             sums += other.aov_sums[name]
+        if self.shape_counts is not None and other.shape_counts is not None:
+            self.shape_counts = self.shape_counts + other.shape_counts
         self.metadata = replace(
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
@@ -343,7 +431,8 @@ class Film:
 
         .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
         .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image. AOVs that the film
-               holds are the layers albedo.R, G, B and normal.X, Y, Z
+               holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
+               `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
         .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
 
         denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
@@ -362,13 +451,19 @@ class Film:
             picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
             write_png(path, picture, self.provenance(denoised=denoise) | text)
         elif suffix == ".exr":
+            kinds: dict[str, Kind] = {"object_id": "object", "material_id": "material"}
+            mattes = [self.cryptomatte(kind) for name, kind in kinds.items() if name in self.metadata.aovs]
+            headers = [matte.header() for matte in mattes]
             write_exr(
                 path,
                 self.denoised() if denoise else self.mean,
-                self.provenance(denoised=denoise),
+                self.provenance(denoised=denoise)
+                | {key: text for header in headers for key, text in header.items()},
                 window=self.metadata.window,
                 full_resolution=self.metadata.full_resolution,
-                layers=({"noisy": self.mean} if denoise else {}) | {name: self.aov(name) for name in self.aov_sums},
+                layers=({"noisy": self.mean} if denoise else {})
+                | {name: self.aov(name) for name in self.metadata.aovs},
+                channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
             )
         else:
             self._save_npz(path)
@@ -384,6 +479,8 @@ class Film:
                 "metadata": np.array(json.dumps(asdict(self.metadata))),
                 **{_aov_key(name): sums for name, sums in self.aov_sums.items()},
             }
+            if self.shape_counts is not None:
+                arrays |= {"shape_keys": self.shape_counts.keys, "shape_counts": self.shape_counts.counts}
             np.savez(file, **arrays)
 
     @classmethod
@@ -406,10 +503,18 @@ class Film:
             sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
             if not np.isfinite(sums).all():
                 raise ValueError("it holds sums that are NaN or infinite")
-            for name in film.aov_sums:
-                film.aov_sums[name][:] = stored.read(_aov_key(name), "f", sums.shape[1:])
+            for name, n in metadata.aov_sums.items():
+                film.aov_sums[name][:] = stored.read(_aov_key(name), "f", (*sums.shape[1:3], n))
+            if film.shape_counts is not None:
+                keys = stored.read("shape_keys", "iu", (None,)).astype(np.int64)
+                met = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
+                film.shape_counts = ShapeCounts(film.shape_counts.size, keys, met)
+                film.shape_counts.check(len(metadata.shape_names), int(counts.sum()))
             if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
                 raise ValueError("it holds sums of AOVs that are NaN or infinite")
+            dropped = film.aov_sums.get("dropped", np.zeros(0))
+            if np.any(dropped < 0) or np.any(dropped > counts.sum()):
+                raise ValueError("its counts of dropped samples are not those of its path sets")
             film.radiance_sums[used] = sums
             film.batch_counts[:] = counts
             film.ranges = tuple((int(start), int(stop)) for start, stop in ranges)

@@ -11,9 +11,26 @@ from typing import Any, Literal, get_args
 from glpath.errors import UsageError
 from glpath.image import check_exposure
 
-#: What a film may hold beside radiance ("arbitrary output variables"): of the surfaces that the eye sees.
-Aov = Literal["albedo", "normal"]
+#: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
+Aov = Literal["albedo", "normal", "depth", "position", "object_id", "material_id", "direct", "indirect", "samples"]
 AOVS: tuple[Aov, ...] = get_args(Aov)
+#: Those that a denoiser goes by.
+DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
+#: Those made from counts of the shapes that samples have met.
+ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
+
+#: Which sums a film has for its AOVs, and how many numbers of each a pixel has: for "depth" and "position" also how
+#: many samples have met a surface. Indirect light is what direct light lacks of the picture.
+_SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
+    "albedo": (3, ("albedo",)),
+    "normal": (3, ("normal",)),
+    "depth": (2, ("depth",)),
+    "position": (4, ("position",)),
+    "direct": (3, ("direct", "indirect")),
+    "dropped": (1, ("samples",)),
+}
+#: The counts of shapes, by the same name as of a sum.
+SHAPES = "shapes"
 
 #: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
 SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
@@ -39,6 +56,8 @@ _DECIDES = {
     "window": "crop",
     "aovs": "aovs",
 }
+# What counts of shapes are of.
+_NAMES = ("shape_names", "material_names", "shape_materials")
 # Of an image, in pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
 
@@ -63,6 +82,9 @@ class FilmMetadata:
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
                       `radiosity_s`, of a gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
+    shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
+    material_names  : of its materials, likewise
+    shape_materials : the material of each shape, likewise
     stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
                       of films that were merged
     error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
@@ -85,6 +107,9 @@ class FilmMetadata:
     aovs: tuple[str, ...] = ()
     stop_rule: str = ""
     error_bound: float | None = None
+    shape_names: tuple[str, ...] = ()
+    material_names: tuple[str, ...] = ()
+    shape_materials: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
@@ -92,11 +117,29 @@ class FilmMetadata:
             object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
         object.__setattr__(self, "window", tuple(self.window))
-        object.__setattr__(self, "aovs", tuple(self.aovs))
+        for name in ("aovs", *_NAMES):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+
+    @property
+    def aov_sums(self) -> dict[str, int]:
+        """The sums that the AOVs are made of, and how many numbers of each a pixel has."""
+        return {name: channels for name, (channels, of) in _SUMS.items() if not set(of).isdisjoint(self.aovs)}
+
+    @property
+    def counts_shapes(self) -> bool:
+        """Whether the AOVs need counts of the shapes that samples have met."""
+        return not set(ID_AOVS).isdisjoint(self.aovs)
 
     def as_strings(self) -> dict[str, str]:
-        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ..."""
-        plain = {key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(self).items()}
+        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ...
+
+        But for the names of shapes and materials, which may be many, and are in a Cryptomatte's manifest.
+        """
+        plain = {
+            key: value if isinstance(value, str) else json.dumps(value)
+            for key, value in asdict(self).items()
+            if key not in _NAMES
+        }
         return {f"glpath.{key}": value for key, value in plain.items()}
 
 
@@ -118,6 +161,7 @@ def metadata_of(text: str) -> FilmMetadata:
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
+    _check_names(metadata)
     sizes = (*metadata.full_resolution, *metadata.window)
     if [len(metadata.full_resolution), len(metadata.window)] != [2, 4] or not all(type(n) is int for n in sizes):
         raise ValueError(f"its resolution and window are {shown(sizes)}")
@@ -125,6 +169,15 @@ def metadata_of(text: str) -> FilmMetadata:
     if not (0 <= x < x + w <= width <= _MAX_SIDE and 0 <= y < y + h <= height <= _MAX_SIDE):
         raise ValueError(f"its window {metadata.window} is not within its resolution {metadata.full_resolution}")
     return metadata
+
+
+def _check_names(metadata: FilmMetadata) -> None:
+    """Raise ValueError for names that are not those of shapes and their materials."""
+    shapes, materials, of = metadata.shape_names, metadata.material_names, metadata.shape_materials
+    if not all(isinstance(name, str) for name in (*shapes, *materials)) or len(shapes) != len(of):
+        raise ValueError("its names of shapes and materials are not as many texts")
+    if not all(type(number) is int and 0 <= number < len(materials) for number in of):
+        raise ValueError(f"its shapes are of materials {shown(of[:20])}, of which it names {len(materials)}")
 
 
 def _refuse(constant: str) -> None:

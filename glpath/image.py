@@ -169,7 +169,8 @@ def write_exr(
     *,
     window: tuple[int, int, int, int] | None = None,
     full_resolution: tuple[int, int] | None = None,
-    layers: Mapping[str, Float64] | None = None,
+    layers: Mapping[str, NDArray[Any]] | None = None,
+    channels: Mapping[str, NDArray[np.float32]] | None = None,
     alpha: Float64 | None = None,
 ) -> None:
     """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
@@ -177,8 +178,9 @@ def write_exr(
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
     full_resolution : (width, height) of the whole image: the display window
-    layers          : name to (H, W, 3), more pictures of the same size, as channels NAME.R, NAME.G, NAME.B; that
-                      of the name "normal" as normal.X, normal.Y, normal.Z
+    layers          : name to (H, W) or (H, W, 3), more pictures of the same size, as the channels that
+                      `layer_channels` says
+    channels        : (H, W) by the full name of the channel, as they are
     alpha           : (H, W) opacity, as channel A; the colours are written as they are
 
     Raises ImageError.
@@ -197,14 +199,31 @@ def write_exr(
         "displayWindow": _box(0, 0, full_width, full_height),
         **(metadata or {}),
     }
-    channels = {"RGB": pixels}
+    written = {"RGB": pixels} | {
+        name: np.ascontiguousarray(channel, np.float32) for name, channel in (channels or {}).items()
+    }
     if alpha is not None:
-        channels["A"] = np.ascontiguousarray(alpha, np.float32)
+        written["A"] = np.ascontiguousarray(alpha, np.float32)
     for name, layer in (layers or {}).items():
-        for i, axis in enumerate("XYZ" if name == "normal" else "RGB"):
-            channels[f"{name}.{axis}"] = np.ascontiguousarray(layer[..., i], np.float32)
+        planes = layer[..., None] if layer.ndim == 2 else layer
+        for i, channel in enumerate(layer_channels(name)):
+            written[channel] = np.ascontiguousarray(planes[..., i], np.float32)
     with whole_file(path) as temporary:
-        OpenEXR.File(header, channels).write(str(temporary))
+        OpenEXR.File(header, written).write(str(temporary))
+
+
+# What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
+_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "object_id": "X", "material_id": "X", "samples": "X"}
+
+
+def layer_channels(name: str) -> list[str]:
+    """The channels of a layer in an EXR: NAME.R, .G, .B of colours, .X, .Y, .Z of vectors, depth.Z, .X of a number.
+
+    Nuke takes depth.Z for its own depth, as it does Z; Blender and Natron show each layer as a pass. float32, also
+    of whole numbers, as Blender and Cycles write theirs: all up to 2**24 are exact, and readers that know one type
+    of channel only take them too.
+    """
+    return [f"{name}.{letter}" for letter in _LETTERS.get(name, "RGB")]
 
 
 def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

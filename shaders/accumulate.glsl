@@ -4,8 +4,10 @@
 //   low.rgb, high.rgb  the sums
 //   low.a              rays cast
 //   high.a             of these lost, and from bit DROPPED_SHIFT on samples dropped
+// Where direct light is summed by itself (SPLIT_LIGHT) it leaves as quanta of this sample alone, for direct_sums.frag.
 #include "texels.glsl"
 #include <CONSTANTS>
+#include "split_light.glsl"
 UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
 uniform float quanta;  // per unit of radiance
@@ -14,9 +16,16 @@ uniform float quanta;  // per unit of radiance
 layout(rgba32ui) writeonly uniform uimage2D new_low;
 layout(rgba32ui) writeonly uniform uimage2D new_high;
 uvec4 low, high;
+#ifdef SPLIT_LIGHT
+layout(rgba32f) writeonly uniform image2D new_direct;
+vec4 direct;
+#endif
 #else
 layout(location = 0) out uvec4 low;
 layout(location = 1) out uvec4 high;
+#ifdef SPLIT_LIGHT
+layout(location = 2) out vec4 direct;
+#endif
 #endif
 
 // radiance.a: events of a path, its casts below CAST_BITS and its losses above (path_result.glsl)
@@ -30,6 +39,9 @@ void accumulate(ivec2 pixel, vec4 radiance)
     bool bad = any(equal(exponent, uvec3(0x7f800000u))) || any(greaterThan(scaled, vec3(1.0e18)));
     bad = bad || any(lessThan(scaled, vec3(0.0)));
     if (bad) scaled = vec3(0.0);
+#ifdef SPLIT_LIGHT
+    direct = vec4(bad ? vec3(0.0) : floor(direct_part * quanta + 0.5), 0.0);
+#endif
     vec3 upper = floor(scaled * (1.0 / 4294967296.0));
     uvec3 add_low = uvec3(scaled - upper * 4294967296.0);
 
@@ -43,5 +55,8 @@ void accumulate(ivec2 pixel, vec4 radiance)
 #ifdef COMPUTE
     imageStore(new_low, pixel, low);
     imageStore(new_high, pixel, high);
+#ifdef SPLIT_LIGHT
+    imageStore(new_direct, pixel, direct);
+#endif
 #endif
 }

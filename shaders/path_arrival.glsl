@@ -4,12 +4,17 @@
 #include "texels.glsl"
 #include "path_course.glsl"
 #include "path_result.glsl"
+#include "split_light.glsl"
 
 TEXELS(rgba32f, path_position);
 TEXELS(rgba32f, path_beta);
 TEXELS(rgba32f, path_radiance);
 uniform vec3 path_d[VIEWS];
 uniform int path_views;
+#ifdef SPLIT_LIGHT
+TEXELS(rgba32f, path_direct);
+uniform bool first_bounce;  // light found here has met one surface
+#endif
 
 struct Arrival
 {
@@ -28,6 +33,9 @@ Arrival arrive(ivec2 pixel)
 {
     Arrival a;
     a.radiance = texel(path_radiance, pixel);
+#ifdef SPLIT_LIGHT
+    direct_part = texel(path_direct, pixel).rgb;
+#endif
     float weight;
     a.triangle = path_result(pixel, weight);
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
@@ -38,6 +46,9 @@ Arrival arrive(ivec2 pixel)
         vec3 seen = path_d[course_view(course)] * sign(course);
         vec3 beta = texel(path_beta, pixel).rgb * weight;
         if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+#ifdef SPLIT_LIGHT
+        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+#endif
     }
 #endif
     if (a.triangle < 0) return a;
@@ -56,5 +67,9 @@ Arrival arrive(ivec2 pixel)
     vec3 Le = emitted(a.surface, a.front, light_point);
     float density = direction_density(course_cosine(from.w), path_views);
     if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+#ifdef SPLIT_LIGHT
+    if (density > 0.0 && first_bounce)
+        direct_part += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+#endif
     return a;
 }

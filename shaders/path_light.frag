@@ -6,8 +6,17 @@
 #ifdef LAST_VERTEX
 #include "accumulate.glsl"
 TEXELS(rgba32f, path_radiance);
+#ifdef SPLIT_LIGHT
+TEXELS(rgba32f, path_direct);
+#endif
 #else
 layout(location = 0) out vec4 radiance;
+#ifdef SPLIT_LIGHT
+layout(location = 1) out vec4 direct;
+#endif
+#endif
+#ifdef SPLIT_LIGHT
+uniform bool first_vertex;  // the light has met this surface alone
 #endif
 
 TEXELS(rgba32f, distant_start);
@@ -23,9 +32,18 @@ void main()
         if (found == PATH_MISSED) lit.rgb = texel(distant_light, pixel).rgb * weight;
         lit.a = scan_events(found);
     }
+#ifdef SPLIT_LIGHT
+    vec4 found = first_vertex ? vec4(lit.rgb, 0.0) : vec4(0.0);
+#endif
 #ifdef LAST_VERTEX
+#ifdef SPLIT_LIGHT
+    direct_part = texel(path_direct, pixel).rgb + found.rgb;
+#endif
     accumulate(pixel, texel(path_radiance, pixel) + lit);
 #else
     radiance = lit;
+#ifdef SPLIT_LIGHT
+    direct = found;
+#endif
 #endif
 }

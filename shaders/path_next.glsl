@@ -13,6 +13,10 @@ vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif
 
+#if defined(SPLIT_LIGHT) && defined(LAST_VERTEX)
+vec3 last_lit;  // what the light sample brought here
+#endif
+
 struct PathState
 {
     vec4 position;  // w: its course, see path_course.glsl
@@ -87,7 +91,11 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
 PathState lit_and_gone_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
 {
 #ifdef LAST_VERTEX
-    return ended(radiance + lit(v, path, beta, 0) + beta * v.bsdf.diffuse * ambient);
+    vec3 found = lit(v, path, beta, 0);
+#ifdef SPLIT_LIGHT
+    last_lit = found;
+#endif
+    return ended(radiance + found + beta * v.bsdf.diffuse * ambient);
 #else
     return go_on(v, path, beta, radiance + lit(v, path, beta, next_views));
 #endif

@@ -31,6 +31,10 @@
 #ifdef GUIDED
 #include "path_guide.glsl"
 #endif
+#include "split_light.glsl"
+#ifdef SPLIT_LIGHT
+int scattered = 0;  // surfaces that the path has left, panes that it went straight through aside
+#endif
 #ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
@@ -149,6 +153,9 @@ void add_unblocked(
             lit *= through_panes;
 #endif
             L += lit;
+#ifdef SPLIT_LIGHT
+            if (scattered == 0) direct_part += lit;
+#endif
         }
     }
 }
@@ -173,6 +180,9 @@ vec4 trace_path(ivec2 pixel)
     vec3 L = vec3(0.0), beta = vec3(1.0);
 #ifdef LAMP_EDGES
     float seen = lamps_seen(pixel, L) ? 0.0 : 1.0;  // the path's share of the light that the eye sees
+#ifdef SPLIT_LIGHT
+    direct_part = L;
+#endif
 #else
     const float seen = 1.0;
 #endif
@@ -203,6 +213,9 @@ vec4 trace_path(ivec2 pixel)
             // Shared with the light sample of the vertex before, as emission is.
             float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
             L += beta * sky(direction) * share;
+#ifdef SPLIT_LIGHT
+            if (scattered <= 1) direct_part += beta * sky(direction) * share;
+#endif
         }
 #endif
         if (arrived && triangle >= 0) {
@@ -217,6 +230,11 @@ vec4 trace_path(ivec2 pixel)
 
             vec3 Le = emitted(v.surface, front, light_point);
             L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+#ifdef SPLIT_LIGHT
+            if (scattered <= 1)
+                direct_part += beta * Le
+                    * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+#endif
 
             vec3 reflected = beta;  // of direct light
             goes_on = at.depth < vertices - 1;
@@ -309,6 +327,9 @@ vec4 trace_path(ivec2 pixel)
             way = 0.0;
             inside = vec3(0.0);
 #endif
+#ifdef SPLIT_LIGHT
+            scattered = 0;
+#endif
         }
 #endif
         if (!goes_on) break;
@@ -331,6 +352,9 @@ vec4 trace_path(ivec2 pixel)
                 way = reached;
                 vertices += 1;
                 if (at.depth == 0) density = MIRRORED;
+#ifdef SPLIT_LIGHT
+                scattered -= 1;
+#endif
             } else
 #endif
             {
@@ -381,6 +405,9 @@ vec4 trace_path(ivec2 pixel)
         }
         goes_on = goes_on && most > 0.0 && cosine > 0.0;
         at.depth += 1;
+#ifdef SPLIT_LIGHT
+        scattered += 1;
+#endif
         if (goes_on) {
             rays += 1.0;
 #ifdef HAS_ALPHA

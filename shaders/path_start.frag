@@ -20,6 +20,9 @@ void main()
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     if (triangle < 0) {
 #ifdef HAS_SKY
+#ifdef SPLIT_LIGHT
+        direct_part = sky(eye_direction(pixel));
+#endif
         leave(pixel, ended(sky(eye_direction(pixel))), 0.0);
 #else
         leave(pixel, ended(vec3(0.0)), 0.0);
@@ -34,5 +37,13 @@ void main()
     float light_point;
     vec3 Le = emitted(s, front, light_point);
     PathVertex v = path_vertex(s, triangle, plane, front, -d);
-    leave(pixel, lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le), 0.0);
+    PathState next = lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le);
+#ifdef SPLIT_LIGHT
+    direct_part = next.radiance;
+#ifdef LAST_VERTEX
+    // Ambient light stands for what comes by way of other surfaces.
+    direct_part = Le + last_lit;
+#endif
+#endif
+    leave(pixel, next, 0.0);
 }

@@ -1,5 +1,6 @@
 // path_state.glsl: where a vertex pass leaves its paths: their states, or, with TO_SUMS, the sums.
 // Needs: path_next.glsl
+#include "split_light.glsl"
 #ifdef TO_SUMS
 #include "accumulate.glsl"
 
@@ -15,6 +16,13 @@ layout(location = 2) out vec4 radiance;
 layout(location = 3) out vec4 start;
 layout(location = 4) out vec4 light;
 #endif
+#ifdef SPLIT_LIGHT
+#ifdef HAS_DISTANT_LIGHTS
+layout(location = 5) out vec4 direct;
+#else
+layout(location = 3) out vec4 direct;
+#endif
+#endif
 
 void leave(ivec2 pixel, PathState state, float events)
 {
@@ -24,6 +32,9 @@ void leave(ivec2 pixel, PathState state, float events)
 #ifdef HAS_DISTANT_LIGHTS
     start = pending_start;
     light = vec4(pending_light, 0.0);
+#endif
+#ifdef SPLIT_LIGHT
+    direct = vec4(direct_part, 0.0);
 #endif
 }
 #endif

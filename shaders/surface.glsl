@@ -173,14 +173,21 @@ vec4 plane_met(int triangle, ivec2 pixel)
 }
 
 // A streamed triangle has nothing but its corners: it is shaded flat.
+int shape_met(int triangle, ivec2 pixel)
+{
+    if (triangle < resident_triangles) return shape_of(triangle);
+    return int(texel(met_records, record_place(pixel, RECORD_CORNER_A)).w);
+}
+
 Surface surface_met(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 {
     if (triangle < resident_triangles) return surface_of_triangle(triangle, position, plane);
-    Surface s = surface_of_shape(int(texel(met_records, record_place(pixel, RECORD_CORNER_A)).w), position, plane.xyz);
+    Surface s = surface_of_shape(shape_met(triangle, pixel), position, plane.xyz);
     s.triangle = triangle;
     return s;
 }
 #else
+#define shape_met(primitive, pixel) shape_of(primitive)
 #define plane_met(triangle, pixel) facet_texel(triangle, FACET_PLANE)
 #define surface_met(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
 #endif

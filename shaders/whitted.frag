@@ -124,6 +124,9 @@ void main()
         if (primitive < 0)
         {
             L += weight * sky(direction);
+#ifdef SPLIT_LIGHT
+            if (depth <= 2) direct_part += weight * sky(direction);
+#endif
             break;
         }
         Surface s = surface_at(primitive, origin, direction, t);
@@ -136,12 +139,23 @@ void main()
 
         float light_point;
         L += weight * (ambient * bsdf.diffuse + emitted(s, front, light_point));
+#ifdef SPLIT_LIGHT
+        if (depth <= 2) direct_part += weight * emitted(s, front, light_point);
+#endif
 #ifdef COUNT_TESTS
         uint before = tests;
 #endif
-        L += weight * light_from_lights(primitive, s, normal, n, bsdf, -direction, rounding);
+        vec3 lit = light_from_lights(primitive, s, normal, n, bsdf, -direction, rounding);
+        L += weight * lit;
+#ifdef SPLIT_LIGHT
+        if (depth == 1) direct_part += weight * lit;
+#endif
 #ifdef LIGHT_SAMPLES
-        L += weight * light_from_samples(primitive, s, normal, n, bsdf, -direction, rounding);
+        lit = light_from_samples(primitive, s, normal, n, bsdf, -direction, rounding);
+        L += weight * lit;
+#ifdef SPLIT_LIGHT
+        if (depth == 1) direct_part += weight * lit;
+#endif
 #endif
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;

@@ -24,6 +24,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob
 
 BLIND = 12
+
+FILM_AOVS = ("albedo", "depth", "object_id", "samples")
 
 OBJ = "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 1 0 0\nv 0 1 0 1 0 0\nvt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf 1/1 3/2 -1/1\n"
 PLY_HEAD = (
@@ -70,8 +73,12 @@ def check_film(film: Film) -> None:
     assert film.path_sets > 10_000 or np.array_equal(again, film.batch_counts)
     if film.path_sets:
         check_picture(film.mean)
-        for name in film.aov_sums:
-            check_picture(film.aov(name))
+        if "object_id" in film.metadata.aovs:
+            film.cryptomatte("object")
+        for name in film.metadata.aovs:
+            found = film.aov(name)
+            assert found.shape[:2] == film.mean.shape[:2]
+            assert np.isfinite(found).all()
     repr(film)
     film.provenance()
     film.merge(Film.empty(film.metadata))
@@ -139,11 +146,15 @@ def make(folder: Path) -> None:
     rng = np.random.default_rng(0)
     fields = {"sampling": "sobol", "ambient": [0.0, 0.0, 0.0]}
     sizes = (8, 6), (1, 1, 6, 4)
-    metadata = FilmMetadata("a", "0", "path_trace", 0, 5, fields, *sizes, statistics={"n": 2}, aovs=("albedo",))
+    metadata = FilmMetadata("a", "0", "path_trace", 0, 5, fields, *sizes, statistics={"n": 2}, aovs=FILM_AOVS)
+    metadata = replace(metadata, shape_names=("a", "b"), material_names=("c",), shape_materials=(0, 0))
     film = Film.empty(metadata)
     for first, last in ((0, 20), (30, 40)):
         for start, stop in blocks(first, last):
-            film.add(start, stop, rng.random((4, 6, 3)), {"albedo": rng.random((4, 6, 3))})
+            aovs = {name: rng.random((4, 6, n)) for name, n in metadata.aov_sums.items()}
+            aovs["dropped"] = np.floor(2 * aovs["dropped"])
+            shapes = rng.integers(0, 3, (4, 6, stop - start)).astype(np.uint32)
+            film.add(start, stop, rng.random((4, 6, 3)), aovs | {"shapes": shapes})
     film.save(folder / "film.npz")
     film.save(folder / "picture.exr")
     film.save(folder / "picture.png")

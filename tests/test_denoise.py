@@ -20,7 +20,7 @@ from glpath.denoise import denoised
 from glpath.errors import GlpathError, UsageError
 from glpath.experiments.references import smaller, stored_reference
 from glpath.film import Film
-from glpath.film_metadata import AOVS
+from glpath.film_metadata import DENOISER_AOVS as AOVS
 from glpath.image import read_exr_channels, read_image
 from glpath.rendering import RenderJob
 

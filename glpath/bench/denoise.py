@@ -39,7 +39,7 @@ from glpath.bench.references import Reference
 from glpath.denoise import denoised, require_denoiser
 from glpath.experiments.mitsuba_peer import time_aovs
 from glpath.experiments.verdict import Condition, Report, faults, judge, machine
-from glpath.film_metadata import AOVS
+from glpath.film_metadata import DENOISER_AOVS
 from glpath.gl.context import get_context
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.scene import load_scene
@@ -93,11 +93,11 @@ def bench_denoise(
         "gather": Contestant(
             # With so few sets, edges want more of them rather than branches.
             _SETS,
-            ours(lambda seed: gather_engine(context, scene, solution, seed, aovs=AOVS, branches=1)),
+            ours(lambda seed: gather_engine(context, scene, solution, seed, aovs=DENOISER_AOVS, branches=1)),
             "set",
         ),
         "path": Contestant(
-            _SETS, ours(lambda seed: path_engine_of(context, scene, solution, seed, aovs=AOVS)), "set"
+            _SETS, ours(lambda seed: path_engine_of(context, scene, solution, seed, aovs=DENOISER_AOVS)), "set"
         ),
     }
     if peer is not None:
@@ -152,12 +152,12 @@ def _denoised_steps(
     engine: PathSetEngine, counts: Sequence[int], clean: Callable[[Float64, Float64, Float64], Float64]
 ) -> Steps:
     """As `trace_in_steps`, each picture denoised."""
-    sums: dict[str, Float64 | float] = dict.fromkeys(AOVS, 0.0)
+    sums: dict[str, Float64 | float] = dict.fromkeys(DENOISER_AOVS, 0.0)
 
     def finish(picture: Float64, sets: int) -> Float64:
         for name, found in engine.take_aovs().items():
             sums[name] = sums[name] + found
-        albedo, normal = (np.asarray(sums[name]) / sets for name in AOVS)
+        albedo, normal = (np.asarray(sums[name]) / sets for name in DENOISER_AOVS)
         return clean(picture, albedo, normal)
 
     return trace_in_steps(engine, counts, finish)

@@ -80,7 +80,7 @@ def _annotation(option: Option) -> Any:
     kind: Any = setting.type
     metavar = _extra(option).get("metavar")
     if setting.several:
-        kind, metavar = list[str], "|".join(setting.words)
+        kind, metavar = list[str], "|".join(setting.given_words)
     elif setting.words:
         kind, metavar = str, "|".join(setting.words)
     elif kind == Rgb:
@@ -96,7 +96,7 @@ def _annotation(option: Option) -> Any:
             help=description[0].upper() + description[1:] + ("; may be repeated." if setting.several else "."),
             show_default=False,
             rich_help_panel=_panel(option),
-            autocompletion=words(setting.words) if setting.words else None,
+            autocompletion=words(setting.given_words) if setting.words else None,
         ),
     ]
 
@@ -113,7 +113,7 @@ def _value(option: Option, integrator: str, value: Any) -> Any:
     setting = option.settings.get(integrator, option.first)
     if setting.words:
         for word in value if setting.several else (value,):
-            check_choice(_flag_of(option), word, setting.words)
+            check_choice(_flag_of(option), word, setting.given_words)
     elif setting.type == Rgb:
         return colour(flag(option.name), value)
     elif setting.type in (int, float) and setting.meta is not None:

@@ -65,7 +65,7 @@ from glpath.cli.values import shutter as read_shutter
 from glpath.denoise import require_denoiser
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
-from glpath.film_metadata import AOVS, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.film_metadata import DENOISER_AOVS, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.image import TONEMAPS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, Progress, duration, percent, reporting
@@ -337,7 +337,7 @@ def render(
                 f"--denoise with --integrator {integrator}: it has no grain for a denoiser to take away.",
                 "Render more path sets, or take --integrator path or gather.",
             )
-        options["aovs"] = list(AOVS)
+        options["aovs"] = [*(options["aovs"] or ()), *DENOISER_AOVS]
     options = option_values(integrator, options)
     stops = read_exposure(exposure)
     machine = {
@@ -617,10 +617,10 @@ def _of_file(path: Path, denoise: bool) -> tuple[Start, int]:
     from glpath import rendering
 
     job = rendering.RenderJob.load(path)
-    if denoise and getattr(job.integrator, "aovs", ()) != AOVS:
+    if denoise and not set(DENOISER_AOVS) <= set(job.integrator.aovs):
         raise UsageError(
             f"--denoise beside --job: {path} asks for no AOVs albedo and normal, by which pictures are denoised.",
-            f'Make the job with aovs={AOVS!r}, by the integrators "path" or "gather".',
+            f"Make the job with aovs={DENOISER_AOVS!r}.",
         )
 
     def start(more: dict[str, Any]) -> Film:

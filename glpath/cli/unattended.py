@@ -199,7 +199,7 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
         "counts": statistics,
         "memory": {
             "peak_resident_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-            "film_bytes": film.radiance_sums.nbytes + sum(sums.nbytes for sums in film.aov_sums.values()),
+            "film_bytes": film.nbytes,
         },
         "device": m.device,
         "versions": m.versions,

@@ -1,40 +1,68 @@
 """AOVs: what the eye sees of the surfaces themselves, summed over the path sets as radiance is.
 
-They come from the same eye rays, so that an edge is as soft in them as in the picture.
+They come from the same eye rays, so that an edge is as soft in them as in the picture. All sums are whole numbers
+of quanta, exact in any order; which shapes are seen is counted on the CPU, as many as there are.
 
-Cost:     a draw over the pixels for each path set: it adds 5 % to a set of `cornell-box-36`, 2 % to one of `room`.
-          Nothing where none is asked for.
-Poor at:  mirrors and glass, which show what others are: they have their own colour and normal here.
+Cost:     a draw over the pixels for each path set: albedo and normal add 5 % to a set of `cornell-box-36`, 2 % to
+          one of `room`. Nothing where none is asked for.
+Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, place and name here.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.film_metadata import ID_AOVS, SHAPES
+from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
+from glpath.gl.sums import PixelSums
+from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-_SUMS = ("sum_first", "sum_second")
+# By what is summed together: the AOVs, and the names of the sums in shaders/aov.glsl.
+_GROUPS = {
+    "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
+    "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
+}
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
-# they are (`shaders/aov.frag`).
+# they are (`shaders/aov.glsl`).
 _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
+# Places have so many bits: those of a float, and how far beyond the scene surfaces may be seen (of endless planes).
+_PLACE_BITS = 36
+#: In extents of the scene about the origin of the world.
+FARTHEST = 1024
+# Path sets whose shapes are read back together.
+_SETS_READ = 8
+
+
+def light_aovs(
+    settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
+) -> dict[str, NDArray[np.float64]]:
+    """What `Film.add` takes of the AOVs that are of light, when radiance has been taken.
+
+    dropped : (h, w) samples that were not finite
+    """
+    found = {"dropped": dropped[..., None].astype(np.float64)} if "samples" in settings.aovs else {}
+    direct = sums.take_direct()
+    return found if direct is None else {**found, "direct": direct}
 
 
 class EyeAovs:
-    """The AOVs of one window of the image.
+    """The AOVs of one window of the image, of those that are of surfaces.
 
     names      : out of `film_metadata.AOVS`
     size       : (width, height) of the window, pixels
-    eye_buffer : the triangle that every pixel sees + 1, 0 for none
+    eye_buffer : the primitive that every pixel sees + 1, 0 for none; of two components: and the bits of its t
     eye_defines : see `gl.camera.camera_defines`
     met        : records of streamed triangles, by the name in GLSL, where the scene has such
     """
@@ -43,68 +71,160 @@ class EyeAovs:
         self,
         gl: moderngl.Context,
         scene: DeviceScene,
-        names: Sequence[str],
+        names: Iterable[str],
         size: tuple[int, int],
         eye_buffer: moderngl.Texture,
         eye_defines: Mapping[str, object],
         met: Mapping[str, moderngl.Texture] | None = None,
     ) -> None:
-        self._names, self._size = names, size
-        self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky)}
-        self._textures = [[gl.texture(size, 4, dtype="u4") for _ in _SUMS] for _ in range(2)]
-        for texture in self._textures[0] + self._textures[1]:
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        program = load_program(
-            gl,
-            vertex="fullscreen.vert",
-            fragment="aov.frag",
-            generated=scene.generated,
-            defines={**scene.defines, **eye_defines, "AOV_QUANTA": float(_QUANTA)},
-        )
+        self._gl, self._names, self._size = gl, set(names), size
+        groups = {name: of for name, of in _GROUPS.items() if not self._names.isdisjoint(of[0])}
+        sums = [name for _, of in groups.values() for name in of]
+        # From the scene alone, so that films by several cameras, and crops, have one quantum.
+        reach = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
+        self._place_quanta = 2.0 ** min(_PLACE_BITS - int(np.ceil(np.log2(reach))), 120)
+        self._uniforms = {
+            **scene.uniforms,
+            **sky_uniforms(scene.scene.sky),
+            "place_quanta": self._place_quanta,
+            "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
+        }
+        self._textures = [{name: self._texture(4) for name in sums} for _ in range(2)]
         seen = {**scene.textures, "eye_buffer": eye_buffer, **(met or {})}
-        self._passes = [
-            Pass(
-                "AOVs",
+        self._passes: list[Pass] = []
+        if groups:
+            defines = {**scene.defines, **eye_defines, "AOV_QUANTA": float(_QUANTA), **dict.fromkeys(groups, 1)}
+            program = load_program(
                 gl,
-                program,
-                gl.framebuffer(self._textures[1 - i]),
-                textures=seen | dict(zip(_SUMS, self._textures[i], strict=True)),
+                vertex="fullscreen.vert",
+                fragment="aov.frag" if eye_buffer.components == 1 else "aov_primitives.frag",
+                generated=scene.generated,
+                defines=defines,
             )
-            for i in range(2)
-        ]
+            self._passes = [
+                Pass(
+                    "AOVs",
+                    gl,
+                    program,
+                    gl.framebuffer([*self._textures[1 - i].values()]),
+                    textures=seen | self._textures[i],
+                )
+                for i in range(2)
+            ]
+        self._shapes: list[moderngl.Texture] = []
+        if not self._names.isdisjoint(ID_AOVS):
+            self._make_shape_passes(scene, seen, eye_buffer.components)
         self._sum = 0  # which of the two sets of sums holds the present ones
         self._path_sets = 0
-        self._taken = np.zeros((*size[::-1], 6))
+        self._unread = 0  # path sets whose shapes are on the device
+        self._taken: dict[str, NDArray[np.float64]] = {}
+        self._taken_shapes: list[NDArray[np.uint32]] = []
+        self._begin()
         self._empty()
+
+    @classmethod
+    def of(
+        cls,
+        gl: moderngl.Context,
+        scene: DeviceScene,
+        names: Iterable[str],
+        size: tuple[int, int],
+        eye_buffer: moderngl.Texture,
+        eye_defines: Mapping[str, object],
+        met: Mapping[str, moderngl.Texture] | None = None,
+    ) -> EyeAovs | None:
+        """None where none of the AOVs is of surfaces."""
+        surfaces = {name for aovs, _ in _GROUPS.values() for name in aovs} | set(ID_AOVS)
+        asked = surfaces.intersection(names)
+        return cls(gl, scene, asked, size, eye_buffer, eye_defines, met) if asked else None
 
     def add(self, eye: Uniforms) -> None:
         """One more path set, whose eye buffer is filled."""
-        if self._path_sets == _MOST_PATH_SETS:
-            self._collect()
-        self._passes[self._sum].run(self._uniforms | eye)
-        self._sum = 1 - self._sum
+        if self._passes:
+            if self._path_sets == _MOST_PATH_SETS:
+                self._collect()
+            self._passes[self._sum].run(self._uniforms | eye)
+            self._sum = 1 - self._sum
         self._path_sets += 1
+        if self._shapes:
+            if self._unread == _SETS_READ:
+                self._read_shapes()
+            self._shape_passes[self._unread].run(self._uniforms)
+            self._unread += 1
 
-    def take(self) -> dict[str, NDArray[np.float64]]:
-        """(h, w, 3) sums by name over the path sets since the last call, in multiples of one power of two."""
+    def take(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint32]]:
+        """What `Film.add` takes of them, over the path sets since the last call."""
         self._collect()
-        found = {"albedo": self._taken[..., :3], "normal": self._taken[..., 3:]}
-        self._taken = np.zeros_like(self._taken)
-        return {name: found[name] for name in self._names}
+        found: dict[str, NDArray[np.float64] | NDArray[np.uint32]] = {
+            name: sums for name, sums in self._taken.items() if name in self._names
+        }
+        if self._shapes:
+            self._read_shapes()
+            found[SHAPES] = np.stack(self._taken_shapes, axis=2) if self._taken_shapes else self._no_shapes()
+        self._begin()
+        return found
+
+    def _begin(self) -> None:
+        height, width = self._size[::-1]
+        numbers = {"albedo": 3, "normal": 3, "depth": 2, "position": 4}
+        self._taken = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
+        self._taken_shapes = []
 
     def _collect(self) -> None:
         """Add what the device has to what was taken, and begin anew there."""
-        width, height = self._size
-        first, second = (
-            np.frombuffer(texture.read(), np.uint32).reshape(height, width, 4)[::-1].astype(np.float64)
-            for texture in self._textures[self._sum]
-        )
-        self._taken += np.concatenate([first, second[..., :2]], axis=2) / _QUANTA
-        # What was not finite is not in the sum, so the 1 isn't either.
-        self._taken[..., 3:] -= self._path_sets - second[..., 3:]
+        sums = {name: self._read(texture) for name, texture in self._textures[self._sum].items()}
+        if "sum_first" in sums:
+            first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
+            # What was not finite is not in the sum, so the 1 isn't either.
+            normal = np.concatenate([first[..., 3:], second[..., :2]], axis=2) / _QUANTA
+            self._add("albedo", first[..., :3] / _QUANTA)
+            self._add("normal", normal - (self._path_sets - second[..., 3:]))
+        if "sum_low" in sums:
+            low, high = sums["sum_low"].astype(np.int64), sums["sum_high"]
+            hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
+            depth = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
+            # The upper word has the sign.
+            upper = np.concatenate([high[..., :3].view(np.int32), depth], axis=2)
+            place = ((upper << 32) + low) / self._place_quanta
+            self._add("position", np.concatenate([place[..., :3], hits], axis=2))
+            self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
         self._empty()
 
+    def _add(self, name: str, sums: NDArray[np.float64]) -> None:
+        if name in self._taken:
+            self._taken[name] += sums
+
     def _empty(self) -> None:
-        for texture in self._textures[self._sum]:
+        for texture in self._textures[self._sum].values():
             texture.write(bytes(16 * self._size[0] * self._size[1]))
         self._path_sets = 0
+
+    def _make_shape_passes(self, scene: DeviceScene, seen: dict[str, moderngl.Texture], components: int) -> None:
+        program = load_program(
+            self._gl,
+            vertex="fullscreen.vert",
+            fragment="shapes_seen.frag",
+            generated=scene.generated,
+            defines={**scene.defines, "EYE_FORMAT": ("r32ui", "rg32ui")[components - 1]},
+        )
+        self._shapes = [self._texture(1) for _ in range(_SETS_READ)]
+        self._shape_passes = [
+            Pass("shapes seen", self._gl, program, self._gl.framebuffer([texture]), textures=seen)
+            for texture in self._shapes
+        ]
+
+    def _read_shapes(self) -> None:
+        self._taken_shapes += [self._read(texture)[..., 0] for texture in self._shapes[: self._unread]]
+        self._unread = 0
+
+    def _no_shapes(self) -> NDArray[np.uint32]:
+        return np.zeros((*self._size[::-1], 0), np.uint32)
+
+    def _texture(self, components: int) -> moderngl.Texture:
+        texture = self._gl.texture(self._size, components, dtype="u4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def _read(self, texture: moderngl.Texture) -> NDArray[np.uint32]:
+        width, height = self._size
+        return np.frombuffer(texture.read(), np.uint32).reshape(height, width, -1)[::-1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import moderngl
 import numpy as np
@@ -19,7 +19,7 @@ from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.gl.sums import PixelSums
-from glpath.integrators.aovs import EyeAovs
+from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.lighting import Lighting
 from glpath.sampling import PathSetSampler, counter_hash
@@ -68,7 +68,8 @@ class PathSetEngine(ABC):
         self._counts = np.zeros(3, np.int64)  # rays cast, lost, samples dropped
         self._size = size = window[2:]
         self._sum = 0  # which of the two sets of sums holds the present ones
-        self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance))
+        self._sums = PixelSums(gl, size, max(scene.max_radiance, max_radiance), split=settings.splits_light)
+        self._taken_aovs: dict[str, NDArray[Any]] = {}
         self._eye_buffer = self._texture(size, 1, "u4")
         self._bvh: RayBvh | None = None  # where rays are cast
         self._met: dict[str, moderngl.Texture] = {}  # records of streamed triangles, where the scene has such
@@ -110,11 +111,7 @@ class PathSetEngine(ABC):
                 seen=self._eye_buffer,
             )
             self._met = {"met_records": self._met_records}
-        self._aovs = (
-            EyeAovs(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines, self._met)
-            if settings.aovs
-            else None
-        )
+        self._aovs = EyeAovs.of(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines, self._met)
         self._prepare()
         if scene.stream is not None:
             scene.stream.reserve()
@@ -150,12 +147,13 @@ class PathSetEngine(ABC):
         """
         taken = self._sums.take(self._sum)
         lost, dropped = taken.high & ((1 << DROPPED_SHIFT) - 1), taken.high >> DROPPED_SHIFT
+        self._taken_aovs = light_aovs(self._settings, self._sums, dropped)
         self._counts += np.array([taken.low.sum(), lost.sum(), dropped.sum()], dtype=np.int64)
         return taken.radiance
 
-    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
-        """The same of each AOV that the settings ask for, by name."""
-        return {} if self._aovs is None else self._aovs.take()
+    def take_aovs(self) -> dict[str, NDArray[Any]]:
+        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
+        return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
 
     def seen(self) -> NDArray[np.int64]:
         """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top."""
@@ -192,6 +190,11 @@ class PathSetEngine(ABC):
             if moving.lamps:
                 # The chances of lights stay, or they would not be those that emission is weighed by.
                 self.lighting = replace(self.lighting, scene=moving.at(time))
+
+    def _end_path_set(self) -> None:
+        """After the last pass of a path set, which wrote the sums."""
+        self._sum = 1 - self._sum
+        self._sums.add_direct()
 
     def _see(self, eye: Uniforms) -> None:
         """Which triangle every pixel of the window sees, and the AOVs of what it sees."""

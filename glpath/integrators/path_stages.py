@@ -56,6 +56,8 @@ from glpath.scene.simplify import density_of, simplified
 # at a flat angle.
 _SKIPPED = 4.0
 
+_STATE = ("path_position", "path_beta", "path_radiance")
+
 
 class VertexPasses(NamedTuple):
     """One stage of the frame, from each of the two sets of states into the other, or into the sums.
@@ -186,12 +188,13 @@ class PathStages(PathSetEngine):
             with self.stopwatch.stage("light from infinity"):
                 self._distant_scan = buffer.scan_positions(self._pending[0], view)
                 buffer.scan_scene(self._distant_scan)
+        vertex = {"first_vertex": depth == 0}
         with self.stopwatch.stage("light from infinity"):
             if last:
-                passes.last[self._current][self._sum].run(self._constant | self._distant_scan)
-                self._sum = 1 - self._sum
+                passes.last[self._current][self._sum].run(self._constant | self._distant_scan | vertex)
+                self._end_path_set()
             else:
-                passes.inner[self._current].run(self._distant_scan)
+                passes.inner[self._current].run(self._distant_scan | vertex)
 
     # What the frame is made of.
 
@@ -234,7 +237,10 @@ class PathStages(PathSetEngine):
         last: bool,
     ) -> None:
         """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
-        uniforms = uniforms | {"random_seed": counter_hash(self._settings.seed, index, depth, 5)}
+        uniforms = uniforms | {
+            "random_seed": counter_hash(self._settings.seed, index, depth, 5),
+            "first_bounce": depth == 1,
+        }
         if last:
             self._end_paths(passes, uniforms)
             return
@@ -255,7 +261,7 @@ class PathStages(PathSetEngine):
         if passes.unlit:
             self._current = 1 - self._current
         else:
-            self._sum = 1 - self._sum
+            self._end_path_set()
 
     def _constant_uniforms(self) -> Uniforms:
         return {
@@ -268,11 +274,13 @@ class PathStages(PathSetEngine):
 
     def _make_states(self, size: tuple[int, int]) -> None:
         gl = self.gl
-        # Position, beta and radiance of every path, twice: a pass reads the one and writes the other.
-        self._state = [[self._texture(size, 4, "f4") for _ in range(3)] for _ in range(2)]
+        # Position, beta and radiance of every path, and where it is split its direct light, twice: a pass reads the
+        # one and writes the other.
+        self._state_names = _STATE + (("path_direct",) if self._settings.splits_light else ())
+        self._state = [[self._texture(size, 4, "f4") for _ in self._state_names] for _ in range(2)]
         # Start and light of what waits for a scan along the direction of the set's light.
         self._pending = [self._texture(size, 4, "f4") for _ in range(2 if self._distant_buffer else 0)]
-        self._state_targets = [gl.framebuffer([*state, *self._pending]) for state in self._state]
+        self._state_targets = [gl.framebuffer([*state[:3], *self._pending, *state[3:]]) for state in self._state]
         self._textures = {
             **self.scene.textures,
             **self.shadow_buffer.textures,
@@ -314,6 +322,7 @@ class PathStages(PathSetEngine):
                 **self.shadow_buffer.defines,
                 **sphere,
                 **light_defines(self.scene.scene.sky, self.lighting),
+                **self._sums.defines,
                 **(defines or {}),
             },
         )
@@ -338,8 +347,9 @@ class PathStages(PathSetEngine):
         """
         scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
-        names = ("path_position", "path_beta", "path_radiance")
-        states = [{**own, **(textures or {}), **dict(zip(names, state, strict=True))} for state in self._state]
+        states = [
+            {**own, **(textures or {}), **dict(zip(self._state_names, state, strict=True))} for state in self._state
+        ]
         going_on: list[Pass] = []
         ending: list[list[Pass]] = []
         if inner:
@@ -374,7 +384,7 @@ class PathStages(PathSetEngine):
                 self.gl,
                 vertex="fullscreen.vert",
                 fragment="path_light.frag",
-                defines={**buffer.defines, **end},
+                defines={**buffer.defines, **self._sums.defines, **end},
             )
             for end in ({}, {"LAST_VERTEX": 1})
         )
@@ -383,7 +393,7 @@ class PathStages(PathSetEngine):
         sums = self._sums
         return VertexPasses(
             [
-                Pass(name, self.gl, inner, self.gl.framebuffer([state[2]]), blend="add", textures=textures)
+                Pass(name, self.gl, inner, self.gl.framebuffer(state[2:]), blend="add", textures=textures)
                 for state in self._state
             ],
             [
@@ -393,7 +403,11 @@ class PathStages(PathSetEngine):
                         self.gl,
                         last,
                         sums.targets[1 - j],
-                        textures={**textures, **sums.textures[j], "path_radiance": state[2]},
+                        textures={
+                            **textures,
+                            **sums.textures[j],
+                            **dict(zip(self._state_names[2:], state[2:], strict=True)),
+                        },
                     )
                     for j in range(2)
                 ]

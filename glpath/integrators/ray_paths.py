@@ -133,6 +133,7 @@ class RayPathEngine(PathSetEngine):
             "BRANCHES": self._branches,
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
+            **self._sums.defines,
         }
         self._lamp_edges: LampEdges | None = None
         # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
@@ -180,7 +181,7 @@ class RayPathEngine(PathSetEngine):
         program = load_program(
             self.gl, compute="path_rays.comp", generated=generated, defines={**defines, "COMPUTE": 1}
         )
-        written = {f"new_{name.removeprefix('sum_')}": t for name, t in self._sums.textures[1 - i].items()}
+        written = {f"new_{name}": texture for name, texture in self._sums.written[1 - i].items()}
         return PixelDispatch("paths", self.gl, program, {**textures, **written}, frozenset(written))
 
     def trace_path_set(self, index: int) -> None:
@@ -194,7 +195,7 @@ class RayPathEngine(PathSetEngine):
         paths = self._path_passes[self._sum]
         with self.stopwatch.stage("paths"):
             run_in_areas(paths, self._areas, uniforms)
-        self._sum = 1 - self._sum
+        self._end_path_set()
 
     def _see_lamp_edges(self, index: int, place: NDArray[np.float64], eye: Uniforms) -> None:
         """The light of the pixels where a lamp ends; which these are is found at a window's first path set."""

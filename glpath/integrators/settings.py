@@ -64,10 +64,27 @@ class IntegratorSettings:
         Meta(ge=1, le=DEEPEST, description="vertices of a path: 1 is direct light only, 3 two bounces"),
     ] = 5
     seed: Annotated[int, Meta(ge=0, le=2**63, description="another seed is another, independent render")] = 0
+    aovs: Annotated[
+        tuple[Aov, ...],
+        Meta(
+            description="what the film holds as well, for a denoiser or a compositor: of the surfaces that the eye "
+            'sees, "albedo", "normal", "depth", "position", "object_id" and "material_id" (these with their '
+            'Cryptomatte); of the light, "direct" and "indirect"; how many "samples"; or "all"',
+            extra={"flag": "--aov"},
+        ),
+    ] = ()
 
     def recorded(self) -> dict[str, Any]:
-        """The settings by name, as a film's metadata has them: films merge where these are equal."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        """The settings by name, as a film's metadata has them: films merge where these are equal.
+
+        Without the AOVs, which are beside the image.
+        """
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
+
+    @property
+    def splits_light(self) -> bool:
+        """Whether direct light is summed by itself."""
+        return "direct" in self.aovs or "indirect" in self.aovs
 
     @classmethod
     def check_together(cls, given: Mapping[str, Any]) -> None:
@@ -117,14 +134,6 @@ class PathSetSettings(IntegratorSettings):
             "even; what is finer than one throws a wrong shadow",
         ),
     ] = 256
-    aovs: Annotated[
-        tuple[Aov, ...],
-        Meta(
-            description="what the film holds as well of the surfaces that the eye sees, for a denoiser or a "
-            'compositor: "albedo", "normal", or both',
-            extra={"flag": "--aov"},
-        ),
-    ] = ()
     guide: GuidedBy = "cosine"
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
@@ -135,9 +144,8 @@ class PathSetSettings(IntegratorSettings):
         return self.guide == "solution" and self.directions == "own"
 
     def recorded(self) -> dict[str, Any]:
-        """Those that decide something: rays of one's own need no buffer, and AOVs are beside the image."""
+        """Those that decide something: rays of one's own need no buffer."""
         given = super().recorded()
-        del given["aovs"]
         if self.directions == "own":
             for name in _OF_PATH_BUFFERS:
                 del given[name]

@@ -14,6 +14,8 @@ path sets, as they are sums of hard ones.
 
 from __future__ import annotations
 
+from typing import Any
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
+from glpath.film_metadata import SHAPES
 from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
@@ -30,6 +33,7 @@ from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
+from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.path_set_engine import check_same_kind
 from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
@@ -71,6 +75,8 @@ class WhittedTracer:
         self._moving = moving
         self._brightest = max_radiance(objects.scene)
         self._held = np.zeros((*self._size[::-1], 3))  # of the path sets before the objects moved
+        self._held_aovs: dict[str, NDArray[Any]] = {}
+        self._taken_aovs: dict[str, NDArray[Any]] = {}
         self.forget_statistics()
         self._set_up(objects)
         self.look_at(window)
@@ -112,6 +118,7 @@ class WhittedTracer:
         eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
         self.fill_eye_buffer(eye)
+        self.add_aovs(eye)
         self.shade(index, eye)
 
     def move_to(self, index: int) -> None:
@@ -120,6 +127,7 @@ class WhittedTracer:
             return
         with self.stopwatch.stage("motion"):
             self._held += self._take()
+            self._held_aovs = self._with_held()
             self._count_shadow_buffer()
             sensor = self.sensor
             self._set_up(DeviceScene(self.gl, self._moving.still(self._time(index))))
@@ -138,6 +146,12 @@ class WhittedTracer:
         with self.stopwatch.stage("eye"):
             self.eye_buffer.fill(eye)
 
+    def add_aovs(self, eye: Uniforms) -> None:
+        """The surfaces that were found, where the film has AOVs of them."""
+        if self._aovs is not None:
+            with self.stopwatch.stage("AOVs"):
+                self._aovs.add(eye)
+
     def shade(self, index: int, eye: Uniforms) -> None:
         """Light and shadow at what was found, and the path on by reflection."""
         uniforms = self._constant | self._light_samples(index) | eye
@@ -147,6 +161,7 @@ class WhittedTracer:
         with self.stopwatch.stage("shade"):
             run_in_areas(shading, self._areas, uniforms)
         self._sum = 1 - self._sum
+        self._sums.add_direct()
 
     def take(self) -> NDArray[np.float64]:
         """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
@@ -160,13 +175,24 @@ class WhittedTracer:
     def _take(self) -> NDArray[np.float64]:
         """What is on the device of it."""
         taken = self._sums.take(self._sum)
-        self._dropped += int((taken.high >> DROPPED_SHIFT).sum())
+        dropped = taken.high >> DROPPED_SHIFT
+        self._taken_aovs = light_aovs(self.settings, self._sums, dropped)
+        self._dropped += int(dropped.sum())
         self._count()
         return taken.radiance
 
-    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
-        """None: with a mirror, the first surface says little of what is seen."""
-        return {}
+    def take_aovs(self) -> dict[str, NDArray[Any]]:
+        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
+        found, self._held_aovs = self._with_held(), {}
+        return found
+
+    def _with_held(self) -> dict[str, NDArray[Any]]:
+        """What is on the device of them, and what was held when objects moved."""
+        found = self._taken_aovs | ({} if self._aovs is None else self._aovs.take())
+        for name, held in self._held_aovs.items():
+            # Of shapes, a picture for each path set.
+            found[name] = np.concatenate([held, found[name]], axis=2) if name == SHAPES else held + found[name]
+        return found
 
     def statistics(self) -> dict[str, object]:
         """What was counted in the path sets taken so far.
@@ -221,13 +247,17 @@ class WhittedTracer:
         make = TBuffer if settings.primary == "t-buffer" else ClassicEye
         self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
         self._sum = 0
-        self._sums: PixelSums = PixelSums(gl, self._size, self._brightest)
+        self._sums: PixelSums = PixelSums(gl, self._size, self._brightest, split=settings.splits_light)
+        eye = self.eye_buffer.texture
+        self._aovs: EyeAovs | None = EyeAovs.of(
+            gl, objects, settings.aovs, self._size, eye, camera_defines(objects.scene.camera)
+        )
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
         textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
         # Includes are put in place before #ifdef is looked at.
-        generated, defines = {**objects.generated, "BVH": bvh_glsl()}, dict(objects.defines)
+        generated, defines = {**objects.generated, "BVH": bvh_glsl()}, objects.defines | self._sums.defines
         defines |= camera_defines(objects.scene.camera)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}

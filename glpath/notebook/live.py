@@ -131,6 +131,7 @@ class LiveImage:
             film.ranges,
             metadata,
             {name: sums.copy() for name, sums in film.aov_sums.items()},
+            film.shape_counts,
         )
 
     @property

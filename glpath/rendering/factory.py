@@ -80,8 +80,8 @@ class Engine(Counts, Protocol):
     def take(self) -> NDArray[np.float64]:
         """The sum (h, w, 3) since the last call, row 0 at the top, in multiples of one power of two."""
 
-    def take_aovs(self) -> dict[str, NDArray[np.float64]]:
-        """The same of each AOV that the settings ask for, by name."""
+    def take_aovs(self) -> dict[str, NDArray[Any]]:
+        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
 
     def forget_statistics(self) -> None:
         """Begin to count anew."""

@@ -6,8 +6,10 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.errors import ContextError
 from glpath.film import BLOCK, Film, blocks
@@ -223,7 +225,7 @@ def _step(
     When interrupted in the first tile, the others follow as far as that one came.
     """
     total = np.zeros(film.radiance_sums.shape[1:])
-    aovs = {name: np.zeros_like(total) for name in film.aov_sums}
+    aovs: dict[str, NDArray[Any]] = {}
     for tile in tiles:
         engine.look_at(tile.window)
         traced = 0
@@ -236,6 +238,8 @@ def _step(
         count = traced
         total[tile.target] = engine.take()[tile.keep]
         for name, found in engine.take_aovs().items():
+            if name not in aovs:
+                aovs[name] = np.zeros((*total.shape[:2], found.shape[2]), found.dtype)
             aovs[name][tile.target] = found[tile.keep]
     _check_device(context)  # before its sums can reach the film
     with interrupted.whole():

@@ -28,6 +28,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 #: A Sobol sequence of 30 bits ends at 2**30.
 MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
 
+#: In place of all words where any number may be chosen.
+ALL = "all"
+
 _WIDTH = 110
 
 
@@ -54,8 +57,13 @@ class Setting:
 
     @property
     def several(self) -> bool:
-        """Whether any number of words may be chosen."""
+        """Whether any number of words may be chosen; "all" chooses all."""
         return get_origin(self.type) is tuple and get_args(self.type)[1:] == (...,)
+
+    @property
+    def given_words(self) -> tuple[str, ...]:
+        """What may be given: the words, and "all" where that is one."""
+        return (*self.words, ALL) if self.several else self.words
 
 
 @dataclass(frozen=True)
@@ -182,10 +190,10 @@ def _checked(setting: Setting, value: Any) -> Any:
     if setting.several:
         given = (value,) if isinstance(value, str) else value
         if not isinstance(given, tuple | list):
-            raise UsageError(f"{name}: {value!r} where some of {', '.join(setting.words)} are needed")
+            raise UsageError(f"{name}: {value!r} where some of {', '.join(setting.given_words)} are needed")
         for word in given:
-            check_word(name, word, setting.words)
-        return tuple(word for word in setting.words if word in given)
+            check_word(name, word, setting.given_words)
+        return tuple(word for word in setting.words if word in given or ALL in given)
     if setting.words:
         check_word(name, value, setting.words)
         return value

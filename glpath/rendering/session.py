@@ -11,10 +11,10 @@ from typing import Any
 
 from glpath.errors import ContextError, SceneWarning, UsageError
 from glpath.film import Film
-from glpath.film_metadata import FilmMetadata, joined, merged_values
+from glpath.film_metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
-from glpath.integrators.settings import PathSetSettings, WhittedSettings
+from glpath.integrators.settings import WhittedSettings
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of
 from glpath.rendering.going_on import check_same_render
@@ -185,11 +185,23 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
-        aovs=job.integrator.aovs if isinstance(job.integrator, PathSetSettings) else (),
+        aovs=job.integrator.aovs,
+        **_names(job, scene),
         device="" if context is None else context.info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy")
         | ({} if context is None else {"driver": context.info.driver}),
     )
+
+
+def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
+    """What shapes and materials are called, where the film has their ids."""
+    if set(ID_AOVS).isdisjoint(job.integrator.aovs):
+        return {}
+    return {
+        "shape_names": tuple(shape.name for shape in scene.shapes),
+        "material_names": tuple(material.name for material in scene.materials),
+        "shape_materials": tuple(int(shape.material) for shape in scene.shapes),
+    }
 
 
 def _recorded(plan: Plan) -> dict[str, Any]:

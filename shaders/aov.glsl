@@ -1,0 +1,102 @@
+// aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
+// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; whoever includes it has seen(); AOV_QUANTA: of colours and normals,
+//         per unit; AOV_SURFACE, AOV_PLACE: what is summed
+// Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
+// Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
+//
+//   AOV_SURFACE  first   albedo; normal.x
+//                second  normal.yz; 0; normals that were dropped as not finite
+//     albedo: diffuse reflectance, and where light comes from the surface itself or from the sky, its radiance too: cut
+//             at 1, as Open Image Denoise wants it, lamps and a bright sky are white
+//     normal: unit, to shade with, on the side that is seen; 0 where nothing is
+//   AOV_PLACE    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
+//                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were met
+uniform float place_quanta;  // per scene unit
+uniform float place_extent;  // of which no coordinate is more
+
+UINT_TEXELS(rgba32ui, sum_first);
+UINT_TEXELS(rgba32ui, sum_second);
+UINT_TEXELS(rgba32ui, sum_low);
+UINT_TEXELS(rgba32ui, sum_high);
+#ifdef AOV_SURFACE
+layout(location = 0) out uvec4 first;
+layout(location = 1) out uvec4 second;
+#ifdef AOV_PLACE
+layout(location = 2) out uvec4 low;
+layout(location = 3) out uvec4 high;
+#endif
+#else
+layout(location = 0) out uvec4 low;
+layout(location = 1) out uvec4 high;
+#endif
+
+// Asked of the bits, as a compiler may turn a comparison around, which is not the same for a NaN.
+bool is_finite(vec3 value)
+{
+    return all(notEqual(floatBitsToUint(value) & 0x7f800000u, uvec3(0x7f800000u)));
+}
+
+uvec3 quanta(vec3 value)
+{
+    return is_finite(value) ? uvec3(value * AOV_QUANTA + 0.5) : uvec3(0u);
+}
+
+#ifdef AOV_SURFACE
+void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
+{
+    vec3 albedo = sky(d), normal = vec3(0.0);
+    if (hit) {
+        float light_point;
+        albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, light_point);
+        normal = shading_normal(s, front, -d);
+    }
+    uvec3 a = quanta(min(albedo, 1.0)), n = quanta(1.0 + normal);
+    first = texel(sum_first, pixel) + uvec4(a, n.x);
+    second = texel(sum_second, pixel) + uvec4(n.yz, 0u, is_finite(normal) ? 0u : 1u);
+}
+#endif
+
+#ifdef AOV_PLACE
+void add_place(ivec2 pixel, bool hit, vec3 position)
+{
+    low = texel(sum_low, pixel);
+    high = texel(sum_high, pixel);
+    if (!hit || !is_finite(position)) return;
+#ifdef EYE_PANORAMA
+    vec4 place = vec4(position, length(position - eye_position));
+#else
+    vec4 place = vec4(position, max(eye_from_world(position).z, 0.0));
+#endif
+    vec4 scaled = floor(clamp(place, -place_extent, place_extent) * place_quanta + 0.5);
+    bvec4 negative = lessThan(scaled, vec4(0.0));
+    scaled = abs(scaled);
+    vec4 upper = floor(scaled * (1.0 / 4294967296.0));
+    uvec4 words = uvec4(scaled - upper * 4294967296.0), upper_words = uvec4(upper);
+    // Negated: all bits turned over, and one more.
+    uvec4 turned = uvec4(negative) * 0xffffffffu;
+    words ^= turned;
+    upper_words ^= turned;
+    uvec4 one = uvec4(negative);
+    words += one;
+    upper_words += one * uvec4(equal(words, uvec4(0u)));
+    uvec4 before = low;
+    low += words;
+    high += upper_words + uvec4(lessThan(low, before));
+    high.w += 1u << HITS_SHIFT;
+}
+#endif
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec3 d;
+    bool front;
+    Surface s;
+    bool hit = seen(pixel, d, front, s);
+#ifdef AOV_SURFACE
+    add_surface(pixel, hit, front, d, s);
+#endif
+#ifdef AOV_PLACE
+    add_place(pixel, hit, s.position);
+#endif
+}
