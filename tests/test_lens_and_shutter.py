@@ -13,11 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.buffers.t_buffer import ClassicEye, TBuffer
+from glpath.cli.main import app
 from glpath.compare import relative_mse
 from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.film import Film
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
@@ -430,6 +433,43 @@ def test_a_camera_is_replaced_by_options_and_then_stands_still(tmp_path: Path) -
     assert (still.projection, still.height) == ("orthographic", 2.0)
     with pytest.raises(UsageError, match="camera type: 'fisheye'; allowed are perspective"):
         RenderJob.of(scene, spp=1, camera={"type": "fisheye"})
+
+
+def test_the_command_line_has_the_camera_and_tells_of_it(tmp_path: Path) -> None:
+    def command(*arguments: object) -> Result:
+        return CliRunner().invoke(app, [str(each) for each in arguments])
+
+    scene, small = "cornell-box-36", ("--spp", 1, "--max-depth", 1, "--quiet")
+    lens = ("--camera-aperture-radius", 0.2, "--camera-focus-distance", 3, "--camera-shutter", "0,0.5")
+    assert command("render", scene, "-o", tmp_path / "a.npz", "--resolution", "16x8", *small, *lens).exit_code == 0
+    expected = glpath.render(
+        scene,
+        spp=1,
+        max_depth=1,
+        resolution=(16, 8),
+        camera={"aperture_radius": 0.2, "focus_distance": 3.0, "shutter": (0, 0.5)},
+    )
+    assert np.array_equal(Film.load(tmp_path / "a.npz").mean, expected.mean)
+    panorama = ("--camera-type", "panorama", "--resolution", "16x8")
+    assert command("render", scene, "-o", tmp_path / "b.npz", *panorama, *small).exit_code == 0
+    for option, value, told in (
+        ("--camera-height", 0, "--camera-height is 0, but must be above 0"),
+        ("--camera-aperture-radius", -1, "--camera-aperture-radius is -1, but must be 0 or more"),
+        ("--camera-shutter", "1,0", "--camera-shutter is 1,0, but must be two finite numbers"),
+        ("--camera-shutter", "1", "--camera-shutter 1: expected T,T"),
+        ("--camera-type", "fisheye", "camera type: 'fisheye'; allowed are perspective"),
+    ):
+        found = command("render", scene, "-o", tmp_path / "c.npz", *small, option, value)
+        assert found.exit_code != 0
+        assert told in " ".join(found.output.split())
+    (tmp_path / "d.toml").write_text(
+        '[camera]\ntype = "orthographic"\nheight = 2\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nshutter = [0, 1]\n'
+        '[[shapes]]\ntype = "sphere"\nradius = 1\nname = "ball"\n'
+        "motion = [{ time = 0 }, { time = 1, transform = [{ scale = 2 }] }]\n"
+    )
+    told = command("info", tmp_path / "d.toml").output
+    assert "2 high, by parallel rays" in told
+    assert "from 0 to 1 s; what moves: ball" in told
 
 
 # ---- Mitsuba

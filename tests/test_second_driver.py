@@ -42,6 +42,7 @@ SUITES = [
         "whitted",
         "path_trace",
         "gather",
+        "lens_and_shutter",
     )
 ]
 
