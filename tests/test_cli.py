@@ -300,8 +300,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
     unused += ("radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "guide", "branches")
-    unused += ("light_samples", "aovs")
-    assert [call.pop(name) for name in unused] == [None] * 13
+    unused += ("light_samples", "aovs", "geometry_budget", "bounce_lod")
+    assert [call.pop(name) for name in unused] == [None] * 15
     assert call == {
         "integrator": "path",
         "spp": 32,

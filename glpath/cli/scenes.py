@@ -154,8 +154,8 @@ def summarize(scene: Scene) -> dict[str, Any]:
 
     Power is radiant flux, W where the scene unit is a metre: pi * area * radiance for each side of a shape that
     emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft, and where there is no
-    total: for directional lights and without falloff. So is the area of a plane, and of a stream, which is not asked
-    for. Its triangles count.
+    total: for directional lights and without falloff. So is the area of a plane, and of a stream, of which
+    triangles are counted alone.
     """
     lower, upper = scene.bounds
     camera = scene.camera
