@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import glpath
+from glpath.gl.geometry_stream import GeometryStream
 
 #: Squares along a tile: 2 * TILE**2 triangles.
 TILE = 128
@@ -62,6 +63,14 @@ def scene(tiles: int, resolution: tuple[int, int]) -> Any:
 
 
 def main(tiles: str, budget: str) -> None:
+    device: list[int] = []
+    reserve = GeometryStream.reserve
+
+    def noted(stream: GeometryStream) -> None:
+        reserve(stream)
+        device.append(stream.nbytes)
+
+    GeometryStream.reserve = noted  # type: ignore[method-assign]
     started = time.perf_counter()
     film = glpath.render(
         scene(int(tiles), (64, 48)),
@@ -73,6 +82,7 @@ def main(tiles: str, budget: str) -> None:
     )
     found = {
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "device": max(device) / 2**20,
         "seconds": time.perf_counter() - started,
         "cpu_seconds": time.process_time(),
         "mean": float(film.mean.mean()),

@@ -217,6 +217,18 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     assert glpath.render(scene, integrator="t-buffer", spp=2).mean.max() > 0
 
 
+def test_a_picture_converges_to_that_of_a_fine_mesh():
+    """With the same numbers for each path, what is left is the surface's own error, of second order."""
+    options: dict[str, Any] = {"resolution": (64, 48), "spp": 16, "max_depth": 2}
+    fine = glpath.render("teapot", parameters={"level": 48}, **options).mean
+    errors = [
+        relative_mse(glpath.render("teapot", parameters={"level": level}, **options).mean, fine)
+        for level in (2, 4, 12)
+    ]
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]
+    assert errors[2] < 2e-3
+
+
 def test_heights_are_those_of_the_map(tmp_path: Path):
     data = net_scene(tmp_path, level=4)
     data["shapes"][0]["net"] = [[[i, j, 0] for j in range(4)] for i in range(4)]  # one flat patch, [1, 2]²

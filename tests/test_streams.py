@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from terrain import Hills
 
 import glpath
+from glpath.cli.scenes import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.scene.export import export
@@ -187,6 +188,10 @@ def test_so_do_radiosity_and_export(tmp_path: Path):
 
 def test_a_scene_tells_of_its_streams():
     scene = scene_of({"type": "stream", "stream": Hills(2, 3)})
+    told = summarize(scene)
+    assert told["triangles"] == 14 + 72
+    assert (told["shapes"][-1]["triangles"], told["shapes"][-1]["area"]) == (72, None)
+    assert told["warnings"] == []
     assert "14 triangles, 72 streamed triangles" in repr(scene)
     other = scene_of({"type": "stream", "stream": Hills(2, 4)})
     assert scene.digest() == scene_of({"type": "stream", "stream": Hills(2, 3)}).digest() != other.digest()
@@ -300,6 +305,7 @@ def test_twenty_million_triangles_take_256_mebibytes():
     small, large = found
     print(f"one tile {small}, 20,480,000 triangles {large}")
     assert large["peak"] - small["peak"] < 256
+    assert large["device"] < 256
     # Another relief a tile is another picture, but not another light.
     assert large["lit"] > 0.3
     assert abs(large["mean"] / small["mean"] - 1) < 0.5

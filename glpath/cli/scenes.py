@@ -154,7 +154,8 @@ def summarize(scene: Scene) -> dict[str, Any]:
 
     Power is radiant flux, W where the scene unit is a metre: pi * area * radiance for each side of a shape that
     emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft, and where there is no
-    total: for directional lights and without falloff. So is the area of a plane.
+    total: for directional lights and without falloff. So is the area of a plane, and of a stream, of which
+    triangles are counted alone.
     """
     lower, upper = scene.bounds
     camera = scene.camera
@@ -165,7 +166,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
             {
                 "name": shape.name,
                 "kind": shape.kind,
-                "triangles": shape.count if shape.primitive == "triangle" else 0,
+                "triangles": shape.count if shape.primitive in ("triangle", "stream") else 0,
                 "spheres": shape.count if shape.primitive == "sphere" else 0,
                 "area": area,
                 "material": scene.materials[shape.material].name,
@@ -184,7 +185,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         "source": scene.source,
         "sha256": scene.digest(),
         "content_sha256": scene.digest(camera=False),
-        "triangles": len(scene.triangles),
+        "triangles": len(scene.triangles) + scene.shapes.total("stream"),
         "spheres": len(scene.spheres),
         "planes": len(scene.planes),
         "bounds": {"min": lower.tolist(), "max": upper.tolist()},
@@ -217,6 +218,12 @@ def summarize(scene: Scene) -> dict[str, Any]:
         "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
+
+
+def _area_in_words(shape: dict[str, Any]) -> str:
+    if shape["area"] is None:
+        return "-" if shape["triangles"] else "infinite"
+    return f"{shape['area']:.6g}"
 
 
 def _areas(scene: Scene) -> list[float | None]:
@@ -326,7 +333,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             shape["kind"],
             f"{shape['triangles']:,}" if shape["triangles"] else "-",
             f"{shape['spheres']:,}" if shape["spheres"] else "-",
-            "infinite" if shape["area"] is None else f"{shape['area']:.6g}",
+            _area_in_words(shape),
             shape["material"],
             _colour(shape["emission"]),
         )

@@ -137,7 +137,7 @@ def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Me
 class PatchChunks:
     """The same triangles in pieces, see `glpath.scene.formats.streams.Chunks`: none is kept.
 
-    Each piece is some patches; those around them are divided with them, so that edges have the same bits.
+    Each piece is some patches; the edges of those around them are divided with them, for the same bits there.
     """
 
     patches: Patches
@@ -168,9 +168,8 @@ class PatchChunks:
         """(F, 3, 3) corners of the triangles of a piece."""
         own = self._pieces[index]
         near = np.flatnonzero(np.isin(self._corners, self._corners[own]).any(axis=1)) if self.heights else own
-        points = _points(self.patches.select(near), self.levels[near], self.heights)
-        kept = points.faces[np.isin(points.patch, np.flatnonzero(np.isin(near, own)))]
-        return np.asarray(points.position[kept])
+        points = _points(self.patches.select(near), self.levels[near], self.heights, np.isin(near, own))
+        return np.asarray(points.position[points.faces])
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,6 @@ class _Points:
     position, normals, uv : (V, 3), (V, 3), (V, 2)
     group : (V,) equal for points at one place
     faces : (F, 3) numbers of points, none with two at one place
-    patch : (F,) which patch each is of
     """
 
     position: Float64
@@ -188,12 +186,15 @@ class _Points:
     uv: Float64
     group: Int64
     faces: Int64
-    patch: Int64
 
 
-def _points(patches: Patches, levels: Int64, heights: Heights | None) -> _Points:
-    unique, which = np.unique(levels, axis=0, return_inverse=True)
-    of_patch = [_divided(*row) for row in unique.tolist()]
+def _points(
+    patches: Patches, levels: Int64, heights: Heights | None, whole: NDArray[np.bool_] | None = None
+) -> _Points:
+    """whole : (P,) which of the patches have triangles; of the others only the edges are divided"""
+    kinds = np.column_stack([levels, np.ones(len(levels), np.int64) if whole is None else whole])
+    unique, which = np.unique(kinds, axis=0, return_inverse=True)
+    of_patch = [_divided(*row[:4]) if row[4] else _edges_divided(*row[:4]) for row in unique.tolist()]
     sizes = np.array([len(division.place) for division in of_patch])[which.ravel()]
     first = np.concatenate([[0], np.cumsum(sizes)])
     position, normals = np.empty((first[-1], 3)), np.empty((first[-1], 3))
@@ -208,9 +209,7 @@ def _points(patches: Patches, levels: Int64, heights: Heights | None) -> _Points
         uv[at] = (part.uv[:, None, :2] + division.place * part.uv[:, None, 2:]).reshape(-1, 2)
         faces.append((first[of][:, None, None] + division.faces).reshape(-1, 3))
         patch.append(np.repeat(of, len(division.faces)))
-    face, of_face = np.concatenate(faces), np.concatenate(patch)
-    order = np.argsort(of_face, kind="stable")
-    face, of_face = face[order], of_face[order]
+    face = np.concatenate(faces)[np.argsort(np.concatenate(patch), kind="stable")]
 
     group = _same_rows(position)
     own = group[face]
@@ -227,7 +226,7 @@ def _points(patches: Patches, levels: Int64, heights: Heights | None) -> _Points
     agrees = np.ones(len(common))
     np.minimum.at(agrees, group, np.sum(normals * common[group], axis=1))
     normals = np.where((agrees > _SMOOTH)[group, None], common[group], normals)
-    return _Points(position, normals, uv, group, face[apart], of_face[apart])
+    return _Points(position, normals, uv, group, face[apart])
 
 
 def _of_faces(points: _Points) -> Float64:
@@ -339,6 +338,12 @@ def _divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
     table = np.array(ring + inside, np.float64)
     faces = _grid_faces(along_u, along_v, u0, v0) if alike else _joined_faces(along_u, along_v, u0, u1, v0, v1)
     return _Division(table[:, :2], faces, table[:, 2].astype(np.int64), table[:, 3:].astype(np.int64))
+
+
+def _edges_divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
+    """The same without the inside."""
+    whole, ring = _divided(u0, u1, v0, v1), u0 + u1 + v0 + v1
+    return _Division(whole.place[:ring], np.zeros((0, 3), np.int64), whole.edge[:ring], whole.step[:ring])
 
 
 def _inner(i: int, j: int, ring: int, along_v: int) -> int:
