@@ -4,10 +4,12 @@
 //         spherical caps; masking and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
-// Of a roughness: along the brush and across [KHR_materials_anisotropy].
+// Of a roughness: along the brush and across [KHR_materials_anisotropy]. A brush leaves grooves, so that across it is
+// never quite a mirror, whose density has no value.
 vec2 ggx_alpha(float roughness, float anisotropy)
 {
     float across = roughness * roughness;
+    if (anisotropy > 0.0) across = max(across, SMOOTH);
     return vec2(mix(across, 1.0, anisotropy * anisotropy), across);
 }
 

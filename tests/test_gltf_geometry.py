@@ -150,6 +150,20 @@ def test_attributes_go_where_they_belong(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.colours, [[1, 0.5, 0.25, 1]] * 3)
 
 
+@pytest.mark.parametrize("listed", [[1], [0, 1], [1, 0]])
+def test_a_scene_may_list_a_node_that_has_a_parent(tmp_path: Path, listed: list[int]) -> None:
+    """What UniGLTF wrote, and so many shared models: [{"nodes": [1]}] of a node 1 below an idle node 0."""
+    file = Gltf()
+    mesh = file.mesh()
+    file.node(children=[1], translation=[1, 0, 0])
+    file.node(mesh=mesh)
+    file.add("scenes", nodes=listed)
+    model = read(file, tmp_path)
+    (shape,) = model.shapes
+    np.testing.assert_array_equal(shape.world_from_object[:, :, 3], [[1, 0, 0]])
+    assert any("lists of nodes that have parents" in note for note in model.notes)
+
+
 def test_nodes_multiply_the_maps_of_their_parents(tmp_path: Path) -> None:
     file = Gltf()
     half = np.sqrt(0.5)

@@ -305,6 +305,19 @@ def test_ktx2_is_decoded_or_its_library_named(tmp_path: Path) -> None:
     np.testing.assert_array_equal(texture.image, np.repeat(np.repeat(colours, 4, axis=0), 4, axis=1))
 
 
+def test_ktx2_of_another_kind_is_refused_by_its_kind(tmp_path: Path) -> None:
+    pytest.importorskip("opengl_basisu", reason="needs the extra gltf")
+    content = bytearray(ktx2_of_solid_blocks(np.full((1, 1, 4), 9, np.uint8)))
+    content[12:16] = (23).to_bytes(4, "little")  # VK_FORMAT_R8G8B8_UNORM
+    (tmp_path / "a.ktx2").write_bytes(bytes(content))
+    file = Gltf()
+    info = {
+        "index": file.add("textures", **extended("KHR_texture_basisu", source=file.add("images", uri="a.ktx2")))
+    }
+    with pytest.raises(SceneError, match=r"images\[0\] is a texture that KHR_texture_basisu does not allow.*23"):
+        read(file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info}), tmp_path)
+
+
 def test_a_plain_image_beside_one_of_ktx2_needs_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "opengl_basisu", None)
     file = Gltf()

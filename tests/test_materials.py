@@ -11,6 +11,7 @@ import pytest
 import glpath
 from glpath import GlpathError, load_scene
 from glpath.scene.formats.load import scene_from_dict
+from glpath.scene.material import SMOOTH
 from glpath.scene.model import Float64, Material, Scene
 
 GREY = np.full(3, 0.5)
@@ -191,6 +192,23 @@ def test_rough_metal_is_the_same_with_shared_directions() -> None:
     scene = with_balls(**BALLS["metal-0.6"])
     own, shared = (glpath.render(scene, spp=256, max_depth=3, directions=d).mean for d in ("own", "pair"))  # type: ignore[arg-type]
     assert np.minimum(shared, 2).mean() == pytest.approx(np.minimum(own, 2).mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("anisotropy", [0.5, 1.0])
+def test_a_brush_without_roughness_is_one_of_the_least(anisotropy: float) -> None:
+    """Its density across has no value, and it was black."""
+    pictures = [
+        glpath.render(
+            plane_under_the_sky(
+                Material("m", np.ones(3), roughness=roughness, metallic=1.0, anisotropy=anisotropy), 0.7
+            ),
+            spp=64,
+            max_depth=2,
+        ).mean
+        for roughness in (0.0, SMOOTH**0.5)
+    ]
+    assert pictures[0].mean() == pytest.approx(pictures[1].mean(), rel=1e-5)
+    assert pictures[0].mean() > 0.3
 
 
 def test_brushed_metal_shines_across_its_brush() -> None:

@@ -226,6 +226,14 @@ def test_phong_becomes_microfacets(tmp_path: Path) -> None:
     assert np.allclose(mirror.dielectric[0], 0.6)
 
 
+@pytest.mark.parametrize(("written", "opacity"), [("Tr 1", 1.0), ("Tr 0.25", 0.75), ("d 0\nTr 1", 0.0)])
+def test_tr_of_one_alone_is_not_a_surface_that_is_not_there(tmp_path: Path, written: str, opacity: float) -> None:
+    """MeshLab and others write opacity as Tr: their models were invisible."""
+    path = obj(tmp_path / "box.obj", f"newmtl Paint\nKd 1 1 1\n{written}\nnewmtl Gold\nKd 1 1 1")
+    assert quiet(path).materials[0].opacity == opacity
+    assert any("Tr of 1" in text for text in said(path)) == (written == "Tr 1")
+
+
 def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
     scene = surfaces(
         tmp_path, "newmtl Paint\nillum 7\nNi 1.33\nTf 0.5 0.75 1\nnewmtl Gold\nKd 1 1 1\nd 0.25\nKe 1 2 3"

@@ -370,6 +370,8 @@ def _shapes(
     assert isinstance(shape.geometry, Mesh)
     material = scene.materials[shape.material]
     coloured = shape.geometry.colours is not None
+    if shape.emits and material.alpha != "opaque":
+        surfaces.notes.add("it shines all over, whatever its alpha", "material", material.name)
     if shape.emits and shape.emission_two_sided:
         apart = in_world(shape).unshared()
         step = offset * np.repeat(face_normals(apart), 3, axis=0)

@@ -191,7 +191,12 @@ class _Reader:
         values = [word for word in self.written.get("d", []) if word != "-halo"]
         if values:
             return _number(values[0], 1.0)
-        return 1.0 - self._number("tr", 0.0)
+        transparency = self._number("tr", 0.0)
+        if transparency == 1:
+            # Some programs write opacity as Tr. Nobody means a surface that is not there.
+            self.library.notes["Tr of 1 without d, by which a surface would not be there: it is opaque."] = None
+            return 1.0
+        return 1.0 - transparency
 
     def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
         """Fields of a material that light goes through; empty for others."""

@@ -54,6 +54,11 @@ def ktx2(data: bytes, place: Place) -> NDArray[np.uint8]:
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
     except Exception as error:  # whatever the library finds wrong
+        if type(error).__name__ == "UnsupportedError":
+            raise place.error(
+                f"is a texture that {BASISU} does not allow: {error}",
+                "Write it anew as Basis Universal (toktx --encode uastc), or as PNG or JPEG.",
+            ) from error
         raise _broken(place, error) from error
     return pixels if texture.has_alpha else pixels[..., :3]
 

@@ -26,7 +26,7 @@ class Nodes:
     """The nodes of a document.
 
     world : (4, 4) of each node, world from node
-    drawn : numbers of the nodes of the scene that are to be seen, parents before children
+    drawn : numbers of the nodes of the scene that are to be seen, each once
     """
 
     tables: list[Table]
@@ -100,26 +100,25 @@ def _drawn(
     if len(scenes):
         scene = scenes[chosen or 0]
         roots = scene.indices("nodes", tables, "nodes")
-        for i, root in enumerate(roots):
-            if root in parent:
-                raise (
-                    scene.place.field("nodes")
-                    .item(i)
-                    .error(
-                        f"is {root}, which is a child of nodes[{parent[root]}].",
-                        "A scene lists nodes without a parent.",
-                    )
-                )
-        roots = list(dict.fromkeys(roots))
+        if any(root in parent for root in roots):
+            # Not allowed, and yet much that UniGLTF wrote is so, with a parent that does nothing.
+            document.notes.add(
+                "Scenes' lists of nodes that have parents: such a node is drawn once, below its own."
+            )
         if len(scenes) > 1:
             document.notes.add(
                 f"{len(scenes) - 1} of its {len(scenes)} scenes: only scenes[{chosen or 0}] is shown."
             )
     else:
         roots = [index for index in range(len(tables)) if index not in parent]
-    drawn, waiting = [], list(reversed(roots))
+    drawn: list[int] = []
+    seen: set[int] = set()
+    waiting = list(reversed(roots))
     while waiting:
         index = waiting.pop()
+        if index in seen:
+            continue
+        seen.add(index)
         visibility = tables[index].extension("KHR_node_visibility")
         if visibility is not None and not visibility.flag("visible", True):
             continue
