@@ -44,6 +44,7 @@ class LightSample:
                 angle of the sky's direction
     cone      : of a spot, the cosines of the angles of full light and of its end
     quadratic : light of a point or spot falls off with the square of the distance
+    profile   : of a point light with a profile its place in `profiled_lights` + 1; 0 without
     """
 
     kind: Kind
@@ -53,6 +54,7 @@ class LightSample:
     density: float
     cone: tuple[float, float] = (-1.0, -1.0)
     quadratic: bool = True
+    profile: int = 0
 
     @property
     def distant(self) -> bool:
@@ -76,6 +78,7 @@ class LightSamples:
     density                     : (N,) float64
     cone                        : (N, 2) float64
     quadratic                   : (N,) bool
+    profile                     : (N,) int
     """
 
     kind: NDArray[np.intp]
@@ -85,14 +88,14 @@ class LightSamples:
     density: Float64
     cone: Float64
     quadratic: NDArray[np.bool_]
+    profile: NDArray[np.intp]
 
     @classmethod
     def empty(cls, n: int) -> LightSamples:
         """To be filled; without cones, and with light that falls off."""
         position, direction, radiance = np.zeros((3, n, 3))
-        return cls(
-            np.zeros(n, np.intp), position, direction, radiance, np.ones(n), np.full((n, 2), -1.0), np.ones(n, bool)
-        )
+        cones, numbers = np.full((n, 2), -1.0), np.zeros((2, n), np.intp)
+        return cls(numbers[0], position, direction, radiance, np.ones(n), cones, np.ones(n, bool), numbers[1])
 
     @classmethod
     def dark(cls, n: int) -> LightSamples:
@@ -102,8 +105,8 @@ class LightSamples:
         samples.direction[:] = (0.0, 0.0, 1.0)
         return samples
 
-    def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float) -> None:
-        """The same punctual light at all these places."""
+    def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float, profile: int) -> None:
+        """The same punctual light at all these places; profile: as of `LightSample`."""
         self.kind[which] = LIGHT_KINDS.index(light.kind)
         self.position[which] = light.position
         self.direction[which] = light.direction
@@ -111,6 +114,7 @@ class LightSamples:
         self.density[which] = chance
         self.cone[which] = np.cos(np.radians(light.cone))
         self.quadratic[which] = light.falloff == "quadratic"
+        self.profile[which] = profile
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -125,6 +129,7 @@ class LightSamples:
             density=float(self.density[i]),
             cone=(float(full), float(end)),
             quadratic=bool(self.quadratic[i]),
+            profile=int(self.profile[i]),
         )
 
 
@@ -198,7 +203,7 @@ class Lighting:
         """
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
-        shining = tuple(x for x in scene.lights if np.any(x.intensity > 0)) if punctual else ()
+        shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
         shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
         # Power over pi; the mean of the channels, so that no coloured light is starved.
         power = [side.area * side.radiance.mean() for side in sides]
@@ -278,7 +283,8 @@ class Lighting:
             if punctual < 0:
                 self._on_side(samples, which, self.sides[number], chance, u[which, 1:])
             elif punctual < len(self.punctual):
-                samples.put_punctual(which, self.punctual[punctual], chance)
+                light = self.punctual[punctual]
+                samples.put_punctual(which, light, chance, profile_number(self.scene, light))
             else:
                 assert self.sky is not None, "the last light"
                 # Below one, as rounding might not leave it.
@@ -352,6 +358,18 @@ class Lighting:
         samples.density[which] = density
 
 
+def profiled_lights(scene: Scene) -> tuple[Light, ...]:
+    """The lights that have a profile, in the order of the device's."""
+    return tuple(light for light in scene.lights if light.profile is not None)
+
+
+def profile_number(scene: Scene, light: Light) -> int:
+    """Of one of the scene's lights its place in `profiled_lights` + 1; 0 without a profile."""
+    if light.profile is None:
+        return 0
+    return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)
+
+
 def incident(light: Light, positions: Float64) -> Incident:
     """What a punctual light sends to positions (N, 3). `shaders/punctual.glsl` is the same for the GPU."""
     n = len(positions)
@@ -364,6 +382,8 @@ def incident(light: Light, positions: Float64) -> Incident:
     strength = np.ones(n)
     if light.falloff == "quadratic":
         strength /= np.maximum(distance, np.finfo(float).tiny ** 0.5) ** 2
+    if light.profile is not None:
+        strength *= light.profile.intensity(-wi, light.direction, light.c0)
     if light.kind == "spot":
         full, end = np.cos(np.radians(light.cone))
         cosine = -(wi @ light.direction)
@@ -392,7 +412,8 @@ def max_radiance(scene: Scene) -> float:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":
             square = _typical_distance(scene, light.position) ** 2
-        values.append(float(light.intensity.max()) / (np.pi * square))
+        most = 1.0 if light.profile is None else light.profile.max
+        values.append(most * float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
 
 
@@ -425,9 +446,15 @@ def _sphere_about(scene: Scene) -> tuple[Float64, float]:
     return 0.5 * (low + high), float(0.5 * np.linalg.norm(high - low)) or 1.0
 
 
+def _shines(light: Light) -> bool:
+    return bool(np.any(light.intensity > 0)) and (light.profile is None or light.profile.max > 0)
+
+
 def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
     """Power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
     strength = float(light.intensity.mean())
+    if light.profile is not None and light.falloff == "none":
+        strength *= light.profile.flux / (4 * np.pi)
     if light.kind == "directional" or light.falloff == "none":
         return strength * radius**2
     angle = 4 * np.pi
@@ -437,6 +464,8 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
     distance = float(np.linalg.norm(light.position - centre))
     if distance > radius and not len(scene.planes):
         angle = min(angle, 2 * np.pi * (1 - np.sqrt(1 - (radius / distance) ** 2)))
+    if light.profile is not None:
+        return strength * min(light.profile.flux, light.profile.max * angle) / np.pi
     return strength * angle / np.pi
 
 

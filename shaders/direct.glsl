@@ -17,6 +17,9 @@ uniform float light_density;
 uniform uint light_kind;
 uniform vec2 light_cone;
 uniform bool light_quadratic;
+#ifdef HAS_PROFILES
+uniform int light_profile;
+#endif
 #endif
 
 // The plane and the corners of a triangle that a texel of the shadow-buffer sees; it may be a streamed one.
@@ -125,10 +128,18 @@ DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
     LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, light_kind,
-                                            light_cone, light_quadratic);
+                                            light_cone, light_quadratic
+#ifdef HAS_PROFILES
+                                            , light_profile
+#endif
+                                            );
 #else
     LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, LIGHT_AREA,
-                                            vec2(0.0), true);
+                                            vec2(0.0), true
+#ifdef HAS_PROFILES
+                                            , -1
+#endif
+                                            );
 #endif
     DirectLight found = light_from(sample_of_set, position, normal, views);
     bool arrives = max(found.light.r, max(found.light.g, found.light.b)) > 0.0;

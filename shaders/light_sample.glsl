@@ -4,6 +4,7 @@
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "punctual.glsl"
+#include "profile.glsl"
 #endif
 #ifdef HAS_SKY
 #include "sky.glsl"
@@ -60,6 +61,9 @@ struct LightSample
     uint kind;       // LIGHT_AREA ...
     vec2 cone;       // see punctual.glsl
     bool quadratic;
+#ifdef HAS_PROFILES
+    int profile;     // its number, -1 without
+#endif
 };
 
 struct DirectLight
@@ -91,6 +95,9 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
     if (l.kind != LIGHT_AREA) {
         bool spot = l.kind == LIGHT_SPOT, fades = l.quadratic && !found.distant;
         vec3 E = punctual_irradiance(l.radiance, fades, r2, spot, l.cone, cos_light);
+#ifdef HAS_PROFILES
+        if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
+#endif
         // No direction finds what has no extent.
         float share = l.kind == LIGHT_SKY ? light_share(l.density, cos_surface, views) : 1.0;
         found.light = E * (share * cos_surface / (PI * l.density));

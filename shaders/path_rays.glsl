@@ -101,7 +101,11 @@ LightSample light_in(int number, out float share)
     int row = LIGHT_ROWS * number;
     vec4 a = light_table[row], b = light_table[row + 1], c = light_table[row + 2], d = light_table[row + 3];
     share = d.z;
+#ifdef HAS_PROFILES
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0, int(d.w));
+#else
     return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
+#endif
 }
 
 // Direct light, shadows not asked for; views: see light_share.

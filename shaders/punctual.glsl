@@ -1,7 +1,7 @@
 // punctual.glsl: irradiance from a point light, a spot or a directional light; `glpath.lighting.incident` is the same
 // on the CPU.
 // Units:  W m^-2 on a surface that faces the light, nothing between.
-//   intensity  W sr^-1, or W m^-2 where it does not fall off
+//   intensity  W sr^-1, or W m^-2 where it does not fall off; of a light with a profile (profile.glsl) what multiplies it
 //   quadratic  it falls off with the square of the distance
 //   cone       of a spot: cosines of the angles of full light and of its end; `cosine` that of the angle to its axis
 vec3 punctual_irradiance(vec3 intensity, bool quadratic, float square_distance, bool spot, vec2 cone, float cosine)

@@ -18,6 +18,7 @@
 #include "light_samples.glsl"
 #endif
 #include "punctual.glsl"
+#include "profile.glsl"
 #include "sky.glsl"
 #ifdef SHADOW_BUFFERS
 #include "point_shadow.glsl"
@@ -60,7 +61,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
     for (int light = 0; light < light_count; ++light)
     {
         vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
-        uvec2 punctual = punctual_texel(light, PUNCTUAL_KIND).xy;
+        uvec3 punctual = punctual_texel(light, PUNCTUAL_KIND).xyz;
         uint kind = punctual.x;
         vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - s.position;
         float square = dot(to_light, to_light), distance = sqrt(square);
@@ -69,6 +70,9 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
         vec2 cone = spot ? light_texel(light, LIGHT_CONE).xy : vec2(0.0);
         vec3 intensity = light_texel(light, LIGHT_INTENSITY).rgb;
         vec3 E = punctual_irradiance(intensity, punctual.y != 0u, square, spot, cone, -dot(wi, axis));
+#ifdef HAS_PROFILES
+        if (punctual.z != 0u) E *= profile_intensity(int(punctual.z) - 1, -wi);
+#endif
         float cosine = dot(normal, wi);
         bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
         float visible = reaches ? 1.0 : 0.0;

@@ -20,6 +20,7 @@ from glpath.scene.model import (
     Camera,
     Environment,
     Light,
+    LightProfile,
     Material,
     Mesh,
     Scene,
@@ -64,7 +65,7 @@ def everything() -> Scene:
             Texture("x", np.ones((2, 2, 3), np.float32)),
             Texture("y", np.ones((1, 2, 4), np.uint8), srgb=True),
         ),
-        lights=(Light("l", "point", np.ones(3)),),
+        lights=(Light("l", "point", np.ones(3), profile=LightProfile(np.arange(6.0).reshape(2, 3))),),
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
         exposure=1.0,
@@ -121,7 +122,7 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
         else:
             assert digest not in seen, f"{path} has the digest of {seen[digest]}"
             seen[digest] = path
-    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, Sky, Environment)
+    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, LightProfile, Sky, Environment)
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
 

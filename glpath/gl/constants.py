@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from glpath.scene.material import SMOOTH as SMOOTH
+from glpath.scene.profile import ANGLE_ROUNDING as ANGLE_ROUNDING_DEGREES
 
 #: Depth behind everything.
 INFINITE_DEPTH = 1e30
@@ -29,6 +30,9 @@ CAST_BITS = 11
 DROPPED_SHIFT = 20
 #: Sums of places (`shaders/aov.glsl`): above the upper bits of depth's, the surfaces met.
 HITS_SHIFT = 16
+
+#: Radians by which a direction may seem to miss the edge of a photometric profile.
+ANGLE_ROUNDING = math.radians(ANGLE_ROUNDING_DEGREES)
 
 
 def constants_glsl() -> str:

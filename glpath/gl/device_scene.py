@@ -31,7 +31,7 @@ from glpath.gl.moving import MovingScene
 from glpath.gl.passes import TriangleIndices
 from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
-from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
+from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance, profile_number, profiled_lights
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
 from glpath.scene.model import Environment, Float64, Int32, Light, Mesh, Scene, Shapes
@@ -84,6 +84,12 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "DIRECTION": "unit, in which the light goes",
         "CONE": "of a spot: cosines of the angles of full light and of its end",
     },
+    "profile": {
+        "AXIS": "of a light with a profile: towards gamma = 0; the first gamma, radians",
+        "C0": "towards C = 0; cells of gamma a radian",
+        "GRID": "its first cell; how many there are along gamma; along C",
+    },
+    "candela": {"CORNERS": "of a cell, W sr^-1: (C, gamma), (C, next), (next C, gamma), (next, next)"},
     "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
@@ -98,7 +104,7 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
         "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
-    "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff"},
+    "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
 #: A primitive's number + 1 is at most this: of 32 bits the T-buffer keeps two to tell how sure it is.
 MAX_PRIMITIVES = 2**30 - 2
@@ -247,6 +253,8 @@ class DeviceScene:
             self.defines["HAS_ENVIRONMENT"] = 1
         if any(light.kind == "directional" for light in lights):
             self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
+        if profiled_lights(scene):
+            self.defines["HAS_PROFILES"] = 1
 
         self.stream = (
             GeometryStream(gl, scene, self.triangle_count, geometry_budget)
@@ -299,6 +307,7 @@ class DeviceScene:
                 "slot_map": images.maps,
                 "image": images.floats,
                 "light": _lights(lights),
+                **_profiles(scene),
                 "environment": _environment(scene),
             },
             source,
@@ -331,10 +340,14 @@ class DeviceScene:
                 "punctual": _texel(
                     _integers(
                         [
-                            (LIGHT_KINDS.index(x.kind), x.falloff == "quadratic" and x.kind != "directional")
+                            (
+                                LIGHT_KINDS.index(x.kind),
+                                x.falloff == "quadratic" and x.kind != "directional",
+                                profile_number(scene, x),
+                            )
                             for x in lights
                         ],
-                        2,
+                        3,
                     )
                 ),
             },
@@ -562,6 +575,31 @@ def _environment(scene: Scene) -> NDArray[np.float32]:
     table = np.zeros((sky.image.shape[0] * sky.image.shape[1], 1, 4), np.float32)
     np.multiply(sky.image.reshape(-1, 3), sky.scale, out=table[:, 0, :3], casting="same_kind")
     return table
+
+
+def _profiles(scene: Scene) -> dict[str, Float64]:
+    """The sections of the lights' profiles; those of one file share their cells."""
+    rows, cells, first = [], [np.zeros((0, 4))], 0
+    starts: dict[int, int] = {}
+    for light in profiled_lights(scene):
+        profile = light.profile
+        assert profile is not None, "profiled_lights has none without"
+        if id(profile) not in starts:
+            starts[id(profile)] = first
+            cells.append(profile.cells())
+            first += len(cells[-1])
+        along, start = profile.candela.shape[1] - 1, np.radians(profile.gamma[0])
+        rows.append(
+            [
+                [*light.direction, start],
+                [*light.c0, 1.0 / np.radians(profile.step)],
+                [starts[id(profile)], along, len(profile.candela), 0.0],
+            ]
+        )
+    return {
+        "profile": np.array(rows, np.float64).reshape(-1, 3, 4),
+        "candela": np.concatenate(cells)[:, None, :],
+    }
 
 
 def _lights(lights: tuple[Light, ...]) -> Float64:

@@ -19,6 +19,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
         "light_density": light.density,
         "light_cone": light.cone,
         "light_quadratic": light.quadratic,
+        "light_profile": light.profile - 1,
     }
 
 
@@ -62,5 +63,5 @@ def light_rows(lights: LightSamples, share: NDArray[np.float64]) -> NDArray[np.f
     rows[:, 1, :3], rows[:, 1, 3] = lights.direction, lights.density
     rows[:, 2, :3], rows[:, 2, 3] = lights.radiance, lights.quadratic
     rows[:, 3, :2] = lights.cone
-    rows[:, 3, 2] = share
+    rows[:, 3, 2], rows[:, 3, 3] = share, lights.profile - 1
     return rows

@@ -18,6 +18,7 @@ from glpath.scene.camera import Camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
+from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 
@@ -28,6 +29,7 @@ __all__ = [
     "Int32",
     "Light",
     "LightKind",
+    "LightProfile",
     "Material",
     "Mesh",
     "Primitive",
@@ -53,11 +55,15 @@ class Light:
 
     kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
     intensity : (3,) float64, linear Rec. 709: radiant intensity W sr^-1 (a spot's on its axis), or, with
-                falloff "none" and for a directional light, the irradiance W m^-2 on a surface that faces it
+                falloff "none" and for a directional light, the irradiance W m^-2 on a surface that faces it. With
+                a profile, what that is multiplied by
     position  : (3,) float64; of no meaning for a directional light
-    direction : (3,) float64 unit, the way the light goes; of no meaning for a point light
+    direction : (3,) float64 unit, the way the light goes; of a point light with a profile, where gamma is 0; of no
+                meaning for one without
     cone      : half angles in degrees, of full light and of its end; between them it fades smoothly
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
+    profile   : of a point light, how much it sends in which direction; None: in all alike
+    c0        : (3,) float64 unit, perpendicular to `direction`: where C is 0 and gamma 90 degrees of the profile
     """
 
     name: str
@@ -67,6 +73,8 @@ class Light:
     direction: Float64 = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     cone: tuple[float, float] = (30.0, 40.0)
     falloff: Literal["quadratic", "none"] = "quadratic"
+    profile: LightProfile | None = None
+    c0: Float64 = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
 
 
 @dataclass(frozen=True, repr=False)

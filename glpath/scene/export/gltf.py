@@ -142,6 +142,9 @@ class _Writer:
                 "light",
                 light.name,
             )
+        if light.profile is not None:
+            self.notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
+            intensity = intensity * (light.profile.flux / (4 * math.pi))
         brightest = float(intensity.max())
         made: dict[str, Any] = {"name": light.name, "type": light.kind, "intensity": brightest}
         made["color"] = (intensity / brightest).tolist() if brightest > 0 else [1.0, 1.0, 1.0]

@@ -447,6 +447,9 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
             light.name,
         )
         intensity = intensity * distance**2
+    if light.profile is not None:
+        notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
+        intensity = intensity * (light.profile.flux / (4 * np.pi))
     if light.kind == "point":
         return {"type": "point", "position": light.position.tolist(), "intensity": rgb(intensity)}
     full, end = light.cone

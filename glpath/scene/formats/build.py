@@ -115,7 +115,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         materials=tuple(assets.materials),
         source=place.source,
         textures=tuple(assets.textures),
-        lights=(*lights.lights(file.lights, place.field("lights")), *assets.lights),
+        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up), *assets.lights),
         ambient=light(file.ambient, place.field("ambient")),
         sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),

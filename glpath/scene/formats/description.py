@@ -627,11 +627,41 @@ class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
 
 
 class PointLight(Light, tag="point", kw_only=True):
-    """A point that shines in all directions alike."""
+    """A point that shines in all directions alike, or as a photometric profile says."""
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
-    intensity: Intensity
+    intensity: Intensity | UnsetType = UNSET
     falloff: Falloff = "quadratic"
+    profile: (
+        Annotated[
+            str,
+            Meta(
+                description="A photometric web, an IES LM-63 file (.ies) of type C, relative to this file's "
+                "folder: its candela are taken as W sr^-1, times `intensity`, which is then 1 by itself."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    direction: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of a profile: where gamma is 0, of any length but zero; against the camera's `up` "
+                "without it."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    c0: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of a profile: towards C = 0, of any length, not along `direction`, to which it is "
+                "made perpendicular; x without it, or z where the light goes along x."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 class SpotLight(Light, tag="spot", kw_only=True):

@@ -13,29 +13,53 @@ from glpath.errors import SceneWarning
 from glpath.image import read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
+from glpath.scene.formats.ies import read_ies
 from glpath.scene.formats.scene_pictures import stored_picture
 from glpath.scene.formats.values import LARGEST, light, unit
-from glpath.scene.model import Environment, Float64, Light, Sky
+from glpath.scene.model import Environment, Float64, Light, LightProfile, Sky
 from glpath.scene.place import Place
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 
 
-def lights(given: Sequence[AnyLight], place: Place) -> tuple[Light, ...]:
-    """Those of the file; `place` is their list's. Raises SceneError."""
-    return tuple(_light(each, index, place.item(index)) for index, each in enumerate(given))
+def lights(given: Sequence[AnyLight], place: Place, folder: Path, camera_up: Float64) -> tuple[Light, ...]:
+    """Those of the file; `place` is their list's, `folder` where relative paths start. Raises SceneError."""
+    profiles: dict[Path, LightProfile] = {}
+    return tuple(
+        _light(each, index, place.item(index), folder, camera_up, profiles) for index, each in enumerate(given)
+    )
 
 
-def _light(given: AnyLight, index: int, place: Place) -> Light:
+def _light(
+    given: AnyLight,
+    index: int,
+    place: Place,
+    folder: Path,
+    camera_up: Float64,
+    profiles: dict[Path, LightProfile],
+) -> Light:
     name = f"{given.__struct_config__.tag}-{index}" if isinstance(given.name, UnsetType) else given.name
     match given:
         case description.PointLight():
+            position = np.array(given.position, np.float64)
+            if isinstance(given.profile, UnsetType):
+                return Light(
+                    name, "point", _plain_intensity(given, place), position=position, falloff=given.falloff
+                )
+            path = folder / given.profile
+            if path not in profiles:  # a file is read once, however many lamps it is of
+                profiles[path] = read_ies(path, place.field("profile"))
+            direction, c0 = _orientation(given, camera_up, place)
+            factor = 1.0 if isinstance(given.intensity, UnsetType) else given.intensity
             return Light(
                 name,
                 "point",
-                light(given.intensity, place.field("intensity")),
-                position=np.array(given.position, np.float64),
+                light(factor, place.field("intensity")),
+                position=position,
+                direction=direction,
                 falloff=given.falloff,
+                profile=profiles[path],
+                c0=c0,
             )
         case description.SpotLight():
             position, target = np.array(given.position, np.float64), np.array(given.target, np.float64)
@@ -61,6 +85,37 @@ def _light(given: AnyLight, index: int, place: Place) -> Light:
                 light(given.irradiance, place.field("irradiance")),
                 direction=unit(given.direction, place.field("direction"), "direction = [0, -1, 0]"),
             )
+
+
+def _plain_intensity(given: description.PointLight, place: Place) -> Float64:
+    """(3,) of a light without a profile."""
+    for name in ("direction", "c0"):
+        if not isinstance(getattr(given, name), UnsetType):
+            raise place.field(name).error(
+                "turns a profile, which the light does not have.", 'Add profile = "lamp.ies", or leave it out.'
+            )
+    if isinstance(given.intensity, UnsetType):
+        raise place.error(
+            "lacks the field `intensity`, which a light without a `profile` must have.",
+            "Radiant intensity in W sr^-1, one number or [r, g, b]; for example intensity = 10.",
+        )
+    return light(given.intensity, place.field("intensity"))
+
+
+def _orientation(given: description.PointLight, camera_up: Float64, place: Place) -> tuple[Float64, Float64]:
+    """Where gamma is 0, and C at gamma 90: (3,) each, unit and perpendicular."""
+    down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
+    direction = unit(down, place.field("direction"), "direction = [0, -1, 0]")
+    if isinstance(given.c0, UnsetType):
+        # Not the axis that the light goes along.
+        towards = np.array([0.0, 0.0, 1.0] if abs(direction[0]) > 0.999 else [1.0, 0.0, 0.0])
+    else:
+        towards = unit(given.c0, place.field("c0"), "c0 = [1, 0, 0]")
+    across = towards - (towards @ direction) * direction
+    length = float(np.linalg.norm(across))
+    if length < 1e-6:
+        raise place.field("c0").error("goes along `direction`, so that C = 0 is nowhere.", "Turn it away from it.")
+    return direction, across / length
 
 
 def _cone(cone: tuple[float, float], place: Place) -> tuple[float, float]:
