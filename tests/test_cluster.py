@@ -290,6 +290,17 @@ def test_chunks_become_as_long_as_they_should_and_shrink_at_the_end():
     assert all(a >= b for a, b in pairwise(sizes[1:]))
 
 
+def test_chunks_are_longer_where_merging_would_be_late():
+    chunks = Chunks([(0, 1_000_000)], 5.0)
+    first = chunks.next(100)
+    assert first is not None
+    chunks.take_cost(0.5)
+    chunks.done(first, 0.1 * first.count)
+    second = chunks.next(100)
+    assert second is not None
+    assert second.count == 1000  # 100 s, of which 100 workers' films take half to merge
+
+
 def test_slow_path_sets_are_handed_out_one_by_one():
     chunks = Chunks([(0, 100)], 5.0)
     first = chunks.next(2)

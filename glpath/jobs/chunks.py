@@ -65,7 +65,7 @@ class Chunks:
     """What of a job is still to be handed out, is out, and has failed.
 
     missing : ranges of path sets to render, in order
-    seconds : that a chunk should take
+    seconds : that a chunk should take, or more, where merging would be late with so many workers
     cut_at  : whether a chunk has to end at this path set count, counted from the beginning of the job: where a stop
               rule looks at the film
     held    : path sets that there are already, which count for `cut_at`
@@ -81,6 +81,7 @@ class Chunks:
     _again: deque[Chunk] = field(default_factory=deque)
     _suspects: deque[Chunk] = field(default_factory=deque)
     _seconds_each: list[float] = field(default_factory=list)
+    _costs: list[float] = field(default_factory=list)
     _took: list[float] = field(default_factory=list)
     _handed: int = 0
 
@@ -108,10 +109,16 @@ class Chunks:
         self.out.append(chunk)
         return chunk
 
+    def take_cost(self, seconds: float) -> None:
+        """What it cost the one process that all films come to, to have one of them merged."""
+        self._costs = [*self._costs[-15:], seconds]
+
     def _size(self, workers: int) -> int:
         if not self._seconds_each:
             return BLOCK
-        fitting = self.seconds / max(statistics.median(self._seconds_each), 1e-9)
+        # The more workers, the longer chunks: merging shall take half of its time at most.
+        cost = statistics.median(self._costs) if self._costs else 0.0
+        fitting = max(self.seconds, 2.0 * workers * cost) / max(statistics.median(self._seconds_each), 1e-9)
         fair = self.left * _SHARE / max(workers, 1)
         size = int(max(1.0, min(fitting, fair, 1e9)))
         # Whole blocks where they fit, as each is a batch of the film, which has to travel.

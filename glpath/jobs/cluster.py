@@ -287,6 +287,7 @@ class _Render:
     _reasons: dict[int, str] = field(default_factory=dict)  # by the first path set of what has failed
     _workers: list[str] = field(default_factory=list)
     _number: int = 0
+    _merging: float = 0.0  # seconds that the last film took
 
     def run(self) -> None:
         """Fill the clock's film. Raises what `render_on` raises."""
@@ -406,6 +407,7 @@ class _Render:
             self._fail(chunks, task, found)
         elif chunks.done(task.chunk, found.seconds):
             self._count("gather_s", took)
+            chunks.take_cost(took / _GATHERERS + self._merging)
             for other in [f for f, t in self._running.items() if t.chunk is task.chunk]:
                 del self._running[other]
                 other.cancel(force=True)
@@ -426,7 +428,9 @@ class _Render:
             part.metadata = replace(part.metadata, elapsed_s=0.0, statistics={})
             self.clock.film.include(part)
             self._counts = merged_values(self._counts, {**statistics, "worker_s": elapsed, "chunks": 1})
-        self._count("merge_s", time.perf_counter() - began)
+        took = time.perf_counter() - began
+        self._count("merge_s", took)
+        self._merging = took / max(1, len(starts))
 
     def _count(self, name: str, value: Any) -> None:
         self._counts = merged_values(self._counts, {name: value})
