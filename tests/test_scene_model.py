@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError
-from glpath.scene import load_scene, scene_from_dict
+from glpath.scene import CameraKey, Motion, load_scene, scene_from_dict
 from glpath.scene.digest import UNSEEN
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
@@ -48,13 +48,16 @@ def everything() -> Scene:
     corners = np.arange(9.0).reshape(3, 3) ** 2
     uv = np.arange(6.0).reshape(3, 2)
     mesh = Mesh(corners, np.array([[0, 1, 2]], np.int32), uv, np.eye(3), uv + 7.0, np.arange(12.0).reshape(3, 4))
+    position, up = np.array([0.0, 0, 9]), np.array([0.0, 1, 0])
+    camera = Camera(position, np.zeros(3), up, 40.0, (8, 6), focus_distance=3.0)
+    motion = Motion(np.array([0.0, 1.0]), np.arange(24.0).reshape(2, 3, 4), np.arange(12.0).reshape(1, 3, 4))
     slots = {name: TextureSlot(i % 2, 1) for i, name in enumerate(SLOTS)}
     return Scene(
         name="all",
-        camera=Camera(np.array([0.0, 0, 9]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 6)),
+        camera=replace(camera, motion=(CameraKey(1.0, np.ones(3), np.zeros(3), np.array([0.0, 1, 0])),)),
         shapes=Shapes(
             [
-                Shape("t", mesh, 0, np.stack([np.eye(3, 4), 2 * np.eye(3, 4)])),
+                Shape("t", mesh, 0, np.stack([np.eye(3, 4), 2 * np.eye(3, 4)]), motion=motion),
                 Shape("s", "sphere", 1, np.arange(12.0).reshape(1, 3, 4)),
                 Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True),
             ]
@@ -122,7 +125,11 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
         else:
             assert digest not in seen, f"{path} has the digest of {seen[digest]}"
             seen[digest] = path
+<<<<<<< HEAD
     kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, LightProfile, Sky, Environment)
+=======
+    kinds = (Scene, Camera, CameraKey, Shape, Motion, Mesh, Material, Texture, TextureSlot, Light, Sky, Environment)
+>>>>>>> cam
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
 

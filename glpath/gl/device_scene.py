@@ -34,7 +34,7 @@ from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance, profile_number, profiled_lights
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
-from glpath.scene.model import Environment, Float64, Int32, Light, Mesh, Scene, Shapes
+from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
@@ -380,19 +380,19 @@ class DeviceScene:
         assert moving is not None, "nothing moves"
         sections = ("vertex_base", "shading_base", "facet_base")
         vertex, shading, facet = (int(bases[name]) for name in sections)  # type: ignore[call-overload]
-        for i in moving.shapes:
-            pose = Shapes((moving.scene.shapes[i].at(time),))
-            first, triangles = self._first_vertices[i], self.scene.shapes.ranges[i]
-            self._float_rows.put(vertex + first, _texel(pose.vertices.astype(np.float32)))
-            if "HAS_VERTEX_NORMALS" in self.defines:
-                self._float_rows.put(shading + first, _texel(pose.vertex_normals))
-            self._float_rows.put(facet + triangles.start, _facets(replace(self.scene, shapes=pose)))
-        self._float_rows.write()
+        moving.move_to(time)
+        pose, rows = moving.pose, self._float_rows
+        rows.put(vertex + moving.vertices, pose.vertices.astype(np.float32))
+        if "HAS_VERTEX_NORMALS" in self.defines:
+            rows.put(shading + moving.vertices, pose.vertex_normals)
+        rows.put(facet + moving.triangles, _facets(replace(self.scene, shapes=pose)))
+        rows.write()
 
     @cached_property
     def _float_rows(self) -> StoreRows:
         return StoreRows(self.textures["scene_floats"], FLOATS)
 
+<<<<<<< HEAD
     @cached_property
     def _first_vertices(self) -> NDArray[np.int64]:
         """(shapes,) where the vertices of each shape begin."""
@@ -410,6 +410,8 @@ class DeviceScene:
         self.box = np.sign(other.box) * reach
         self.radius = other.radius = max(other.radius, _radius(self.scene, other.centre))
 
+=======
+>>>>>>> cam
     @property
     def positional_lights(self) -> int:
         """How many punctual lights have a position: numbers 0 to this."""

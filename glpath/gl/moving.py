@@ -12,6 +12,7 @@ Source:   Haeberli & Akeley 1990, The Accumulation Buffer; van den Bergen 1997, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,8 @@ class MovingScene:
     middle : the scene as it stands in the middle of the time, with its camera
     bounds : (3,) lower and (3,) upper corner of the box around all that the triangles pass through
     lamps  : do any of them shine?
+    pose   : those that move, one after the other, as they stand at the time of `move_to`
+    vertices, triangles : numbers of theirs among all, in the order of `pose`
 
     Raises SceneError for a lamp that grows or shrinks.
     """
@@ -46,7 +49,10 @@ class MovingScene:
         self.bounds = self._swept(np.linspace(opened, closed, _TIMES))
         moving = [scene.shapes[i] for i in self.shapes]
         self.lamps = any(shape.emits for shape in moving)
-        self._triangles = _rounded(self.middle.triangles)
+        self.pose = Shapes(())
+        self.vertices = _numbers(_vertex_ranges(scene.shapes), self.shapes)
+        self.triangles = _numbers(self.middle.shapes.ranges, self.shapes)
+        self._corners = _rounded(self.middle.triangles)
         for shape in moving:
             if shape.emits and not _is_rigid(shape):
                 raise SceneError(
@@ -62,12 +68,14 @@ class MovingScene:
             shapes[i] = self.scene.shapes[i].at(time)
         return replace(self.middle, shapes=Shapes(shapes))
 
-    def triangles_at(self, time: float) -> Float64:
-        """(T, 3, 3) as the device has them at a time; the next call writes to the same array."""
-        for i in self.shapes:
-            alone = Shapes((self.scene.shapes[i].at(time),))
-            self._triangles[self.middle.shapes.ranges[i]] = _rounded(alone.triangles)
-        return self._triangles
+    def move_to(self, time: float) -> None:
+        """Go on with another time, seconds."""
+        self.pose = Shapes(self.scene.shapes[i].at(time) for i in self.shapes)
+
+    def corners(self) -> Float64:
+        """(T, 3, 3), all triangles as the device has them now; the next call writes to the same array."""
+        self._corners[self.triangles] = _rounded(self.pose.triangles)
+        return self._corners
 
     def _swept(self, times: Float64) -> tuple[Float64, Float64]:
         low, high = self.middle.bounds
@@ -83,6 +91,19 @@ class MovingScene:
             low = np.minimum(low, places.min(axis=(0, 1, 2)) - steps)
             high = np.maximum(high, places.max(axis=(0, 1, 2)) + steps)
         return low, high
+
+
+def _vertex_ranges(shapes: Shapes) -> list[slice]:
+    """Of each shape of triangles its range of vertices, in all its instances."""
+    counts = [
+        len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0 for s in shapes
+    ]
+    ends = np.cumsum(counts).tolist()
+    return [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+
+
+def _numbers(ranges: Sequence[slice], which: Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([np.arange(ranges[i].start, ranges[i].stop) for i in which])
 
 
 def _rounded(triangles: Float64) -> Float64:

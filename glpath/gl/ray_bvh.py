@@ -201,12 +201,12 @@ def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDA
     return table
 
 
-def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64]) -> NDArray[np.int64]:
+def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
     """(N, 3): a triangle; the one after it where both are a parallelogram, else -1; and which corner of the first
     the second lacks, else 0.
 
     Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests. Two that move
-    apart are none.
+    apart are none: `paths` (T,) differ.
     """
     count = len(triangles)
     lacks = np.full(count, -1)  # of a triangle that is a parallelogram with the one after it
@@ -221,7 +221,8 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64]) -> NDArray[
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
             near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-6 * size
             lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k
-        lacks[:-1][paths[:-1] != paths[1:]] = -1
+        if paths is not None:
+            lacks[:-1][paths[:-1] != paths[1:]] = -1
     pairs = lacks >= 0
     # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
     run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))

@@ -74,12 +74,13 @@ class StoreRows:
         self._rows = np.frombuffer(texture.read(), kind.dtype).reshape(texture.height, texture.width, 4).copy()
         self._changed = np.zeros(texture.height, np.bool_)
 
-    def put(self, first: int | NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
-        """Texels (n, ..., 4) from the number `first` on, or at the numbers (n,); see `write`."""
-        values = texels.reshape(-1, 4)
-        at = first if isinstance(first, np.ndarray) else first + np.arange(len(values))
-        self._rows.reshape(-1, 4)[at] = values
-        self._changed[np.unique(at // self._texture.width)] = True
+    def put(self, numbers: NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
+        """Put texels (n, ..., 1 to 4) at their numbers (n,), the rest of each 0; see `write`."""
+        flat = self._rows.reshape(-1, 4)
+        values = texels.reshape(len(numbers), -1)
+        flat[numbers, : values.shape[1]] = values
+        flat[numbers, values.shape[1] :] = 0
+        self._changed[numbers // self._texture.width] = True
 
     def write(self) -> None:
         """Hand the rows that have changed to the device."""

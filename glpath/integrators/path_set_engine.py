@@ -186,7 +186,7 @@ class PathSetEngine(ABC):
             time = self._time(index)
             self.scene.move_to(time)
             if self._bvh is not None:
-                self._bvh.move_to(moving.triangles_at(time))
+                self._bvh.move_to(moving.corners())
             if moving.lamps:
                 # The chances of lights stay, or they would not be those that emission is weighed by.
                 self.lighting = replace(self.lighting, scene=moving.at(time))
