@@ -125,11 +125,10 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
         else:
             assert digest not in seen, f"{path} has the digest of {seen[digest]}"
             seen[digest] = path
-<<<<<<< HEAD
-    kinds = (Scene, Camera, Shape, Mesh, Material, Texture, TextureSlot, Light, LightProfile, Sky, Environment)
-=======
-    kinds = (Scene, Camera, CameraKey, Shape, Motion, Mesh, Material, Texture, TextureSlot, Light, Sky, Environment)
->>>>>>> cam
+    kinds = (
+        *(Scene, Camera, CameraKey, Shape, Motion, Mesh, Material, Texture, TextureSlot),
+        *(Light, LightProfile, Sky, Environment),
+    )
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
 

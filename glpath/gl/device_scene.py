@@ -392,16 +392,6 @@ class DeviceScene:
     def _float_rows(self) -> StoreRows:
         return StoreRows(self.textures["scene_floats"], FLOATS)
 
-<<<<<<< HEAD
-    @cached_property
-    def _first_vertices(self) -> NDArray[np.int64]:
-        """(shapes,) where the vertices of each shape begin."""
-        counts = [
-            len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0
-            for s in self.scene.shapes
-        ]
-        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
     def look_as(self, other: DeviceScene) -> None:
         """Have the centre of another scene, and reach as far as either, so that both are seen in one frame."""
         low, high = self.scene.bounds
@@ -410,8 +400,6 @@ class DeviceScene:
         self.box = np.sign(other.box) * reach
         self.radius = other.radius = max(other.radius, _radius(self.scene, other.centre))
 
-=======
->>>>>>> cam
     @property
     def positional_lights(self) -> int:
         """How many punctual lights have a position: numbers 0 to this."""
