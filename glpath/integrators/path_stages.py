@@ -41,7 +41,7 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
-from glpath.integrators.settings import PathSetSettings
+from glpath.integrators.settings import PathSetSettings, PathTraceSettings
 from glpath.lighting import NO_LIGHT
 from glpath.sampling import (
     PathSetSample,
@@ -203,10 +203,10 @@ class PathStages(PathSetEngine):
 
         All that concerns those vertices is of it: scans, shadows and surfaces.
         """
-        share, full = getattr(self._settings, "bounce_lod", None), self.scene
-        if share is None or self._bounces() == 0:
+        settings, full = self._settings, self.scene
+        if not isinstance(settings, PathTraceSettings) or settings.bounce_lod is None or self._bounces() == 0:
             return full
-        found = simplified(full.scene, share)
+        found = simplified(full.scene, settings.bounce_lod)
         density = density_of(full.scene, found.scene, self.lighting.triangle_density)
         lighting = replace(full.lighting, triangle_density=density)
         deep = DeviceScene(self.gl, found.scene, lighting=lighting, deviations=found.deviations)

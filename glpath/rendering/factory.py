@@ -175,9 +175,10 @@ def _path_set_engine(
     plan: _PathTracing | _Gathering, context: Context, scene: Scene, window: Window, timings: bool
 ) -> PathSetEngine:
     solution, settings = plan.solution, plan.settings
+    budget = settings.geometry_budget if isinstance(settings, PathTraceSettings) else None
     return path_engine(
         context.gl,
-        DeviceScene(context.gl, scene, geometry_budget=getattr(settings, "geometry_budget", None)),
+        DeviceScene(context.gl, scene, geometry_budget=budget),
         settings,
         window,
         radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
