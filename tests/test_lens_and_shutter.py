@@ -294,6 +294,30 @@ def test_a_moving_lamp_a_still_shutter_and_the_digest() -> None:
     assert scene.digest() != frozen.digest()
 
 
+def test_a_shape_that_is_added_moves_as_well() -> None:
+    motion = [{"time": 0}, {"time": 1, "transform": [{"translate": [4, 0, 0]}]}]
+    scene = scene_of({"shutter": [0.25, 0.5]}, strip(0, 1)).add(strip(0, 1, motion=motion))
+    assert scene.moving_shapes == (1,)
+    assert scene.bounds[1][0] == pytest.approx(2)
+    assert scene.at(0.5).bounds[1][0] == pytest.approx(3)
+
+
+def test_the_picture_of_a_solution_has_the_camera_of_its_scene() -> None:
+    """What numba's rays meet, against what the classical algorithm's do."""
+    from glpath.radiosity.picture import EyeHits
+
+    scene, gl = glpath.load_scene("cornell-box-36"), get_context().gl
+    for kind, size in (("orthographic", (40, 30)), ("panorama", (40, 20))):
+        seen = scene.with_camera(projection=kind, height=2.4, resolution=size)
+        if kind == "panorama":
+            seen = seen.with_camera(position=np.array([0.1, 0.2, 0.3]))
+        buffer = ClassicEye(gl, DeviceScene(gl, seen), size)
+        buffer.fill(eye_uniforms(seen.camera))
+        primitive, _ = buffer.read()
+        assert np.mean(EyeHits.of(seen, 1).triangle[..., 0] == primitive) > 0.98  # an edge may fall to either side
+        assert (primitive >= 0).mean() > 0.3
+
+
 def test_a_shutter_that_sees_no_motion_and_an_odd_panorama_are_warned_of() -> None:
     scene = glpath.load_scene(MOVING)
     assert check_scene(scene) == []
