@@ -175,3 +175,28 @@ def test_the_gather_is_path_tracing(kind: str) -> None:
     direct = glpath.render(scene, spp=128, max_depth=1)
     # Most of it is not what a picture of direct light alone has.
     assert direct.mean.mean() < 0.97 * gathered.mean.mean()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("lamp", ["point", "box"])
+def test_a_room_is_as_bright_whichever_way_its_fronts_look(lamp: str, method: Any) -> None:
+    """A closed surface that the camera and the light are in is a room, no solid."""
+    shapes: list[dict[str, Any]] = [{"type": "box", "min": [-0.3, -1, -0.3], "max": [0.3, -0.4, 0.3]}]
+    lights = [{"type": "point", "position": [0, 0.5, 0.8], "intensity": 0.1}]
+    if lamp == "box":
+        lights = []
+        shapes.append({"type": "box", "min": [-0.2, 0.4, 0], "max": [0.2, 0.6, 0.4], "emission": {"radiance": 2}})
+    found = []
+    for flipped in (False, True):
+        walls = {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 3], "flip_normals": flipped}
+        camera = {"position": [0, 0, 2.9], "target": [0, 0, 0]}
+        grey = {"default": {"reflectance": 0.6}}
+        scene = glpath.load_scene(
+            {"camera": camera, "materials": grey, "shapes": [walls, *shapes], "lights": lights}
+        )
+        solution = solve_radiosity(scene, method=method, patches=200)
+        inner = np.arange(12)
+        at = np.full((12, 2), 1 / 3)
+        # Only the side that looks in gets any light.
+        found.append(sum(solution.irradiance(inner, at, side, "constant").mean() for side in (0, 1)))
+    assert found[0] == pytest.approx(found[1], rel=0.03)

@@ -112,9 +112,11 @@ def open_points(
 ) -> tuple[Float64, Float64]:
     """(R, count, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is.
 
-    solid : (T,) which triangles belong to closed surfaces
+    solid : (T,) which triangles belong to closed surfaces; those that the camera or a light is in are rooms, no
+            solids, whichever way their fronts look
     count : 1, 4, 9, ...
     """
+    solid = solid & ~_inhabited(scene)[scene.triangle_shape]
     points = elements.points(scene, sub_triangles(round(count**0.5)))[sides.element]
     is_open = np.ones(len(sides))
     if not (solid.any() and len(sides)):
@@ -138,6 +140,43 @@ def open_points(
     chosen = np.take_along_axis(order, spread, axis=1)
     points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
     return points, is_open
+
+
+def _inhabited(scene: Scene) -> NDArray[np.bool_]:
+    """(shapes,) bool: whether the camera, a lamp or a light with a place is within a shape of triangles."""
+    inside = np.zeros(len(scene.shapes), bool)
+    places = [
+        scene.camera.at().position,
+        *(light.position for light in scene.lights if light.kind != "directional"),
+    ]
+    for part, shape in zip(scene.shapes.ranges, scene.shapes, strict=True):
+        if not (shape.emits and shape.primitive == "triangle" and part.stop > part.start):
+            continue
+        corners = scene.triangles[part]
+        largest = np.argmax(
+            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        )
+        off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[part][largest]
+        places += [corners[largest].mean(axis=0) + side * off for side in (1, -1)[: 1 + shape.emission_two_sided]]
+    for number, part in enumerate(scene.shapes.ranges):
+        corners = scene.triangles[part] if scene.shapes[number].primitive == "triangle" else ()
+        if len(corners):
+            low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+            near = [p for p in places if (p > low).all() and (p < high).all()]
+            inside[number] = any(_within(corners, place) for place in near)
+    return inside
+
+
+def _within(triangles: Float64, place: Float64) -> bool:
+    """Whether a closed surface of triangles (T, 3, 3) is around a place: by the solid angle that it fills.
+
+    A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
+    """
+    a, b, c = np.moveaxis(triangles - place, 1, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+    angle = 2.0 * np.arctan2((a * np.cross(b, c)).sum(1), dots).sum()
+    return bool(abs(angle) > 2.0 * np.pi)
 
 
 def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64) -> NDArray[np.bool_]:
