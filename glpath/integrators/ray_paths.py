@@ -127,6 +127,8 @@ class RayPathEngine(PathSetEngine):
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
         }
+        if any(material.is_pane for material in scene.scene.materials):
+            defines["HAS_PANES"] = 1
         self._lamp_edges: LampEdges | None = None
         if LampEdges.are_in(scene):
             self._lamp_edges = LampEdges(gl, scene, self._size, bvh, settings.seed, settings.sampling)
@@ -153,8 +155,6 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
-        if any(material.is_pane for material in scene.scene.materials):
-            defines["HAS_PANES"] = 1
         self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
