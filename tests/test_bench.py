@@ -69,6 +69,7 @@ def test_list_names_every_bench() -> None:
         "path-buffer",
         "gather",
         "denoise",
+        "textures",
         "t-buffer",
         "shaft",
         "shaft-options",
