@@ -176,4 +176,5 @@ def test_guides_look_through_panes() -> None:
         means.append(films.mean())
     print(errors, means)
     assert means[1] == pytest.approx(means[0], rel=0.02)
-    assert errors[1] < 0.8 * errors[0]
+    # 0.39; 0.77 where they stop at panes.
+    assert errors[1] < 0.6 * errors[0]
