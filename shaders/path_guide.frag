@@ -14,6 +14,10 @@
 #include "ray_bvh.glsl"
 #include "radiosity.glsl"
 #include "cosine.glsl"
+#ifdef HAS_PANES
+#include "lobes.glsl"
+const int PANES = 8;  // at most, one behind the other
+#endif
 #include <GUIDE_PLACES_STORE>
 
 uniform int guide_count;
@@ -25,9 +29,25 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 {
     float density = dot(normal, direction) / PI;
     int triangle = nearest_triangle(start, direction, own);
+    vec3 through = vec3(1.0);
+    float way = 0.0;
+#ifdef HAS_PANES
+    // Straight on through panes, as paths and their rays to lights go.
+    for (int k = 0; k < PANES && triangle >= 0; ++k)
+    {
+        vec4 plane = facet_texel(triangle, FACET_PLANE);
+        float along = max(0.0, (plane.w - dot(plane.xyz, start)) / dot(plane.xyz, direction));
+        vec3 passes = pane_lets_through(triangle, start + along * direction, direction);
+        if (max(passes.r, max(passes.g, passes.b)) <= 0.0) break;
+        through *= passes;
+        start += along * direction;
+        way += along;
+        triangle = nearest_triangle(start, direction, triangle);
+    }
+#endif
     if (triangle < 0) {
 #ifdef HAS_SKY
-        return sky(direction) * power_heuristic(density, sky_density(direction));
+        return through * sky(direction) * power_heuristic(density, sky_density(direction));
 #else
         return vec3(0.0);
 #endif
@@ -35,8 +55,8 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     float t, light_point;
     PathVertex v = vertex_on(triangle, start, direction, t);
     vec3 Le = emitted(v.surface, v.front, light_point);
-    return v.bsdf.diffuse * irradiance_at(lattice_place(triangle, v.surface.position), v.front).rgb / PI
-         + Le * emission_share(density, light_point, t, dot(v.plane.xyz, direction));
+    vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_place(triangle, v.surface.position), v.front).rgb / PI;
+    return through * (reflected + Le * emission_share(density, light_point, way + t, dot(v.plane.xyz, direction)));
 }
 
 void main()

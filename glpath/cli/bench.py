@@ -38,6 +38,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "time to an error with Open Image Denoise: the gather and path tracing, beside Mitsuba 3 with the same",
         ("--scene", "--resolution", "--seeds", "--reference"),
     ),
+    "textures": (
+        "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
+        ("--rounds", "--scale"),
+    ),
     "t-buffer": (
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
         ("--rounds", "--scale"),
@@ -94,12 +98,15 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="t-buffer, shafts, viewfactors, jobs, start-up: turns of each program; the median counts; 7.",
+            help="t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program; the median counts; "
+            "7.",
         ),
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(metavar="S", help="gather, t-buffer, shafts, viewfactors, jobs: below 1, less work; 1."),
+        typer.Option(
+            metavar="S", help="gather, t-buffer, textures, shafts, viewfactors, jobs: below 1, less work; 1."
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -171,6 +178,10 @@ def _measure(
         from glpath.bench.t_buffer import bench_t_buffer
 
         return bench_t_buffer(scale, rounds, progress)
+    if name == "textures":
+        from glpath.bench.textures import bench_textures
+
+        return bench_textures(scale, rounds, progress)
     if name == "shaft":
         from glpath.bench.shaft import bench_shaft
 

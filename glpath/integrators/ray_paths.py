@@ -135,6 +135,8 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
             **self._sums.defines,
         }
+        if any(material.is_pane for material in scene.scene.materials):
+            defines["HAS_PANES"] = 1
         self._lamp_edges: LampEdges | None = None
         # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
         if LampEdges.are_in(scene) and not (camera.aperture_radius > 0 or camera.moves or scene.moving):
@@ -164,8 +166,6 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
-        if any(material.is_pane for material in scene.scene.materials):
-            defines["HAS_PANES"] = 1
         self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass

@@ -132,6 +132,26 @@ class Appearance:
         """(P, 3) float64 radiance W sr^-1 m^-2, the same."""
         return self._means(self.emission, "emission", triangle, corners, 3)
 
+    def clear_shares(self) -> Float64:
+        """(shapes,) float64: the share of each shape's base that is glass."""
+        share = np.array([material.clear for material in self._materials], float)
+        for number in np.flatnonzero(share):
+            slot = self._materials[number].transmission_texture
+            if slot is not None:
+                share[number] *= self.scene.textures[slot.texture].linear()[..., 0].mean()
+        return share
+
+    def mean_clear(self) -> Float64:
+        """(T, 3) float64: what glass lets through of light that meets it and that its surface does not reflect."""
+        of = self.clear_shares()[self.scene.triangle_shape]
+        found = np.zeros((len(of), 3))
+        glass = np.flatnonzero(of)
+        if len(glass):
+            opacity = self.mean_opacity()[glass, None]
+            base = self.mean_reflectance(glass, np.broadcast_to(WHOLE, (len(glass), 3, 2)))
+            found[glass] = of[glass, None] * base / np.where(opacity > 0, opacity, 1.0)
+        return found
+
     @cached_property
     def _all(self) -> Int64:
         return np.arange(len(self.scene.triangle_shape))

@@ -166,8 +166,15 @@ class Material:
         normal = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         return np.minimum(normal * self.specular_colour, 1.0) * self.specular_weight, self.specular_weight
 
-    def hemispherical_reflectance(self, base: Float64) -> Float64:
+    @property
+    def clear(self) -> float:
+        """In [0, 1]: the share of its base that is glass."""
+        return 0.0 if self.roughness is None else (1.0 - self.metallic) * self.transmission
+
+    def hemispherical_reflectance(self, base: Float64, clear: float = 0.0) -> Float64:
         """(3,) float64: the share of light from everywhere that is sent back, or through; for `reflectance` base.
+
+        clear : share of the base that is let through and not counted here
 
         By Schlick's formula, whose mean over the cosine is a 21st of the way from normal to grazing incidence. For
         solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
@@ -178,7 +185,8 @@ class Material:
             return np.asarray(np.minimum(base + self.mirror, _MOST_REFLECTED))
         f0, f90 = self.dielectric
         layer = f0 + (f90 - f0) / 21.0
-        under = layer + (1.0 - layer.max()) * base
+        kept = 1.0 - clear / max(1.0 - self.metallic, 1e-9)
+        under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
         coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)

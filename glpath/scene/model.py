@@ -172,15 +172,15 @@ class Scene:
         """
         return self.shapes.bounds
 
-    def mean_reflectance(self, material: Material) -> Float64:
+    def mean_reflectance(self, material: Material, clear: float = 0.0) -> Float64:
         """(3,) float64: what one of the scene's materials reflects of light from everywhere, mirrors and glass too.
 
-        Of a texture the mean.
+        Of a texture the mean; without the share of the base that is `clear`.
         """
         base = material.reflectance
         if material.texture is not None:
             base = base * self.textures[material.texture.texture].mean
-        return material.hemispherical_reflectance(base)
+        return material.hemispherical_reflectance(base, clear)
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.

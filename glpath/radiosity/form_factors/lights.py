@@ -4,8 +4,9 @@ What they send is cast to the points ray by ray, and what surfaces reflect of it
 
 Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
           many where that is an environment map, half of them as dense as its radiance.
-          Light passes through a triangle by its mean opacity.
-Poor at:  a sky that is seen through small openings, which few of a point's rays go through.
+          Light passes through a triangle by its mean opacity, and straight through panes.
+Poor at:  a sky that is seen through small openings, which few of a point's rays go through; solid and frosted
+          glass, behind which it is dark here.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from glpath.kernels import kernel
 from glpath.lighting import Lighting, incident
+from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
@@ -42,6 +44,8 @@ class DirectLight:
         self.lighting = Lighting.of(scene)
         self._rays = rays_of(scene) if self else None
         self._opacity = Appearance(scene).mean_opacity()
+        self._glass = Glass.of_scene(scene)
+        self._normals = scene.normals
 
     def __bool__(self) -> bool:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
@@ -73,24 +77,25 @@ class DirectLight:
             cosine = np.einsum("pi,pi->p", normals, there.wi)
             lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
             free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
-            total[lit] += (free * cosine[lit])[:, None] * there.irradiance[lit]
+            total[lit] += free * cosine[lit, None] * there.irradiance[lit]
         if self.lighting.sky is not None:
             random = np.random.default_rng(number)
             wi = _by_the_cosine(normals, random)
             if isinstance(self.lighting.sky, Environment):
                 wi = np.concatenate([wi, _by_the_radiance(self.lighting.sky, len(points), random)], axis=1)
             free = self._free(points, triangle, wi, np.full(len(points), np.inf))
-            seen = free[..., None] * self.lighting.sky.radiance(wi)
+            seen = free * self.lighting.sky.radiance(wi)
             if isinstance(self.lighting.sky, Environment):
                 seen *= 2.0 * _shares(self.lighting.sky, wi, normals)[..., None]
             total += np.pi * seen.mean(axis=1)
         return total
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> Float64:
-        """(P, K): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
+        """(P, K, 3): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
         end = distance * (1 - _NEAR_LIGHT)
-        free = np.empty(wi.shape[:2])
-        _free(self._rays, self._opacity, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
+        free = np.empty(wi.shape)
+        surfaces = (self._opacity, self._glass, self._normals)
+        _free(self._rays, *surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
         return free
 
 
@@ -128,24 +133,32 @@ def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
 
 
 @kernel
-def _free(rays, opacity, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
-    """Fill (P, K): what is left of light along rays wi (P, K, 3) from points of triangles, up to the end (P,).
+def _free(rays, opacity, glass, normals, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
+    """Fill (P, K, 3): what is left of light along rays wi (P, K, 3) from points of triangles, up to the end (P,).
 
     work: (2, 3).
     """
     o, found = work[0], work[1]
     for p in range(len(points)):
         for k in range(wi.shape[1]):
-            share, own, way = 1.0, triangle[p], end[p]
+            share, own, way = free[p, k], triangle[p], end[p]
             for c in range(3):
                 o[c] = points[p, c]
-            while share > 0:
+                share[c] = 1.0
+            while max(share[0], share[1], share[2]) > 0:
                 hit = nearest(rays, o, wi[p, k], own, found)
                 if hit < 0 or found[0] >= way:
                     break
-                share *= 1.0 - opacity[hit]
+                passes = 1.0 - opacity[hit]
+                left = 0.0
+                if glass.pane[hit]:
+                    cosine = 0.0
+                    for c in range(3):
+                        cosine += normals[hit, c] * wi[p, k, c]
+                    _, left = at_glass(glass, hit, abs(cosine), False)
+                for c in range(3):
+                    share[c] *= passes + opacity[hit] * left * glass.clear[hit, c]
                 own = hit
                 way -= found[0]
                 for c in range(3):
                     o[c] += found[0] * wi[p, k, c]
-            free[p, k] = share

@@ -79,12 +79,14 @@ def side_reflectance(scene: Scene) -> Float64:
     """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black.
 
     Of textures and colours of vertices the mean over the triangle, times its opacity: light that a wall sends on
-    does not know where on it a picture hangs.
+    does not know where on it a picture hangs. What glass lets through is none of it.
     """
     materials = [scene.materials[s.material] for s in scene.shapes]
     shape = scene.triangle_shape
-    front = np.array([scene.mean_reflectance(m) for m in materials]).reshape(-1, 3)[shape]
     appearance = Appearance(scene)
+    clear = appearance.clear_shares()
+    front = np.array([scene.mean_reflectance(m, c) for m, c in zip(materials, clear, strict=True)])
+    front = front.reshape(-1, 3)[shape]
     painted = np.flatnonzero(appearance.varies("reflectance")[shape])
     if len(painted):
         front[painted] = appearance.mean_reflectance(painted)
@@ -94,7 +96,7 @@ def side_reflectance(scene: Scene) -> Float64:
             # What is not there reflects nothing, not even as its layers do.
             there = opacity[own, None]
             base = front[own] / np.where(there > 0, there, 1.0)
-            front[own] = there * materials[number].hemispherical_reflectance(base)
+            front[own] = there * materials[number].hemispherical_reflectance(base, clear[number])
     two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
     return np.stack([front, front * two_sided])
 

@@ -72,8 +72,8 @@ class Occluders:
     def of_scene(cls, scene: Scene) -> Occluders:
         """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes.
 
-        Visibility is all or nothing: of a surface with an opacity, a polygon hides what is behind it where half of
-        it or more is opaque.
+        Visibility is all or nothing: of a surface with an opacity or of glass, a polygon hides what is behind it
+        where half of it or more lets nothing through.
         """
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
@@ -86,9 +86,9 @@ class Occluders:
             closed[i] = scene.shapes[i].primitive == "triangle" and _closed(triangles[part])
         clear = None
         appearance = Appearance(scene)
-        see_through = appearance.varies("opacity")
+        see_through = appearance.varies("opacity") | (appearance.clear_shares() > 0)
         if see_through.any():
-            opacity = appearance.mean_opacity()
+            opacity = appearance.mean_opacity() * (1.0 - appearance.mean_clear().mean(axis=1))
             clear = np.where(
                 two, 0.5 * (opacity[first] + opacity[np.minimum(first + 1, count - 1)]), opacity[first]
             )

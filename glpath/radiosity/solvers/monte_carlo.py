@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
 from glpath.radiosity.shafts.occluders import Occluders
@@ -35,14 +36,21 @@ from glpath.scene.model import Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
 BATCH = 1 << 14
+#: Surfaces of glass that a particle passes or is mirrored by, one behind the other.
+_MOST_THROUGH = 64
 
 
 class _Surfaces(NamedTuple):
-    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), and lattices, which begin at `begin`."""
+    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices, from `begin` on.
+
+    reflectance : of glass without that of its surface, which mirrors
+    """
 
     normals: Float64
     reflectance: Float64
     opacity: Float64
+    is_glass: NDArray[np.bool_]
+    glass: Glass
     divisions: Int64
     begin: Int64
 
@@ -98,10 +106,13 @@ class Shooting:
         self._rays = rays_of(scene)
         self.open_areas, self.lit = _open_and_lit(self.mesh)
         self._lamps = self._find_lamps(sides)
+        glass = Glass.of_scene(scene)
         self._surfaces = _Surfaces(
             scene.normals,
-            side_reflectance(scene),
+            _beside_glass(side_reflectance(scene), glass),
             Appearance(scene).mean_opacity(),
+            np.asarray(glass.clear.any(axis=1)),
+            glass,
             divisions,
             lattice.starts(lattice.element_count(divisions)),
         )
@@ -193,6 +204,14 @@ class Shooting:
         return np.asarray(self.irradiance() * self._used[..., None])
 
 
+def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
+    """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
+    f0, f90, layered, coat = glass.layer.T
+    coat = coat * (0.04 + 0.96 / 21.0)
+    mirrored = coat + (1.0 - coat) * layered * (f0 + (f90 - f0) / 21.0)
+    return np.asarray(np.maximum(reflectance - np.where(glass.clear.any(axis=1), mirrored, 0.0)[:, None], 0.0))
+
+
 def _open_and_lit(mesh: Mesh) -> tuple[Float64, Float64]:
     """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
@@ -227,7 +246,7 @@ def _random(state):  # type: ignore[no-untyped-def]
 @kernel
 def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-untyped-def]
     """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3)."""
-    corners, normals, reflectance = lamps.corners, surfaces.normals, surfaces.reflectance
+    corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
     hits = 0
     if len(lamps.cdf) == 0:
         return hits
@@ -245,7 +264,7 @@ def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-
             o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
             w[k] = lamps.energy[which, k]
         part = lamps.part[which]  # direct, until it is reflected
-        leaves = True
+        leaves, passed = True, 0
         while True:
             if leaves:
                 state = _leave(state, normals[triangle], back, d)
@@ -259,6 +278,10 @@ def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-
                 along += normals[triangle, k] * d[k]
                 o[k] += found[0] * d[k]
             back = 1 if along > 0 else 0
+            is_glass = surfaces.is_glass[triangle]
+            if is_glass and back == 1 and glass.ior[triangle] > 0:
+                for k in range(3):
+                    w[k] *= np.exp(-glass.attenuation[triangle, k] * found[0])
             n = surfaces.divisions[triangle]
             x, y = n * found[1], n * found[2]
             i = min(int(x), n - 1)
@@ -270,12 +293,47 @@ def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-
                 flux[part, back, at, k] += w[k]
                 survival = max(survival, reflectance[back, triangle, k])
             state, u = _random(state)
-            leaves = u < survival
+            chance, met = survival, u < surfaces.opacity[triangle]
+            if is_glass and met:
+                # As a path of the shaders: mirrored, through, or met by what of the base is dull.
+                inside = back == 1 and glass.ior[triangle] > 0
+                mirrored, left = at_glass(glass, triangle, abs(along), inside)
+                clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
+                through = clear * left
+                state, u = _random(state)
+                if u < mirrored + through:
+                    passed += 1
+                    if passed > _MOST_THROUGH:
+                        break
+                    leaves = False
+                    scale, bends = 1.0, -2 * along
+                    if u >= mirrored:
+                        bends = 0.0
+                        index = glass.ior[triangle]
+                        if index > 0:
+                            scale = index if inside else 1 / index
+                            far = np.sqrt(max(0.0, 1 - scale * scale * (1 - along * along)))
+                            bends = (far if along > 0 else -far) - scale * along
+                        for k in range(3):
+                            w[k] *= glass.clear[triangle, k] / clear
+                    if u < mirrored or not glass.pane[triangle]:
+                        part = 1  # which rays to a light do not find
+                    for k in range(3):
+                        d[k] = scale * d[k] + bends * normals[triangle, k]
+                    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+                    for k in range(3):
+                        d[k] /= length
+                    continue
+                rest = max(1 - mirrored - through, 1e-9)
+                u = (u - mirrored - through) / rest
+                chance = survival / (rest * surfaces.opacity[triangle])
+            passed = 0
+            leaves = u < chance
             if leaves:
                 part = 1
                 for k in range(3):
                     w[k] *= reflectance[back, triangle, k] / survival
-            elif u < surfaces.opacity[triangle]:
+            elif met:
                 break  # absorbed; what it does not meet, it passes through, as it is
     return hits
 

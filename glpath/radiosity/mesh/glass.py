@@ -1,0 +1,80 @@
+"""Glass, as light passes through it: panes straight, solids by refraction, each what its surface does not reflect.
+
+To the solvers a surface reflects as if it were dull. What glass lets through goes on behind it, by the angle at
+which it comes, as the shaders have it (`shaders/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
+
+Poor at:  frosted glass, whose light goes on as if it were clear.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import inner_kernel
+from glpath.radiosity.mesh.lattice import Int64
+from glpath.scene import Scene
+from glpath.scene.appearance import Appearance
+from glpath.scene.model import Float64
+
+
+class Glass(NamedTuple):
+    """Of a scene's triangles.
+
+    clear : (T, 3) share that is let through where nothing is reflected; 0 of what is no glass
+    layer : (T, 4) what its surface reflects at normal and at grazing incidence, the share of it that is no metal,
+            and that under varnish
+    ior   : (T,) of refraction, of solids; 0 for what is thin
+    pane  : (T,) bool: thin and smooth, so that rays to a light go through
+    attenuation : (T, 3) inside of solids, per scene unit
+    """
+
+    clear: Float64
+    layer: Float64
+    ior: Float64
+    pane: NDArray[np.bool_]
+    attenuation: Float64
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Glass:
+        materials = [scene.materials[shape.material] for shape in scene.shapes]
+        shape: Int64 = scene.triangle_shape.astype(np.int64)
+
+        def of_shapes(values: list[object], width: int) -> Float64:
+            return np.array(values, np.float64).reshape(len(materials), width)[shape]
+
+        layers = [(m.dielectric[0].max(), m.dielectric[1], 1.0 - m.metallic, m.clearcoat) for m in materials]
+        return cls(
+            Appearance(scene).mean_clear(),
+            of_shapes(list(layers), 4),
+            of_shapes([0.0 if m.thin else m.ior for m in materials], 1)[:, 0],
+            np.array([m.is_pane for m in materials], bool)[shape],
+            of_shapes([m.attenuation for m in materials], 3),
+        )
+
+
+@inner_kernel
+def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
+    """The share of light that its surface mirrors, and the one that `clear` is a share of.
+
+    cosine : of its angle to the normal
+    inside : it comes from within a solid
+    """
+    index = glass.ior[triangle]
+    grazing = 1 - min(cosine, 1.0)
+    schlick = grazing * grazing * grazing * grazing * grazing
+    f0, f90 = glass.layer[triangle, 0], glass.layer[triangle, 1]
+    reflected = f0 + (f90 - f0) * schlick
+    if index > 0:
+        eta = 1 / index if inside else index
+        sine2 = (1 - cosine * cosine) / (eta * eta)
+        reflected = 1.0
+        if sine2 < 1:
+            far = np.sqrt(1 - sine2)
+            across = (cosine - eta * far) / (cosine + eta * far)
+            along = (eta * cosine - far) / (eta * cosine + far)
+            reflected = 0.5 * (across * across + along * along)
+    coat = glass.layer[triangle, 3] * (0.04 + 0.96 * schlick)
+    return coat + (1 - coat) * glass.layer[triangle, 2] * reflected, (1 - coat) * (1 - reflected)
