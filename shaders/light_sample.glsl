@@ -2,6 +2,8 @@
 // shares light with the direction in which a path goes on [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
+// Here, as a file is included once, and sky.glsl may want it where these are not.
+#include "angles.glsl"
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "punctual.glsl"
 #include "profile.glsl"

@@ -18,7 +18,6 @@ from glpath.bench import (
     embree_peer,
     gather,
     jobs,
-    other_python,
     path_buffer,
     radiance_peer,
     shaft,
@@ -31,7 +30,7 @@ from glpath.cli.bench import BENCHES
 from glpath.cli.main import app
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
-from glpath.experiments import mitsuba_peer
+from glpath.experiments import mitsuba_peer, other_python
 from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
 from glpath.jobs.cluster import render_on

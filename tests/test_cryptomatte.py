@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.bench import other_python
 from glpath.cryptomatte import ShapeCounts, cryptomatte, hash_id, murmur3_32
 from glpath.errors import GlpathError, ImageError
+from glpath.experiments import other_python
 from glpath.film import Film
 from glpath.image import read_exr_channels, read_image
 

@@ -16,6 +16,8 @@ REFUSED = {
     ("path", "three-spheres"): "planes (ground), which",
     ("gather", "stacked"): "materials.red.specular",
     ("gather", "three-spheres"): "planes (ground), which",
+    ("classic", "parlour"): "has glass (pane, glass)",
+    ("t-buffer", "parlour"): "has glass (pane, glass)",
 }
 
 

@@ -128,6 +128,8 @@ def test_a_turntable_goes_on_too(tmp_path):
     assert np.array_equal(film(tmp_path / "t-1.npz"), wanted)
 
 
+# A frame is a still of what moves, and that is meant.
+@pytest.mark.filterwarnings("ignore:There is motion:glpath.SceneWarning")
 def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
     here, there = (glpath.load_scene(scene, {"time": time}) for time in (0, 0.5))
     frames = [here, there, there.with_camera(projection="orthographic", height=2.0)]

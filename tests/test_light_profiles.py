@@ -13,8 +13,8 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 import glpath
-from glpath.bench import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
+from glpath.experiments import other_python
 from glpath.lighting import incident
 from glpath.scene.formats.ies import read_ies
 from glpath.scene.model import Float64, Light, LightProfile

@@ -294,7 +294,7 @@ def test_parameters_shape_the_furnace():
         ("stacked", {"objects": "0"}, ['objects is "0"', "from 1 to 1000000", "default is 100"]),
         ("stacked", {"kind": "cube"}, ['kind is "cube"', "sphere or triangle"]),
         ("stacked", {"ground": "perhaps"}, ['ground is "perhaps"', "true or false"]),
-        ("cornell-box", {"size": "2"}, ["cornell-box: has no parameters", "size", "furnace"]),
+        ("cornell-box", {"size": "2"}, ["cornell-box: has no parameter `size`", "time=0.0"]),
     ],
 )
 def test_a_wrong_parameter_is_named_with_what_is_allowed(name: str, parameters: dict, expected: list[str]):

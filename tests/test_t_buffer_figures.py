@@ -40,7 +40,8 @@ def test_a_small_figure_has_its_files_and_a_verdict_by_its_rule(name: str, tmp_p
     assert report["name"] == name
     assert list(report) == ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
     assert report["measured"]
-    assert all(isinstance(value, float) for value in report["measured"].values())
+    # Times of so small a figure may be fitted by nothing.
+    assert all(isinstance(v, float) or (v is None and k.endswith("time")) for k, v in report["measured"].items())
     assert report["holds"] is holds_by_its_rule(report)
     assert set(report["machine"]) == {"renderer", "cpu", "cores"}
     assert {"glpath", "matplotlib", "driver"} <= set(report["versions"])

@@ -98,8 +98,8 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program; the median counts; "
-            "7.",
+            help="t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of which the "
+            "median counts; 7.",
         ),
     ] = None,
     scale: Annotated[

@@ -9,6 +9,7 @@ import json
 import logging
 import math
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -380,7 +381,8 @@ def render(
         todo = left_to_do(many, out, resume)
         cameras = loaded.camera.turntable(turntable) if turntable is not None else None
         tell = None if progress == "none" else lambda line: say(line, err=True)
-        with _watched(silence, "The frames before it are written."):
+        with _watched(silence, "The frames before it are written."), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
             ended_early = render_to_files(
                 many,
                 todo,

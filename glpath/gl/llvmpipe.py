@@ -31,6 +31,8 @@ _UNIFORM = re.compile(
     r"^\s*uniform (?P<type>float|u?int|[iu]?vec[234]) (?P<name>\w+)(?P<array>\[(?P<size>\w+)\])?;"
 )
 
+_CONDITION = re.compile(r"^\s*#\s*(?P<word>ifdef|ifndef|if|elif|else|endif|define)\b\s*(?P<name>\w*)")
+
 
 def is_spoken(gl: moderngl.Context) -> bool:
     """By the renderer, or as GLPATH_TEXELS says, so that tests run both ways."""
@@ -73,16 +75,43 @@ class HandedOn:
 
     Rewrites the lines of the fragment shader and keeps what it found for `vertex`, which rewrites the text of the
     other. Arrays are handed on where `defines` knows their size. What goes beyond `components`, as many as inputs
-    may have, stays a uniform: the driver does not refuse more, but overruns its stack.
+    may have, stays a uniform: the driver does not refuse more, but overruns its stack. What an #ifdef takes away
+    does not count.
     """
 
     def __init__(self, defines: Mapping[str, object], components: int) -> None:
         self._defines = defines
         self._left = components
         self._found: dict[str, tuple[str, str]] = {}
+        self._names = set(defines)
+        self._branches: list[bool | None] = []  # whether each is compiled that the line is in; None: not known
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the line that was looked at last may be; of conditions only #ifdef and #ifndef are understood."""
+        return False not in self._branches
+
+    def _follow(self, line: str) -> None:
+        found = _CONDITION.match(line)
+        if found is None:
+            return
+        word, name = found["word"], found["name"]
+        if word in ("ifdef", "ifndef"):
+            self._branches.append((name in self._names) == (word == "ifdef"))
+        elif word == "if":
+            self._branches.append(None)
+        elif word == "elif":
+            self._branches[-1] = None
+        elif word == "else":
+            self._branches[-1] = None if self._branches[-1] is None else not self._branches[-1]
+        elif word == "endif":
+            self._branches.pop()
+        elif word == "define" and self.is_compiled:
+            self._names.add(name)
 
     def fragment(self, line: str) -> str:
-        uniform = _UNIFORM.match(line)
+        self._follow(line)
+        uniform = _UNIFORM.match(line) if self.is_compiled else None
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
         name, kind, array = uniform["name"], uniform["type"], uniform["array"] or ""

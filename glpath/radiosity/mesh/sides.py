@@ -161,8 +161,8 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
         off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[part][largest]
         places += [corners[largest].mean(axis=0) + side * off for side in (1, -1)[: 1 + shape.emission_two_sided]]
     for number, part in enumerate(scene.shapes.ranges):
-        corners = scene.triangles[part] if scene.shapes[number].primitive == "triangle" else ()
-        if len(corners):
+        corners = scene.triangles[part]
+        if scene.shapes[number].primitive == "triangle" and len(corners):
             low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
             near = [p for p in places if (p > low).all() and (p < high).all()]
             inside[number] = any(_within(corners, place) for place in near)
