@@ -326,4 +326,4 @@ def test_what_streams_cannot_be_with_is_said(change, said):
     shapes = [{"type": "stream", "stream": Hills(1, 2)}, ball]
     scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {"zenith": 1}})
     with pytest.raises(glpath.SceneError, match=said):
-        glpath.render(scene, spp=1, directions="pair", resolution=(16, 16))
+        glpath.render(scene, spp=1, directions="pair", resolution=(32, 16))
