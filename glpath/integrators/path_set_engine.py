@@ -249,7 +249,7 @@ class PathSetEngine(ABC):
     def _kind_of(self, camera: Camera) -> tuple[object, ...]:
         """What programs and passes are made for."""
         moving = self.scene.moving is not None
-        return (camera.projection, camera.aperture_radius > 0, camera.moves, camera.shutter if moving else None)
+        return (*CameraSensor.of(camera).kind, camera.shutter if moving else None)
 
     def _look_by_rays(self) -> None:
         """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""

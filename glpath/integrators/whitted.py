@@ -341,7 +341,7 @@ class WhittedTracer:
 
 
 def _kind_of(sensor: CameraSensor) -> tuple[object, ...]:
-    return (sensor.projection, sensor.aperture_radius > 0, sensor.camera.moves, None)
+    return (*sensor.kind, None)
 
 
 def _check_shadows(scene: Scene) -> None:
