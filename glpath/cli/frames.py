@@ -21,10 +21,11 @@ from glpath.cli.signals import arrived, hold, release
 from glpath.errors import GlpathError, UsageError
 from glpath.files import Save, check_writable, save_all, whole_file
 from glpath.progress import duration
+from glpath.scene.camera import Camera
 
 if TYPE_CHECKING:
     from glpath.film import Film
-    from glpath.scene import Camera, Scene
+    from glpath.scene import Scene
 
 #: Of films of frames, which imageio-ffmpeg writes.
 MOVIES = (".mp4", ".mov", ".mkv")
@@ -222,11 +223,10 @@ def films_of(
         return
     from glpath.jobs.cluster import Cluster, render_on
     from glpath.rendering.job import describe
-    from glpath.scene import Scene as ASceneItself
 
     machine = {name: options.pop(name) for name in ("backend", "device", "require_gpu", "timings")}
     with Cluster(cluster) as workers:
         for frame in shown:
-            whole = frame if isinstance(frame, ASceneItself) else scene.with_camera(**vars(frame))
+            whole = scene.with_camera(**vars(frame)) if isinstance(frame, Camera) else frame
             job, loaded = describe(whole, **options)
             yield render_on(workers, job, scene=loaded, **machine)
