@@ -34,7 +34,7 @@ lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/lint-imports
 
 evidence: $(STAMPS)-reference ## set up with Mitsuba and a browser, then run the slow comparisons
-	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m pytest -m evidence
+	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" sh .ci/evidence $(BIN)/python $(JOBS)
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/glpath bench $(BENCH)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import signal
@@ -10,7 +9,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import beside
 import hypothesis
 import numpy as np
 import pytest
@@ -36,37 +34,6 @@ def no_gl_error() -> Iterator[None]:
     with context:
         error = context.gl.error
     assert error == "GL_NO_ERROR", f"the test left {error} behind"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What runs beside the other tests is waited for at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("beside") is not None)
-
-
-def pytest_collection_finish(session: pytest.Session) -> None:
-    if session.config.option.collectonly or len(session.items) < 2:
-        return
-    for item in session.items:
-        marker = item.get_closest_marker("beside")
-        if marker is not None:
-            with contextlib.suppress(pytest.skip.Exception):  # the test itself will say why
-                marker.kwargs["start"]()
-
-
-def pytest_sessionfinish() -> None:
-    for one in beside.running.values():
-        one.end()
-
-
-@pytest.fixture(autouse=True)
-def quiet_where_time_is_measured(request: pytest.FixtureRequest) -> Iterator[None]:
-    timed = request.node.get_closest_marker("timed") is not None
-    still = [one for one in beside.running.values() if timed or one.seconds >= one.enough]
-    for one in still:
-        one.stand_still()
-    yield
-    for one in still:
-        one.go_on()
 
 
 @pytest.fixture

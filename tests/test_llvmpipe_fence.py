@@ -9,11 +9,10 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator
+import time
 from pathlib import Path
+from typing import Self
 
-import beside
 import pytest
 
 from glpath.cli import devices
@@ -42,23 +41,53 @@ def compiled(folder: Path) -> Path:
     return library
 
 
-class Stress(beside.Beside):
-    """`stress.py` under the library, until it is ended."""
+class Stress:
+    """`stress.py` under the library, of the lowest priority, until it is ended."""
 
     def __init__(self, library: Path, threads: int, *arguments: str) -> None:
         self.count = library.with_name(f"count-{threads}{''.join(arguments)}")
-        super().__init__(
-            [str(HERE / "stress.py"), "3600", str(threads), *arguments],
-            self.count.with_suffix(".log"),
-            SECONDS,
-            LD_PRELOAD=str(library),
-            SLOW_BROADCAST_COUNT=str(self.count),
-            PYTHONPATH=os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
-        )
+        self._log = self.count.with_suffix(".log")
+        environment = {
+            "LD_PRELOAD": str(library),
+            "SLOW_BROADCAST_COUNT": str(self.count),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")])),
+        }
+        script = [str(HERE / "stress.py"), "3600", str(threads), *arguments]
+        with self._log.open("wb") as file:
+            self.process = subprocess.Popen(
+                ["nice", "-n", "19", sys.executable, "-X", "faulthandler", *script],
+                env=os.environ | environment,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+            )
+        self._since = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.end()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._since
 
     @property
     def freed_too_early(self) -> int:
         return self.count.stat().st_size if self.count.exists() else 0
+
+    def wait(self, seconds: float) -> bool:
+        """Until it ran for so long: whether it still does then."""
+        while self.seconds < seconds and self.process.poll() is None:
+            time.sleep(0.1)
+        return self.process.poll() is None
+
+    def end(self) -> str:
+        """What it wrote, once it has ended."""
+        self.process.kill()
+        self.process.wait()
+        return self._log.read_text(errors="replace")
 
 
 @pytest.fixture(scope="module")
@@ -115,31 +144,12 @@ def test_one_thread_is_taken_as_none_and_gives_the_bits_of_two() -> None:
     assert "taken as" not in finding.found
 
 
-def start_beside() -> None:
-    """The stress of ten minutes, with one of llvmpipe's threads and with two, beside all other tests."""
-    folder = Path(tempfile.mkdtemp(prefix="glpath-fence-"))
-    library = compiled(folder)
-    for threads in (1, 2):
-        beside.running[f"fences, {threads}"] = Stress(library, threads)
-
-
-@pytest.fixture
-def stressed() -> Iterator[list[Stress]]:
-    if not beside.running:
-        start_beside()
-    processes = [one for one in beside.running.values() if isinstance(one, Stress)]
-    yield processes
-    for one in processes:
-        one.end()
-    beside.running.clear()
-    shutil.rmtree(processes[0].count.parent)
-
-
 @pytest.mark.evidence
-@pytest.mark.beside(start=start_beside)
-def test_ten_minutes_of_renders_free_none_too_early(stressed: list[Stress]) -> None:
-    """They were started before the first test; what is left of the ten minutes is waited for here."""
-    for one in stressed:
-        alive = one.wait(SECONDS)
-        assert alive, one.end()
-        assert one.freed_too_early == 0
+@pytest.mark.beside
+def test_ten_minutes_of_renders_free_none_too_early(library: Path) -> None:
+    """With one of llvmpipe's threads, and with two."""
+    with Stress(library, 1) as one, Stress(library, 2) as two:
+        for stress in (one, two):
+            alive = stress.wait(SECONDS)
+            assert alive, stress.end()
+            assert stress.freed_too_early == 0

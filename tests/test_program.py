@@ -86,8 +86,7 @@ def test_a_test_that_leaves_a_gl_error_behind_fails(pytester: pytest.Pytester) -
         def test_nothing():
             pass
     """)
-    for name in ("conftest.py", "beside.py"):
-        (pytester.path / name).write_text(Path(__file__).with_name(name).read_text())
+    (pytester.path / "conftest.py").write_text(Path(__file__).with_name("conftest.py").read_text())
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=2, errors=1)
     result.stdout.fnmatch_lines("*the test left GL_INVALID_ENUM behind*")
