@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-import numpy as np
-
 from glpath.scene.camera import CameraKey, Projection
 from glpath.scene.model import Camera, Scene
 
@@ -71,11 +69,8 @@ class CameraSensor:
     @property
     def camera(self) -> Camera:
         """The camera that it is."""
-        arrays = {name: np.array(getattr(self, name), np.float64) for name in ("position", "target", "up")}
-        keys = tuple(
-            CameraKey(k.time, *(np.array(v, np.float64) for v in (k.position, k.target, k.up))) for k in self.motion
-        )
-        return Camera(**vars(self) | arrays | {"motion": keys})
+        keys = tuple(CameraKey(**vars(key)) for key in self.motion)
+        return Camera(**vars(self) | {"motion": keys})
 
     @property
     def kind(self) -> tuple[object, ...]:

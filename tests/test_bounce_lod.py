@@ -137,7 +137,7 @@ def test_what_is_no_share_or_has_own_rays_is_refused(monkeypatch: pytest.MonkeyP
 )
 def test_the_error_of_simpler_bounces(name: str, parameters: dict[str, int]):
     scene = glpath.load_scene(name, parameters)
-    options = {"directions": "pair", "resolution": (64, 64), "max_depth": 4, "spp": 64}
+    options = {"directions": "pair", "resolution": (48, 48), "max_depth": 3, "spp": 32}
     full = glpath.render(scene, **options)
     noise = relative_mse(glpath.render(scene, seed=1, **options).mean, full.mean)
     for share in (0.5, 0.1):

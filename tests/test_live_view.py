@@ -193,14 +193,11 @@ class Lab:
         return [*shown, *console, *(line for line in lines if "Traceback" in line or line.startswith("[E "))]
 
     def camera(self) -> glpath.scene.Camera:
-        given = json.loads(
-            self.ask(
-                "import json, dataclasses\n"
-                "print(json.dumps(dataclasses.asdict(shown.scene.camera), default=lambda a: a.tolist()))"
-            )
+        text = self.ask(
+            "import json, dataclasses\n"
+            "print(json.dumps(dataclasses.asdict(shown.scene.camera), default=lambda a: a.tolist()))"
         )
-        arrays = {name: np.array(given[name]) for name in ("position", "target", "up")}
-        return glpath.scene.Camera(**given | arrays | {"resolution": tuple(given["resolution"])})
+        return glpath.scene.Camera(**json.loads(text))
 
 
 @pytest.fixture(scope="module")

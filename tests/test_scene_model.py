@@ -140,6 +140,13 @@ def test_the_digest_is_of_values_and_not_of_objects():
     assert again.digest() == whole.digest()
 
 
+def test_a_camera_of_lists_is_that_of_arrays():
+    whole = scene(QUAD)
+    lists = whole.with_camera(position=[0, 1, 9], resolution=[8, 6], shutter=[0, 1])
+    arrays = whole.with_camera(position=np.array([0.0, 1, 9]), resolution=(8, 6), shutter=(0.0, 1.0))
+    assert lists.digest() == arrays.digest() != whole.digest()
+
+
 def test_the_digest_without_the_camera_is_that_of_every_view():
     whole = everything()
     moved = whole.with_camera(fov=20.0)

@@ -34,10 +34,13 @@ class CameraKey:
     target: Float64
     up: Float64
 
+    def __post_init__(self) -> None:
+        _hold_arrays(self)
+
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera.
+    """A camera. Lists do for arrays and tuples, so that one can be written by hand, or come out of JSON.
 
     position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
     fov                  : of "perspective": vertical field of view of the whole image, degrees, 0 < fov < 180
@@ -64,6 +67,11 @@ class Camera:
     focus_distance: float | None = None
     shutter: tuple[float, float] = (0.0, 0.0)
     motion: tuple[CameraKey, ...] = ()
+
+    def __post_init__(self) -> None:
+        _hold_arrays(self)
+        for name in ("resolution", "shutter", "motion"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
         """Unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
@@ -203,3 +211,8 @@ class Camera:
         x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
         width, height = self.resolution
         return x - width / 2, height / 2 - y
+
+
+def _hold_arrays(of: Camera | CameraKey) -> None:
+    for name in ("position", "target", "up"):
+        object.__setattr__(of, name, np.asarray(getattr(of, name), np.float64))
