@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, 
 from glpath.errors import GlpathError, ImageError
 from glpath.files import save_all, write_bytes
 from glpath.film_metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.machine import peak_resident_bytes
 from glpath.progress import duration, percent
 from glpath.terminal import say, say_json
 
@@ -226,7 +226,7 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
         "stage_ms": statistics.pop("stage_ms", {}),
         "counts": statistics,
         "memory": {
-            "peak_resident_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+            "peak_resident_bytes": peak_resident_bytes(),
             "film_bytes": film.nbytes,
         },
         "device": m.device,
