@@ -26,6 +26,7 @@ from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, UsageError
 from glpath.files import check_writable, save_all, whole_file
+from glpath.locks import Lock
 from glpath.progress import duration
 from glpath.scene.camera import Camera
 from glpath.terminal import say
@@ -177,13 +178,19 @@ class FramesToRender:
         options       : of `glpath.render_frames`, with those of the machine
         cluster       : the workers that share out each frame; None: this process
 
-        Raises ImageError, and `typer.Exit` where a signal ended it before the last.
+        Raises ImageError, GlpathError where another process renders some of them, and `typer.Exit` where a signal
+        ended it before the last.
         """
         frames = self.frames
-        todo = left_to_do(frames, self.out, self.resume)
-        cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
-        shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
-        with watched(self.silence, "The frames before it are written."), warnings.catch_warnings():
+        check_frames_writable(frames, self.out)
+        with contextlib.ExitStack() as held:
+            for path in self.out:
+                held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
+            todo = left_to_do(frames, self.out, self.resume)
+            cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
+            shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
+            held.enter_context(watched(self.silence, "The frames before it are written."))
+            held.enter_context(warnings.catch_warnings())
             warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
             ended_early = self._write(todo, films_of(scene, shown, options, cluster))
         if ended_early:
@@ -233,11 +240,15 @@ class FramesToRender:
             say(json.dumps(event) if self.progress == "json" else line, err=True)
 
 
-def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
-    """Numbers of the frames to render: all, or those of which a file is missing. Raises ImageError, UsageError."""
-    numbers = list(range(frames.first, frames.stop))
+def check_frames_writable(frames: Frames, out: Sequence[Path]) -> None:
+    """Raises ImageError."""
     for path in out:
         check_writable(frames.path(path, frames.first))
+
+
+def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
+    """Numbers of the frames to render: all, or those of which a file is missing."""
+    numbers = list(range(frames.first, frames.stop))
     if not resume:
         return numbers
     return [i for i in numbers if not all(frames.path(path, i).exists() for path in out)]

@@ -31,6 +31,7 @@ from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, To
 from glpath.cli.scene import HELP, Scenes, parameters_option
 from glpath.cli.signals import go_on_later
 from glpath.cli.unattended import (
+    DEFAULT_HANG_LIMIT,
     CheckpointOption,
     ClusterOption,
     HangLimitOption,
@@ -39,7 +40,7 @@ from glpath.cli.unattended import (
     ResumeOption,
     StatsOption,
     TimeLimitOption,
-    prepared,
+    checkpointed,
     seconds,
     stop_rules,
 )
@@ -159,7 +160,7 @@ def render(
     sample_range: RangeOption = None,
     stats: StatsOption = None,
     cluster: ClusterOption = None,
-    hang_limit: HangLimitOption = "300s",
+    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
     verbose: Annotated[
@@ -268,12 +269,12 @@ def render(
         return
     if stats is not None:
         check_writable(stats)
-    keeper, begun = prepared(out, checkpoint, resume)
-    before = 0 if begun is None else begun.path_sets
-    if begun is not None and keeper is not None:
-        log.info("going on with %s path sets of %s", before, keeper.path)
-    going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
-    given = {**machine, **rules, **going_on, "cluster": cluster}
-    film, failure = running.film_of(start, given, progress, keeper, silence)
-    left = outcome.Outcome(out, picture, stats, spp, progress == "json", quiet, verbose)
-    left.leave(film, failure, keeper, before)
+    asked = outcome.Outcome(out, picture, stats, spp, progress == "json", quiet, verbose)
+    with checkpointed(out, checkpoint, resume) as (keeper, begun):
+        before = 0 if begun is None else begun.path_sets
+        if begun is not None and keeper is not None:
+            log.info("going on with %s path sets of %s", before, keeper.path)
+        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
+        given = {**machine, **rules, **going_on, "cluster": cluster}
+        film, failure = running.film_of(start, given, progress, keeper, silence)
+        asked.leave(film, failure, keeper, before)

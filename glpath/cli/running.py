@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from glpath.cli.signals import hold, interrupted, result_of
-from glpath.cli.unattended import keep_after_failure, watched
+from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film_metadata import DENOISER_AOVS
@@ -123,10 +123,6 @@ def film_of(
     from glpath.rendering import RenderInterrupted
     from glpath.rendering.going_on import AnotherRenderError
 
-    left = "There was no --checkpoint, so nothing is kept."
-    if keeper is not None:
-        left = f"The last checkpoint is {keeper.path}, where one was written; --resume goes on with it."
-
     films: list[Film] = []
 
     def watch(progress: Progress) -> None:
@@ -137,7 +133,10 @@ def film_of(
 
     try:
         try:
-            with watched(hang_limit, left), reporting(progress, sys.stderr) as report:
+            with (
+                watched(hang_limit, left_in(keeper.path if keeper is not None else None)),
+                reporting(progress, sys.stderr) as report,
+            ):
                 return result_of(lambda: start({**options, "on_progress": watch})), None
         except ChunksFailedError as error:
             return error.film, error

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from glpath.jobs.checkpoint import Checkpoint
 
 _LONG = "Long renders"
+
+#: What may be the matter where nothing is done any more: see `watched`.
+RENDERING = "the device or its driver hangs, or a path set takes longer"
+SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, takes longer"
 
 CheckpointOption = Annotated[
     str | None,
@@ -85,10 +89,11 @@ HangLimitOption = Annotated[
     str,
     typer.Option(
         metavar="300s|10m|0",
-        help="End the process (exit code 134) when for so long nothing was drawn; 0: wait for ever.",
+        help="End the process (exit code 134) when for so long nothing was done; 0: wait for ever.",
         rich_help_panel=_LONG,
     ),
 ]
+DEFAULT_HANG_LIMIT = "300s"
 
 _UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
@@ -124,23 +129,35 @@ def sample_range(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2]) - int(match[1])
 
 
-def prepared(out: Sequence[Path], every: str | None, resume: bool) -> tuple[Checkpoint | None, Film | None]:
-    """The checkpoint that was asked for, and the film to go on with. Raises GlpathError."""
+@contextmanager
+def checkpointed(
+    out: Sequence[Path], every: str | None, resume: bool
+) -> Iterator[tuple[Checkpoint | None, Film | None]]:
+    """The checkpoint that was asked for, which no other process has meanwhile, and the film to go on with.
+
+    Raises GlpathError.
+    """
     from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 
     if every is None and not resume:
-        return None, None
+        yield None, None
+        return
     by_time, by_sets = (None, None) if every is None else interval(every)
-    checkpoint = Checkpoint(checkpoint_path(out), by_time, by_sets)
-    check_writable(checkpoint.path)
-    if resume:
-        return checkpoint, checkpoint.load()
-    if checkpoint.path.exists():
+    path = checkpoint_path(out)
+    check_writable(path)
+    with Checkpoint(path, by_time, by_sets) as checkpoint:
+        if not resume:
+            check_absent(path)
+        yield checkpoint, checkpoint.load() if resume else None
+
+
+def check_absent(checkpoint: Path) -> None:
+    """Raise UsageError for a checkpoint that is there and was not asked to be gone on with."""
+    if checkpoint.exists():
         raise UsageError(
-            f"{checkpoint.path}: is there already, and the checkpoint would replace it.",
+            f"{checkpoint}: is there already, and the checkpoint would replace it.",
             "--resume goes on with it. To begin anew, remove it.",
         )
-    return checkpoint, None
 
 
 def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
@@ -164,8 +181,20 @@ def stop_rules(time_limit: str | None, noise: float | None) -> dict[str, float]:
     return {name: value for name, value in rules.items() if value is not None}
 
 
-def watched(hang_limit: float, left: str) -> AbstractContextManager[object]:
-    """A watchdog over what hangs; `left` says what there is then."""
+def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> AbstractContextManager[object]:
+    """A watchdog over what hangs.
+
+    hang_limit : seconds; 0: none
+    left       : the sentence that says what there is then
+    suspects   : what may be the matter
+    """
     from glpath.jobs.watchdog import Watchdog
 
-    return Watchdog(hang_limit, left) if hang_limit else nullcontext()
+    return Watchdog(hang_limit, left, suspects) if hang_limit else nullcontext()
+
+
+def left_in(checkpoint: Path | None) -> str:
+    """What there is of what hangs."""
+    if checkpoint is None:
+        return "There was no --checkpoint, so nothing is kept."
+    return f"The last checkpoint is {checkpoint}, where one was written; --resume goes on with it."
