@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath.gl.geometry_stream import GeometryStream
+from glpath.machine import peak_resident_bytes
 
 #: Squares along a tile: 2 * TILE**2 triangles.
 TILE = 128
@@ -81,7 +81,7 @@ def main(tiles: str, budget: str) -> None:
         geometry_budget=int(budget),
     )
     found = {
-        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak": peak_resident_bytes() / 2**20,
         "device": max(device) / 2**20,
         "seconds": time.perf_counter() - started,
         "cpu_seconds": time.process_time(),

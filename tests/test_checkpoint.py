@@ -302,7 +302,7 @@ def test_statistics_that_cannot_be_written_lose_nothing_else(
     def full(*_: object) -> None:
         raise glpath.ImageError("s.json: cannot be written: No space left on device.")
 
-    monkeypatch.setattr("glpath.cli.unattended.write_bytes", full)
+    monkeypatch.setattr("glpath.cli.outcome.write_bytes", full)
     result = render("-o", tmp_path / "a.npz", "--spp", 8, "--stats", tmp_path / "s.json")
     assert (result.exit_code, "s.json: cannot be written" in result.stderr) == (1, True)
     assert f"wrote {tmp_path / 'a.npz'}" in result.stderr

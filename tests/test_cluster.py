@@ -215,11 +215,27 @@ def test_a_scheduler_by_its_address_and_workers_that_come_later():
         ("local:many", UsageError, "expected a number of processes"),
         ("somewhere", UsageError, "is neither local:N, nor an address"),
         ("gopher://a:1", ContextError, "no scheduler answers"),
+        ("tls://127.0.0.1:1", ContextError, "TLS needs certificates, and Dask knows of none"),
     ],
 )
 def test_an_address_that_cannot_be(address, error, said):
     with pytest.raises(error, match=said):
         Cluster(address)
+
+
+def test_what_dask_s_configuration_refuses_is_said_at_once(tmp_path):
+    dask = pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.comm.require-encryption": True}),
+        pytest.raises(ContextError, match="refuses what is not encrypted"),
+    ):
+        Cluster("tcp://127.0.0.1:1")
+    tls = {name: str(tmp_path / "none.pem") for name in ("ca-file", "client.cert", "client.key")}
+    with (
+        dask.config.set({f"distributed.comm.tls.{name}": path for name, path in tls.items()}),
+        pytest.raises(ContextError, match="Dask's certificates cannot be used: No such file"),
+    ):
+        Cluster("tls://127.0.0.1:1")
 
 
 # The command line.

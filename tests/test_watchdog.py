@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 from glpath.film import Film
 from glpath.heartbeat import heartbeat
 from glpath.jobs.watchdog import Watchdog
@@ -22,7 +24,7 @@ from glpath.heartbeat import heartbeat
 def hang_in_the_driver():
     ctypes.PyDLL(None).sleep(60)
 
-with Watchdog(1.0, "The last checkpoint is a.npz."):
+with Watchdog(1.0, "The last checkpoint is a.npz.", "the device or its driver hangs"):
     until = time.monotonic() + float(sys.argv[1])
     while time.monotonic() < until:
         heartbeat.beat()
@@ -57,7 +59,7 @@ def test_what_works_or_was_suspended_is_left_alone() -> None:
 
 
 def test_the_watcher_ends_with_the_block() -> None:
-    with Watchdog(60.0, "") as watching:
+    with Watchdog(60.0, "", "") as watching:
         process = watching._process
         assert process is not None
         assert process.poll() is None
@@ -91,3 +93,35 @@ def test_a_render_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
     assert f"The last checkpoint is {out}, where one was written; --resume goes on with it." in done.stderr
     assert "in stuck" in done.stderr
     assert Film.load(out).path_sets == 8
+
+
+# A solver of which no step ends after the eighth; its kernels are there.
+STUCK_SOLVER = """
+import ctypes
+import glpath
+from glpath.cli.main import run
+from glpath.radiosity.solvers.progressive import Refinement
+
+glpath.solve_radiosity("cornell-box-36", patches=60, receiver_points=1)
+step = Refinement.step
+def stuck(solver, *energy):
+    if solver.steps >= 8:
+        ctypes.PyDLL(None).sleep(60)
+    return step(solver, *energy)
+Refinement.step = stuck
+run()
+"""
+
+
+def test_a_solver_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
+    out, checkpoint = tmp_path / "s.npz", tmp_path / "s.checkpoint.npz"
+    options = ["--patches", "60", "--receiver-points", "1", "--checkpoint", "0.0001s", "--hang-limit", "4s"]
+    command = [sys.executable, "-c", STUCK_SOLVER, "radiosity", "cornell-box-36", "-o", str(out), *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == -signal.SIGABRT, done.stderr
+    assert "nothing was done for 4 s: the solver hangs, or a step of it, " in done.stderr
+    assert f"The last checkpoint is {checkpoint}, where one was written; --resume goes on with it." in done.stderr
+    assert "in stuck" in done.stderr
+    with np.load(checkpoint) as state:
+        assert int(state["steps"]) == 8
+    assert not out.exists()

@@ -13,7 +13,6 @@ Source: uDALES issue 329: 22,176 facets, 5.8 million factors, 1280 s on eight th
 from __future__ import annotations
 
 import json
-import resource
 import statistics
 import subprocess
 import tempfile
@@ -29,6 +28,7 @@ from glpath.errors import GlpathError
 from glpath.experiments import other_python
 from glpath.experiments.verdict import Condition, Report, cores, faults, judge, machine
 from glpath.experiments.view_factor_scenes import CLOSED_FORMS, block_in_a_room, city
+from glpath.machine import peak_resident_bytes
 from glpath.radiosity.view_factors.compute import view_factors
 from glpath.versions import versions
 
@@ -161,7 +161,7 @@ def city_row(blocks: int) -> Row:
         "factors": int(found.matrix.nnz),
         "seconds": time.perf_counter() - start,
         "core seconds": time.process_time() - before,
-        "GiB, most": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+        "GiB, most": peak_resident_bytes() / 2**30,
         "error, most": float(found.error.max()),
         "error, mean": float(found.error.mean()),
     }

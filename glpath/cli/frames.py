@@ -7,21 +7,29 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
-from glpath.cli.signals import arrived, hold, release
+from glpath.cli.picture import Picture
+from glpath.cli.scene import Scenes
+from glpath.cli.signals import arrived, exit_code, hold, release
+from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, UsageError
-from glpath.files import Save, check_writable, save_all, whole_file
+from glpath.files import check_writable, save_all, whole_file
+from glpath.locks import Lock
 from glpath.progress import duration
 from glpath.scene.camera import Camera
+from glpath.terminal import say
 
 if TYPE_CHECKING:
     from glpath.film import Film
@@ -42,6 +50,17 @@ class Frames:
     option: str
     first: int
     stop: int
+
+    @classmethod
+    def of_options(cls, turntable: int | None, frames: str | None, fps: float) -> Frames | None:
+        """None where neither was given. Raises UsageError."""
+        if turntable is not None and frames is not None:
+            raise UsageError("--frames beside --turntable: each says which images there are.", "Leave one out.")
+        if not 0 < fps < math.inf:
+            raise UsageError(f"--fps {fps:g}: must be above 0.")
+        if turntable is not None:
+            return cls.around(turntable)
+        return None if frames is None else cls.of_range(frames)
 
     @classmethod
     def around(cls, count: int) -> Frames:
@@ -130,51 +149,106 @@ def _even(picture: NDArray[Any]) -> NDArray[Any]:
     return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
 
-def render_to_files(
-    frames: Frames,
-    todo: Sequence[int],
-    films: Iterator[Film],
-    out: Sequence[Path],
-    save: Callable[[Film, Path, float], None],
-    exposure: float | Literal["auto"] | None,
-    tell: Callable[[str], None] | None,
-    as_json: bool,
-) -> bool:
-    """Write each frame when it is there; whether a signal ended it before the last.
+@dataclass(frozen=True)
+class FramesToRender:
+    """A call of `glpath render` for many frames.
 
-    todo, films : the numbers of the frames, and their films, in that order
-    save        : writes a film to a path with so many stops of exposure
-    exposure    : as of `Film.exposure_stops`, found for the first frame and kept, so that nothing flickers
-    tell        : takes lines of progress, JSON where `as_json`
+    frames   : which
+    out      : the files of a frame, with a place for its number
+    movies   : that are made of the .png of all
+    picture  : how a film becomes one; its exposure is found for the first frame and kept, so that nothing flickers
+    resume   : leave those that are there
+    progress : of `glpath.progress.MODES`
+    silence  : seconds of --hang-limit
     """
-    started = time.perf_counter()
-    stops = exposure if isinstance(exposure, float) else _stops_before(frames, out)
-    done = 0
-    try:
-        for i, film in zip(todo, films, strict=True):
-            hold()
-            stops = film.exposure_stops(exposure) if stops is None else stops
-            paths = [frames.path(path, i) for path in out]
-            saves: dict[Path, Save] = {path: _saving(save, film, stops) for path in paths}
-            _, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
-            if failure is not None:
-                raise failure
-            done += 1
-            if tell is not None:
-                tell(_line(i, done, len(todo), time.perf_counter() - started, paths, as_json))
-            release()
-    except KeyboardInterrupt:
-        if tell is not None and not as_json:
-            tell(f"interrupted: {done} of {len(todo)} frames are written; --resume goes on with the others")
-        return True
-    return arrived() and done < len(todo)
+
+    frames: Frames
+    out: Sequence[Path]
+    movies: Sequence[Path]
+    fps: float
+    picture: Picture
+    resume: bool
+    progress: str
+    silence: float
+
+    def render(self, scene: Scene, scenes: Scenes, options: dict[str, Any], cluster: str | None) -> None:
+        """Render and write all.
+
+        scene, scenes : the one of the first frame, and of any other
+        options       : of `glpath.render_frames`, with those of the machine
+        cluster       : the workers that share out each frame; None: this process
+
+        Raises ImageError, GlpathError where another process renders some of them, and `typer.Exit` where a signal
+        ended it before the last.
+        """
+        frames = self.frames
+        check_frames_writable(frames, self.out)
+        with contextlib.ExitStack() as held:
+            for path in self.out:
+                held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
+            todo = left_to_do(frames, self.out, self.resume)
+            cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
+            shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
+            held.enter_context(watched(self.silence, "The frames before it are written."))
+            held.enter_context(warnings.catch_warnings())
+            warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
+            ended_early = self._write(todo, films_of(scene, shown, options, cluster))
+        if ended_early:
+            raise typer.Exit(exit_code())
+        pictures = next((path for path in self.out if path.suffix.lower() == ".png"), None)
+        for movie in self.movies:
+            assert pictures is not None, "asked for by Frames.split"
+            write_movie(movie, [frames.path(pictures, i) for i in range(frames.first, frames.stop)], self.fps)
+            self._tell({"event": "movie", "file": str(movie)}, f"wrote {movie}")
+
+    def _write(self, todo: Sequence[int], films: Iterator[Film]) -> bool:
+        """Write each frame when its film is there; whether a signal ended it before the last."""
+        started = time.perf_counter()
+        asked = self.picture.exposure
+        stops = asked if isinstance(asked, float) else _stops_before(self.frames, self.out)
+        done = 0
+        try:
+            for i, film in zip(todo, films, strict=True):
+                hold()
+                stops = film.exposure_stops(asked) if stops is None else stops
+                paths = [self.frames.path(path, i) for path in self.out]
+                _, failure = save_all(
+                    self.picture.saves(film, paths, stops), {"film.npz": film.save}, "The film is kept in {}."
+                )
+                if failure is not None:
+                    raise failure
+                done += 1
+                self._tell_of(i, done, len(todo), time.perf_counter() - started, list(map(str, paths)))
+                release()
+        except KeyboardInterrupt:
+            if self.progress != "json":
+                self._tell(
+                    {}, f"interrupted: {done} of {len(todo)} frames are written; --resume goes on with the others"
+                )
+            return True
+        return arrived() and done < len(todo)
+
+    def _tell_of(self, index: int, done: int, count: int, elapsed_s: float, files: list[str]) -> None:
+        left = "" if done == count else f", {duration(elapsed_s / done * (count - done))} left"
+        self._tell(
+            {"event": "frame", "frame": done, "frames": count, "elapsed_s": round(elapsed_s, 3), "files": files},
+            f"frame {done} of {count} after {duration(elapsed_s)}{left}: {', '.join(files)}",
+        )
+
+    def _tell(self, event: dict[str, Any], line: str) -> None:
+        if self.progress != "none":
+            say(json.dumps(event) if self.progress == "json" else line, err=True)
+
+
+def check_frames_writable(frames: Frames, out: Sequence[Path]) -> None:
+    """Raises ImageError."""
+    for path in out:
+        check_writable(frames.path(path, frames.first))
 
 
 def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
-    """Numbers of the frames to render: all, or those of which a file is missing. Raises ImageError, UsageError."""
+    """Numbers of the frames to render: all, or those of which a file is missing."""
     numbers = list(range(frames.first, frames.stop))
-    for path in out:
-        check_writable(frames.path(path, frames.first))
     if not resume:
         return numbers
     return [i for i in numbers if not all(frames.path(path, i).exists() for path in out)]
@@ -191,19 +265,6 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
                 with contextlib.suppress(OSError, KeyError, ValueError), Image.open(there) as picture:
                     return float(picture.info["glpath.exposure_stops"])
     return None
-
-
-def _saving(save: Callable[[Film, Path, float], None], film: Film, stops: float) -> Save:
-    return lambda path: save(film, path, stops)
-
-
-def _line(index: int, done: int, count: int, elapsed_s: float, paths: Sequence[Path], as_json: bool) -> str:
-    files = list(map(str, paths))
-    if as_json:
-        told = {"event": "frame", "frame": done, "frames": count, "elapsed_s": round(elapsed_s, 3), "files": files}
-        return json.dumps(told)
-    left = "" if done == count else f", {duration(elapsed_s / done * (count - done))} left"
-    return f"frame {done} of {count} after {duration(elapsed_s)}{left}: {', '.join(files)}"
 
 
 def films_of(

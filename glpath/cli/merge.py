@@ -7,13 +7,9 @@ from typing import Annotated
 
 import typer
 
-from glpath.cli.completion import words
 from glpath.cli.options import QuietOption
-from glpath.cli.values import check_choice
-from glpath.cli.values import exposure as read_exposure
-from glpath.denoise import require_denoiser
-from glpath.files import Save, check_writable, save_all
-from glpath.image import TONEMAPS
+from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
+from glpath.files import check_writable, save_all
 from glpath.progress import percent
 from glpath.terminal import say
 
@@ -32,16 +28,9 @@ def merge(
         list[Path],
         typer.Option("-o", "--out", help="Write .png, .exr (radiance) or .npz (a film again); may be repeated."),
     ],
-    exposure: Annotated[
-        str | None, typer.Option(metavar="STOPS|auto", help="Brightness of a .png, as of render.")
-    ] = None,
-    tonemap: Annotated[
-        str,
-        typer.Option(metavar="|".join(TONEMAPS), help="Tone curve of a .png.", autocompletion=words(TONEMAPS)),
-    ] = "srgb",
-    denoise: Annotated[
-        bool, typer.Option("--denoise", help="Denoise .png and .exr; of films with the AOVs albedo and normal.")
-    ] = False,
+    exposure: ExposureOption = None,
+    tonemap: TonemapOption = "srgb",
+    denoise: DenoiseOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Add up films of one render: every path set counts the same, and once.
@@ -56,15 +45,9 @@ def merge(
     for path in out:
         check_suffix(path)
         check_writable(path)
-    check_choice("--tonemap", tonemap, tuple(TONEMAPS))
-    stops = read_exposure(exposure)
-    if denoise:
-        require_denoiser()
+    picture = Picture.of_options(exposure, tonemap, denoise)
     film, repeated = merge_shards(films)
-    stops = film.exposure_stops(stops)
-    saves: dict[Path, Save] = {
-        path: lambda at: film.save(at, exposure=stops, tonemap=tonemap, denoise=denoise) for path in out
-    }
+    saves = picture.saves(film, out, film.exposure_stops(picture.exposure))
     written, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
     if not quiet:
         for path in repeated:

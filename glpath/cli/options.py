@@ -1,4 +1,4 @@
-"""The options of `glpath render` that are the integrators': derived from their settings, none is written here."""
+"""Options of many commands, and those of `glpath render` that are the integrators': derived from their settings."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from glpath.rendering.options import Option, options
 #: The panel of the help with what all integrators have.
 FOR_ALL = "Sampling"
 OUTPUT = "What is printed"
+_MACHINE = "Machine"
 
 ProgressOption = Annotated[
     str,
@@ -29,6 +30,23 @@ ProgressOption = Annotated[
 ]
 QuietOption = Annotated[
     bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT)
+]
+
+BackendOption = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|egl|osmesa",
+        help="How OpenGL is reached.",
+        rich_help_panel=_MACHINE,
+        autocompletion=words(("auto", "egl", "osmesa")),
+    ),
+]
+DeviceOption = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="A device of `glpath devices`.", rich_help_panel=_MACHINE),
+]
+RequireGpuOption = Annotated[
+    bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
 ]
 
 

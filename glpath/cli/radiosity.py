@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -15,7 +16,15 @@ from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
 from glpath.cli.stages import Told, reporting
-from glpath.cli.unattended import seconds
+from glpath.cli.unattended import (
+    DEFAULT_HANG_LIMIT,
+    SOLVING,
+    HangLimitOption,
+    check_absent,
+    left_in,
+    seconds,
+    watched,
+)
 from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
@@ -54,6 +63,7 @@ def register(app: typer.Typer) -> None:
     """Put the commands on the main program."""
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
     later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
+    later += " 134: ended by --hang-limit."
     app.command(epilog=codes + later)(radiosity)
     app.command(epilog=codes)(bake)
 
@@ -125,6 +135,7 @@ def radiosity(
             rich_help_panel=_SOLVER,
         ),
     ] = False,
+    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
@@ -139,6 +150,7 @@ def radiosity(
 
     check_suffix(out)
     check_choice("--progress", progress, MODES)
+    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     loaded = read_scene(scene, parameters)
     check_writable(out)
     keeper = _checkpoint(out, checkpoint, resume)
@@ -149,16 +161,20 @@ def radiosity(
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
         "seed": seed, "checkpoint": keeper,
     }  # fmt: skip
-    solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
-    if keeper is not None and by_scheduler():
-        if keeper.failure is not None:
-            raise ImageError(keeper.failure)
-        say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
-        raise typer.Exit(GO_ON_LATER)
-    if solution is not None:
-        _save(solution, out, solution.save)
-    if keeper is not None and not arrived():
-        keeper.path.unlink(missing_ok=True)
+    with keeper or nullcontext():
+        if keeper is not None and not resume:
+            check_absent(keeper.path)
+        with watched(silence, left_in(keeper.path if keeper is not None else None), SOLVING):
+            solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
+        if keeper is not None and by_scheduler():
+            if keeper.failure is not None:
+                raise ImageError(keeper.failure)
+            say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
+            raise typer.Exit(GO_ON_LATER)
+        if solution is not None:
+            _save(solution, out, solution.save)
+        if keeper is not None and not arrived():
+            keeper.path.unlink(missing_ok=True)
     _end(solution, out, quiet or progress == "json")
     if check and solution is not None:
         from glpath.rendering import element_error
@@ -227,11 +243,6 @@ def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint 
     go_on_later()
     path = out.with_name(f"{out.stem}.checkpoint.npz")
     check_writable(path)
-    if path.exists() and not resume:
-        raise UsageError(
-            f"{path}: is there already, and the checkpoint would replace it.",
-            "--resume goes on with it. To begin anew, remove it.",
-        )
     return SolverCheckpoint(path, None if every is None else seconds("--checkpoint", every))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,3 +74,32 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     if values:
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
     return scene_from_toml(sys.stdin.buffer.read(), Place("standard input"), Path(), "scene")
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """The scene of the command line, at the time of any frame.
+
+    camera : what to replace of its camera; None is not given
+    """
+
+    scene: str
+    parameters: Sequence[str]
+    resolution: tuple[int, int] | None
+    camera: dict[str, Any]
+    fps: float
+
+    def at(self, frame: int | None = None) -> Scene:
+        """Raises and warns as `read_scene`, of further frames no more; frame: None without --frames."""
+        if frame is None:
+            return seen(read_scene(self.scene, self.parameters), self.resolution, self.camera)
+        others = [text for text in self.parameters if text.partition("=")[0].strip() != "time"]
+        begun = [text.partition("=")[2] for text in self.parameters if text not in others]
+        try:
+            time = frame / self.fps + (float(begun[-1]) if begun else 0.0)
+        except ValueError:
+            raise UsageError(f"-D time={begun[-1]} beside --frames: expected seconds, as in -D time=1.5.") from None
+        camera = self.camera
+        if camera["shutter"] is not None:
+            camera = camera | {"shutter": tuple(moment + frame / self.fps for moment in camera["shutter"])}
+        return seen(read_scene(self.scene, [*others, f"time={time!r}"]), self.resolution, camera)

@@ -1,29 +1,28 @@
-"""Options of renders that nobody watches: checkpoints, stop rules, ranges, statistics, the watchdog."""
+"""Options of what nobody watches: checkpoints, stop rules, ranges, statistics, the watchdog."""
 
 from __future__ import annotations
 
-import json
+import math
 import re
-import resource
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glpath.cli.signals import GO_ON_LATER
 from glpath.errors import GlpathError, UsageError
-from glpath.files import check_writable, save_all, write_bytes
-from glpath.terminal import say
+from glpath.files import check_writable
 
 if TYPE_CHECKING:
     from glpath.film import Film
     from glpath.jobs.checkpoint import Checkpoint
 
-#: Exit code: all outputs are written, but not the last checkpoint.
-WITHOUT_CHECKPOINT = 3
-
 _LONG = "Long renders"
+
+#: What may be the matter where nothing is done any more: see `watched`.
+RENDERING = "the device or its driver hangs, or a path set takes longer"
+SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, takes longer"
 
 CheckpointOption = Annotated[
     str | None,
@@ -90,10 +89,11 @@ HangLimitOption = Annotated[
     str,
     typer.Option(
         metavar="300s|10m|0",
-        help="End the process (exit code 134) when for so long nothing was drawn; 0: wait for ever.",
+        help="End the process (exit code 134) when for so long nothing was done; 0: wait for ever.",
         rich_help_panel=_LONG,
     ),
 ]
+DEFAULT_HANG_LIMIT = "300s"
 
 _UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
@@ -129,40 +129,35 @@ def sample_range(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2]) - int(match[1])
 
 
-def prepared(out: Sequence[Path], every: str | None, resume: bool) -> tuple[Checkpoint | None, Film | None]:
-    """The checkpoint that was asked for, and the film to go on with. Raises GlpathError."""
+@contextmanager
+def checkpointed(
+    out: Sequence[Path], every: str | None, resume: bool
+) -> Iterator[tuple[Checkpoint | None, Film | None]]:
+    """The checkpoint that was asked for, which no other process has meanwhile, and the film to go on with.
+
+    Raises GlpathError.
+    """
     from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 
     if every is None and not resume:
-        return None, None
+        yield None, None
+        return
     by_time, by_sets = (None, None) if every is None else interval(every)
-    checkpoint = Checkpoint(checkpoint_path(out), by_time, by_sets)
-    check_writable(checkpoint.path)
-    if resume:
-        return checkpoint, checkpoint.load()
-    if checkpoint.path.exists():
+    path = checkpoint_path(out)
+    check_writable(path)
+    with Checkpoint(path, by_time, by_sets) as checkpoint:
+        if not resume:
+            check_absent(path)
+        yield checkpoint, checkpoint.load() if resume else None
+
+
+def check_absent(checkpoint: Path) -> None:
+    """Raise UsageError for a checkpoint that is there and was not asked to be gone on with."""
+    if checkpoint.exists():
         raise UsageError(
-            f"{checkpoint.path}: is there already, and the checkpoint would replace it.",
+            f"{checkpoint}: is there already, and the checkpoint would replace it.",
             "--resume goes on with it. To begin anew, remove it.",
         )
-    return checkpoint, None
-
-
-def leave(checkpoint: Checkpoint, film: Film) -> typer.Exit:
-    """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
-    if not film.path_sets:
-        say("glpath: ended by a signal before the first path set was done; start it again", err=True)
-        return typer.Exit(GO_ON_LATER)
-    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-    _, failure = save_all({checkpoint.path: film.save}, {"film.npz": film.save}, kept)
-    if failure is not None:
-        raise failure
-    say(
-        f"glpath: ended by a signal: {film.path_sets} path sets are in {checkpoint.path}; "
-        "the same command with --resume goes on",
-        err=True,
-    )
-    return typer.Exit(GO_ON_LATER)
 
 
 def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
@@ -175,37 +170,31 @@ def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
         error.remedy = f"{error.remedy}\n{kept}".strip()
 
 
-def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: int, files: Sequence[Path]) -> None:
-    """What a render took, as JSON. Raises ImageError.
-
-    before : path sets that the film came with
-    """
-    m = film.metadata
-    statistics = dict(m.statistics)
-    found: dict[str, Any] = {
-        "scene": m.scene,
-        "scene_hash": m.scene_hash,
-        "integrator": m.integrator,
-        "settings": {"seed": m.seed, "max_depth": m.max_depth, **m.settings},
-        "window": m.window,
-        "path_sets": film.path_sets,
-        "path_sets_before": before,
-        "ranges": film.ranges,
-        "stop_rule": m.stop_rule,
-        "relative_error": film.relative_error(),
-        "error_bound": m.error_bound,
-        "elapsed_s": round(m.elapsed_s, 4),
-        "stage_ms": statistics.pop("stage_ms", {}),
-        "counts": statistics,
-        "memory": {
-            "peak_resident_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-            "film_bytes": film.nbytes,
-        },
-        "device": m.device,
-        "versions": m.versions,
-        "checkpoint": None
-        if checkpoint is None
-        else {"path": str(checkpoint.path), "written": checkpoint.written, "failure": checkpoint.failure},
-        "files": [str(file) for file in files],
+def stop_rules(time_limit: str | None, noise: float | None) -> dict[str, float]:
+    """What ends a render beside its path sets, as `glpath.render` takes it. Raises UsageError."""
+    if noise is not None and not 0 < noise < math.inf:
+        raise UsageError(f"--noise {noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+    rules = {
+        "time_limit": None if time_limit is None else seconds("--time-limit", time_limit),
+        "noise": noise,
     }
-    write_bytes((json.dumps(found, indent=2) + "\n").encode(), path)
+    return {name: value for name, value in rules.items() if value is not None}
+
+
+def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> AbstractContextManager[object]:
+    """A watchdog over what hangs.
+
+    hang_limit : seconds; 0: none
+    left       : the sentence that says what there is then
+    suspects   : what may be the matter
+    """
+    from glpath.jobs.watchdog import Watchdog
+
+    return Watchdog(hang_limit, left, suspects) if hang_limit else nullcontext()
+
+
+def left_in(checkpoint: Path | None) -> str:
+    """What there is of what hangs."""
+    if checkpoint is None:
+        return "There was no --checkpoint, so nothing is kept."
+    return f"The last checkpoint is {checkpoint}, where one was written; --resume goes on with it."

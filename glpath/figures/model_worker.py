@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
 import time
 import warnings
@@ -23,6 +22,7 @@ import numpy as np
 
 from glpath.errors import GlpathError
 from glpath.experiments import mitsuba_peer
+from glpath.machine import peak_resident_bytes
 from glpath.rendering import render
 from glpath.scene import Scene, load_scene
 from glpath.scene.export import export
@@ -34,16 +34,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     make = {"glpath": ours, "mitsuba": mitsubas}[asked["program"]]
-    print(json.dumps(make(asked) | {"peak_mib": peak_mib()}), file=answers, flush=True)
-
-
-def peak_mib() -> float:
-    """Of this process' resident memory; llvmpipe's is in it."""
-    # Not by getrusage, whose number begins with that of the process which has started this one.
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmHWM:"):
-            return int(line.split()[1]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps(make(asked) | {"peak_mib": peak_resident_bytes() / 2**20}), file=answers, flush=True)
 
 
 def ours(asked: dict[str, Any]) -> dict[str, Any]:
@@ -65,7 +56,7 @@ def _rendered(asked: dict[str, Any]) -> dict[str, Any]:
     start = time.perf_counter()
     film = render(scene, spp=asked["spp"], max_depth=asked["max_depth"])
     rendered = time.perf_counter() - start
-    peak = peak_mib()
+    peak = peak_resident_bytes() / 2**20
     np.save(folder / "glpath.npy", film.mean)
     export(scene, folder / "scene.xml", max_depth=asked["max_depth"], spp=asked["spp"])
     return {

@@ -2,5 +2,5 @@
 
 checkpoint  the film on disk while it grows, and how a render goes on with it
 shards      films of ranges of path sets, merged once each
-watchdog    notices a device that hangs
+watchdog    notices a device or a solver that hangs
 """

@@ -32,6 +32,7 @@ from types import TracebackType
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, SceneWarning, UsageError
+from glpath.files import reason_of
 from glpath.film import BLOCK, Film
 from glpath.film_metadata import INTERRUPTED_RULE, merged_values
 from glpath.heartbeat import heartbeat
@@ -175,6 +176,7 @@ def _connected(distributed: Any, address: str) -> Any:
             f"cluster {address}: is neither local:N, nor an address such as tcp://scheduler:8786, nor a "
             "scheduler's file."
         )
+    _check_encryption(distributed, address)
     try:
         return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
     except (OSError, ValueError, TimeoutError) as error:
@@ -183,6 +185,26 @@ def _connected(distributed: Any, address: str) -> Any:
             f"cluster {address}: no scheduler answers: {reason}.",
             "Start one (dask scheduler) and workers (dask worker tcp://HOST:8786 --nthreads 1), and name it here.",
         ) from error
+
+
+def _check_encryption(distributed: Any, address: str) -> None:
+    """Raise ContextError where Dask's configuration has not what the address needs: a client finds out late."""
+    names = "distributed.comm.tls in its configuration, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
+    names += "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY."
+    try:
+        found = distributed.Security().get_connection_args("client")
+    except (OSError, TypeError, ValueError) as error:
+        raise ContextError(
+            f"cluster {address}: Dask's certificates cannot be used: {reason_of(error)}.", f"See {names}"
+        ) from error
+    if address.startswith("tls://") and found.get("ssl_context") is None:
+        raise ContextError(f"cluster {address}: TLS needs certificates, and Dask knows of none.", f"Set {names}")
+    if address.startswith("tcp://") and found.get("require_encryption"):
+        raise ContextError(
+            f"cluster {address}: Dask's configuration (distributed.comm.require-encryption) refuses what is not "
+            "encrypted.",
+            "Start the scheduler with --protocol tls, and name it as tls://HOST:PORT.",
+        )
 
 
 @contextlib.contextmanager

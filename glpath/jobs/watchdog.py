@@ -1,4 +1,4 @@
-"""A device that hangs is noticed, and the process ended, by another process.
+"""A device or a solver that hangs is noticed, and the process ended, by another process.
 
 Within a call of a driver that never returns no line of Python runs, in no thread: the call holds Python's lock. So
 a small process of its own hears of each piece of work that is done (`glpath.heartbeat`) through a pipe. When
@@ -9,7 +9,7 @@ The other process counts seconds in which it ran itself, so that a render that w
 for one that hangs. It ends when the pipe closes, however this process ended.
 
 Cost:     a Python process without packages, 20 ms of another core; then nothing to be measured.
-Poor at:  path sets that take longer than the limit, of huge images on slow machines: raise it.
+Poor at:  path sets, or steps of a solver, that take longer than the limit, on slow machines: raise it.
 """
 
 from __future__ import annotations
@@ -55,16 +55,14 @@ os.kill(watched, signal.SIGKILL)
 class Watchdog:
     """Watches from the beginning to the end of a `with` block.
 
-    limit : seconds without any sign of work
-    where : the sentence that says what is left when it ends the process
+    limit    : seconds without any sign of work
+    where    : the sentence that says what is left when it ends the process
+    suspects : what may be the matter
     """
 
-    def __init__(self, limit: float, where: str) -> None:
+    def __init__(self, limit: float, where: str, suspects: str) -> None:
         self._limit = limit
-        self._message = (
-            f"glpath: error: nothing was done for {limit:g} s: the device or its driver hangs, or a path set takes "
-            f"longer (--hang-limit).\n  {where}\n"
-        )
+        self._message = f"glpath: error: nothing was done for {limit:g} s: {suspects} (--hang-limit).\n  {where}\n"
         self._process: subprocess.Popen[bytes] | None = None
         self._last = -_INTERVAL
         self._core_limit: tuple[int, int] | None = None

@@ -27,6 +27,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.heartbeat import heartbeat
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.mesh.mesh import Elements, Int64, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
@@ -129,6 +130,7 @@ class FormFactors:
             took += counts
             exact = self.kind == "polygon"
             _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
+        heartbeat.beat()
         return (factors / at.each).astype(np.float32), took
 
     def of_batches(

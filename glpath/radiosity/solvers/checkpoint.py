@@ -5,7 +5,7 @@
 
 Progressive refinement has irradiance and what is shot and unshot, of which all else follows: form factors are found
 again, and elements that were split are split again. Monte Carlo has its sums. The matrix has nothing between its
-beginning and its end; it is for small scenes.
+beginning and its end; it is for small scenes. While it is solved no other process has the file (`locks`).
 
 Cost:     a write of 48 bytes per element and 72 per patch, each time.
 """
@@ -18,6 +18,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError
 from glpath.files import reason_of, remove_parts, whole_file
+from glpath.locks import Lock
 from glpath.npz import open_npz
 from glpath.versions import versions
 
@@ -49,6 +51,9 @@ class Solver(Protocol):
 class SolverCheckpoint:
     """Where the state goes, and how often.
 
+    As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it;
+    `solve_radiosity` does so.
+
     path    : .npz
     seconds : between two; None: at a signal alone
     written : how often it was
@@ -62,6 +67,19 @@ class SolverCheckpoint:
     _made_by: str = ""
     _last: float = field(default_factory=time.monotonic)
     _reasons: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.path = Path(self.path)
+        self._lock = Lock(self.path, "a solver that goes on with it")
+
+    def __enter__(self) -> SolverCheckpoint:
+        self._lock.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lock.__exit__(kind, error, trace)
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
         """Go on with the file where there is one; whether there was.

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 
 from glpath.errors import UsageError
+from glpath.heartbeat import heartbeat
 from glpath.kernels import announced, waiting
 from glpath.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import KINDS, Kind
@@ -90,6 +92,7 @@ class _Run:
     reported: float = -math.inf
 
     def report(self, stage: str, steps: int, unshot: float | None, until: float, elements: int) -> None:
+        heartbeat.beat()
         now = time.perf_counter() - self.started
         last = unshot is not None and unshot <= until
         if self.on_progress is None or (now < self.reported + _REPORT_INTERVAL and not last):
@@ -99,6 +102,7 @@ class _Run:
 
     def compiling(self, text: str) -> None:
         assert self.on_progress is not None
+        heartbeat.beat()
         elapsed = time.perf_counter() - self.started
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, elapsed))
 
@@ -174,7 +178,8 @@ def solve_radiosity(
 
     Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
     or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
-    memory; RadiosityInterrupted, with what was solved, on Ctrl-C.
+    memory; GlpathError for a checkpoint that another process has; RadiosityInterrupted, with what was solved, on
+    Ctrl-C.
 
     Poor at: glossy surfaces, which it does not know; small or thin shadows on coarse elements; lamps that nearly
     touch a surface.
@@ -207,7 +212,7 @@ def solve_radiosity(
     lighting = Lighting.of(triangles)
     needed = kernels_of(method, bool(lighting.punctual) or lighting.sky is not None)
     compile_ahead(needed)
-    with announced(waiting(needed), None if on_progress is None else run.compiling):
+    with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
             return _monte_carlo(run, mesh, particles, seed, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))

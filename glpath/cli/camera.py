@@ -1,0 +1,71 @@
+"""The options of `glpath render` that replace what a scene's camera says."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, get_args
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.values import shutter as read_shutter
+from glpath.cli.values import vector
+from glpath.scene.camera import Projection
+
+#: The panel of the help, with what moves the camera.
+CAMERA = "Camera"
+
+PositionOption = Annotated[
+    str | None, typer.Option(metavar="X,Y,Z", help="Where it stands.", rich_help_panel=CAMERA)
+]
+TargetOption = Annotated[
+    str | None, typer.Option(metavar="X,Y,Z", help="What it looks at.", rich_help_panel=CAMERA)
+]
+UpOption = Annotated[
+    str | None, typer.Option(metavar="X,Y,Z", help="What is up in the image.", rich_help_panel=CAMERA)
+]
+FovOption = Annotated[
+    float | None, typer.Option(metavar="DEGREES", help="Vertical field of view.", rich_help_panel=CAMERA)
+]
+TypeOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="|".join(get_args(Projection)),
+        autocompletion=words(get_args(Projection)),
+        help="How it projects.",
+        rich_help_panel=CAMERA,
+    ),
+]
+HeightOption = Annotated[
+    float | None,
+    typer.Option(metavar="UNITS", help="Of the whole image, if orthographic.", rich_help_panel=CAMERA),
+]
+ApertureRadiusOption = Annotated[
+    float | None,
+    typer.Option(metavar="UNITS", help="Radius of its lens; 0 is a pinhole.", rich_help_panel=CAMERA),
+]
+FocusDistanceOption = Annotated[
+    float | None,
+    typer.Option(metavar="UNITS", help="Where it is sharp; by itself, at the target.", rich_help_panel=CAMERA),
+]
+ShutterOption = Annotated[
+    str | None,
+    typer.Option(metavar="T,T", help="When it opens and closes, seconds.", rich_help_panel=CAMERA),
+]
+
+
+def replaced(
+    *,
+    position: str | None,
+    target: str | None,
+    up: str | None,
+    shutter: str | None,
+    **others: Any,
+) -> dict[str, Any]:
+    """What the options replace of a camera, by its fields; None is not given. Raises UsageError."""
+    return {
+        "position": vector("--camera-position", position),
+        "target": vector("--camera-target", target),
+        "up": vector("--camera-up", up),
+        "shutter": None if shutter is None else read_shutter(shutter),
+        **others,
+    }

@@ -1,0 +1,239 @@
+"""What `glpath render` leaves when its film is there: outputs, statistics, words, and an exit code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from glpath.cli.picture import Picture
+from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, forget
+from glpath.errors import GlpathError, ImageError
+from glpath.files import save_all, write_bytes
+from glpath.film_metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.machine import peak_resident_bytes
+from glpath.progress import duration, percent
+from glpath.terminal import say, say_json
+
+if TYPE_CHECKING:
+    from glpath.film import Film
+    from glpath.jobs.checkpoint import Checkpoint
+
+#: Exit code: all outputs are written, but not the last checkpoint.
+WITHOUT_CHECKPOINT = 3
+
+# What rays are shot for, as `film.metadata.statistics` calls it.
+_TESTS = {
+    "primary": "from the eye",
+    "shadow_buffer": "to fill shadow-buffers",
+    "shadow": "shadow rays",
+    "secondary": "reflections",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is asked of a render that has ended.
+
+    out     : files of the picture
+    picture : how the film becomes one
+    stats   : where statistics go; None: nowhere
+    spp     : path sets that were asked for; None where others end it
+    as_json, quiet, verbose : what is told on standard error
+    """
+
+    out: Sequence[Path]
+    picture: Picture
+    stats: Path | None
+    spp: int | None
+    as_json: bool
+    quiet: bool
+    verbose: bool
+
+    def leave(self, film: Film, failure: GlpathError | None, keeper: Checkpoint | None, before: int) -> None:
+        """Write and tell of all that there is. Returns where all was done.
+
+        failure : why the film is not whole
+        keeper  : its checkpoint
+        before  : path sets that it came with
+
+        Raises `failure`, ImageError for outputs that cannot be written, and `typer.Exit` with the exit code.
+        """
+        complete = film.metadata.stop_rule in RULES
+        if keeper is not None and by_scheduler() and not complete:
+            end = _leave_for_later(keeper, film)
+            if self.stats is not None:
+                write_stats(self.stats, film, keeper, before, [])
+            raise end
+        written: list[Path] = []
+        stops: float | None = None
+        if film.path_sets:
+            stops = film.exposure_stops(self.picture.exposure)
+            written, unsaved = save_all(
+                self.picture.saves(film, self.out, stops),
+                {"film.npz": film.save},
+                "The film is kept in {}; glpath.Film.load reads it, save writes it.",
+            )
+            failure = failure or unsaved
+        if keeper is not None and complete and by_scheduler() and failure is None:
+            forget()
+        ended_early = arrived()
+        if keeper is not None and keeper.path not in written and film.path_sets:
+            if complete and failure is None:
+                keeper.remove()
+            else:
+                keeper.write(film)
+        if self.stats is not None and film.path_sets:
+            try:
+                write_stats(self.stats, film, keeper, before, written)
+            except ImageError as error:
+                failure = failure or error
+        if self.as_json:
+            say_json(_as_event(film, written, ended_early, self.picture.denoise), err=True)
+        elif not self.quiet:
+            if before and before == film.path_sets and complete:
+                say(f"all {before} path sets were in {keeper.path if keeper else 'the film'} already", err=True)
+            for line in _summary(film, written, stops, self.verbose, self.picture.denoise):
+                say(line, err=True)
+        if failure is not None:
+            raise failure
+        if ended_early:
+            _say_interrupted(film, self.spp, written, keeper)
+            raise typer.Exit(INTERRUPTED)
+        if keeper is not None and keeper.failure is not None and keeper.path not in written:
+            say(f"glpath: done, but the last checkpoint was not written: {keeper.failure}", err=True)
+            raise typer.Exit(WITHOUT_CHECKPOINT)
+
+
+def _leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
+    """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
+    if not film.path_sets:
+        say("glpath: ended by a signal before the first path set was done; start it again", err=True)
+        return typer.Exit(GO_ON_LATER)
+    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+    _, failure = save_all({checkpoint.path: film.save}, {"film.npz": film.save}, kept)
+    if failure is not None:
+        raise failure
+    say(
+        f"glpath: ended by a signal: {film.path_sets} path sets are in {checkpoint.path}; "
+        "the same command with --resume goes on",
+        err=True,
+    )
+    return typer.Exit(GO_ON_LATER)
+
+
+def _say_interrupted(film: Film, spp: int | None, written: Sequence[Path], keeper: Checkpoint | None) -> None:
+    if written:
+        of = "" if spp is None else f" of {spp}"
+        text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
+    else:
+        text = "before the first path set was done; nothing is written"
+    say(f"glpath: interrupted: {text}", err=True)
+    films = [path for path in written if path.suffix.lower() == ".npz"]
+    if keeper is not None and keeper.failure is None and film.path_sets:
+        films = [keeper.path]
+    if films and film.metadata.stop_rule == INTERRUPTED_RULE:
+        say(f"  the same command with --resume goes on with {films[0]}", err=True)
+
+
+def _summary(
+    film: Film, written: Sequence[Path], stops: float | None, verbose: bool, denoise: bool
+) -> Iterator[str]:
+    """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
+    if not film.path_sets:
+        return
+    m = film.metadata
+    _, _, width, height = m.window
+    error = film.relative_error()
+    noise = "" if error is None else f", error about {percent(error)}"
+    if m.stop_rule in (NOISE, TIME_LIMIT):
+        bound = "" if m.error_bound is None else f"; at 95 % confidence it is below {percent(m.error_bound)}"
+        noise += f"{bound}; ended by --{m.stop_rule.replace(' ', '-')}"
+    yield f"{film.path_sets} path sets of {width} x {height} in {duration(m.elapsed_s)}{noise}"
+    solved = m.statistics.get("radiosity_s", 0.0)
+    tracing = m.elapsed_s - solved
+    speed = f": {_million(film.path_sets * width * height / tracing)} paths/s" if tracing > 0 else ""
+    yield f"  on {m.device or 'an unnamed device'}{speed}"
+    if solved > 0:
+        yield f"  of that, {duration(solved)} for the radiosity solution"
+    if denoise:
+        error = film.relative_error(denoised=True)
+        yield "  denoised by Open Image Denoise" + ("" if error is None else f", then error about {percent(error)}")
+    cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost", 0)
+    if cast:
+        yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
+    for purpose, count in m.statistics.get("intersection_tests", {}).items():
+        yield f"  {_TESTS[purpose]}: {_million(count)} intersection tests"
+    dropped = m.statistics.get("dropped_samples", 0)
+    if dropped:
+        yield f"  {dropped} samples were NaN or infinite and count as 0"
+    if verbose:
+        for key, value in {"seed": m.seed, "max_depth": m.max_depth, **m.settings, **m.versions}.items():
+            yield f"  {key}: {value}"
+        yield f"  scene hash: {m.scene_hash}"
+        for stage, milliseconds in m.statistics.get("stage_ms", {}).items():
+            yield f"  {stage}: {milliseconds / film.path_sets:.3g} ms per path set"
+    for path in written:
+        shown = f", exposure {stops:+g} stops" if path.suffix.lower() == ".png" else ""
+        yield f"wrote {path}{shown}"
+
+
+def _as_event(film: Film, written: Sequence[Path], interrupted: bool, denoise: bool) -> dict[str, Any]:
+    """The last object of `--progress json`."""
+    m = film.metadata
+    return {
+        "event": "interrupted" if interrupted else "done",
+        "path_sets": film.path_sets,
+        "elapsed_s": round(m.elapsed_s, 3),
+        "error": film.relative_error(),
+        "stop_rule": m.stop_rule,
+        "error_bound": m.error_bound,
+        **({"denoised_error": film.relative_error(denoised=True)} if denoise else {}),
+        "renderer": m.device,
+        "statistics": m.statistics,
+        "files": [str(path) for path in written],
+    }
+
+
+def _million(count: float) -> str:
+    return f"{count / 1e6:.3g} million" if count >= 1e6 else f"{count:,.0f}"
+
+
+def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: int, files: Sequence[Path]) -> None:
+    """What a render took, as JSON. Raises ImageError.
+
+    before : path sets that the film came with
+    """
+    m = film.metadata
+    statistics = dict(m.statistics)
+    found: dict[str, Any] = {
+        "scene": m.scene,
+        "scene_hash": m.scene_hash,
+        "integrator": m.integrator,
+        "settings": {"seed": m.seed, "max_depth": m.max_depth, **m.settings},
+        "window": m.window,
+        "path_sets": film.path_sets,
+        "path_sets_before": before,
+        "ranges": film.ranges,
+        "stop_rule": m.stop_rule,
+        "relative_error": film.relative_error(),
+        "error_bound": m.error_bound,
+        "elapsed_s": round(m.elapsed_s, 4),
+        "stage_ms": statistics.pop("stage_ms", {}),
+        "counts": statistics,
+        "memory": {
+            "peak_resident_bytes": peak_resident_bytes(),
+            "film_bytes": film.nbytes,
+        },
+        "device": m.device,
+        "versions": m.versions,
+        "checkpoint": None
+        if checkpoint is None
+        else {"path": str(checkpoint.path), "written": checkpoint.written, "failure": checkpoint.failure},
+        "files": [str(file) for file in files],
+    }
+    write_bytes((json.dumps(found, indent=2) + "\n").encode(), path)

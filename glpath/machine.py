@@ -1,0 +1,18 @@
+"""What the system says of this process."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+
+def peak_resident_bytes() -> int:
+    """The most memory that this process had at once; llvmpipe's is in it."""
+    # Not by getrusage, whose number begins with that of the process which has started this one.
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass  # no Linux, or a /proc that is hidden or an emulator's
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,204 @@
+"""One process at a time has a checkpoint: the second is told who the first is, and a dead one keeps nobody out."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import killing
+import pytest
+from typer.testing import CliRunner, Result
+
+import glpath
+from glpath import locks
+from glpath.cli.main import app
+from glpath.errors import GlpathError, UsageError
+from glpath.film import Film
+from glpath.jobs.checkpoint import Checkpoint
+from glpath.locks import Lock
+
+# Holds frames of a file until its standard input ends, or it is killed.
+HOLDING = """
+import sys
+from pathlib import Path
+from glpath.locks import Lock
+
+with Lock(Path(sys.argv[1]), "a render", int(sys.argv[2]), int(sys.argv[3])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def holding(path: Path, first: int = 0, stop: int = 1) -> subprocess.Popen[str]:
+    """A process that has the lock."""
+    command = [sys.executable, "-c", HOLDING, str(path), str(first), str(stop)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def ended(process: subprocess.Popen[str], number: int | None = None) -> int:
+    """Its exit code; by a signal, or in peace."""
+    if number is not None:
+        process.send_signal(number)
+    process.communicate(timeout=60)
+    return process.returncode
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_who_comes_second_is_told_who_is_first_and_has_it_after_him(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    first = holding(path)
+    with pytest.raises(GlpathError) as caught, Lock(path, "a render"):
+        pass
+    said = str(caught.value)
+    assert not isinstance(caught.value, UsageError)  # whose exit code tells schedulers not to try again
+    assert f"{path}: a render has it already: process {first.pid} on {os.uname().nodename}, since 20" in said
+    assert f"kill {first.pid}" in said
+    assert ended(first) == 0
+    assert os.listdir(tmp_path) == []
+    with Lock(path, "a render"):
+        assert os.listdir(tmp_path) == [".a.npz.lock"]
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_process_that_was_killed_keeps_nobody_out(number: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    assert ended(holding(path), number) == -number
+    assert os.listdir(tmp_path) == [".a.npz.lock"], "a kill leaves the file, not the lock"
+    with Lock(path, "a render"):
+        holders = json.loads((tmp_path / ".a.npz.lock").read_text())
+        assert [held["pid"] for held in holders] == [os.getpid()]
+    assert os.listdir(tmp_path) == []
+
+
+def test_processes_with_other_frames_do_not_meet(tmp_path: Path) -> None:
+    path = tmp_path / "frame_{:04}.png"
+    killed, first = holding(path, 20, 30), holding(path, 0, 10)
+    ended(killed, signal.SIGKILL)
+    with Lock(path, "a render", 10, 25):
+        with pytest.raises(GlpathError, match=f"process {first.pid} on"), Lock(path, "a render", 9, 10):
+            pass
+        assert ended(first) == 0
+        assert os.listdir(tmp_path) == [".frame_{:04}.png.lock"], "somebody else is still in it"
+    assert os.listdir(tmp_path) == []
+
+
+def test_of_many_at_once_one_has_it_at_a_time(tmp_path: Path) -> None:
+    """Locks of one process keep each other out as those of many do; the file comes and goes meanwhile."""
+    path, inside, most, refused = tmp_path / "a.npz", [0], [0], [0]
+
+    def come_and_go() -> None:
+        for _ in range(200):
+            try:
+                with Lock(path, "a render"):
+                    inside[0] += 1
+                    most[0] = max(most[0], inside[0])
+                    inside[0] -= 1
+            except GlpathError:
+                refused[0] += 1
+
+    threads = [threading.Thread(target=come_and_go) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (most[0], os.listdir(tmp_path)) == (1, [])
+    assert refused[0] < 800
+
+
+def test_blocks_within_each_other_are_one_and_a_folder_may_go(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    with Lock(folder / "a.npz", "a render") as lock:
+        with lock:
+            pass
+        assert [path.name for path in folder.iterdir()] == [".a.npz.lock"]
+        (folder / ".a.npz.lock").unlink()
+        folder.rmdir()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("text", ["", "no json", "[1]", '{"pid": 1}', '[{"pid": 1, "range": "all"}]'])
+def test_what_stands_in_the_file_is_for_the_message_alone(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    first = holding(path)
+    (tmp_path / ".a.npz.lock").write_text(text)
+    with pytest.raises(GlpathError, match="has it already: another process"), Lock(path, "a render"):
+        pass
+    ended(first)
+    (tmp_path / ".a.npz.lock").write_text(text)
+    with Lock(path, "a render"):
+        pass
+    assert os.listdir(tmp_path) == []
+
+
+def test_where_a_file_system_has_no_locks_it_is_said_and_nobody_is_kept_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def none(*_: object) -> bytes:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(locks.fcntl, "fcntl", none)
+    with Lock(tmp_path / "a.npz", "a render"), Lock(tmp_path / "a.npz", "a render"):
+        pass
+    assert "this file system has no locks" in caplog.text
+
+
+# The commands.
+
+
+def test_a_second_render_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    asked = ("-o", out, "--checkpoint", "1i", "--resume")
+    with killing.start(*asked, "--spp", 10**6) as process:
+        killing.until_rendering(process)
+        refused = run("render", *killing.SMALL, *asked, "--spp", 8)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    assert refused.exit_code == 1, refused.output
+    assert f"{out}: a render that goes on with it has it already: process {process.pid} on" in refused.stderr
+    begun = Film.load(out).path_sets
+    assert run("render", *killing.SMALL, *asked, "--spp", begun + 1, "-q").exit_code == 0
+    assert os.listdir(tmp_path) == ["a.npz"]
+
+
+def test_a_second_render_of_the_same_frames_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "t_{:02}.npz"
+    first = holding(out, 2, 4)
+    options = ("cornell-box-36", "--resolution", "8x8", "--spp", 1, "--max-depth", 1, "-o", out, "-q")
+    refused = run("render", *options, "--turntable", 3)
+    others = run("render", *options, "--turntable", 2)
+    ended(first)
+    assert refused.exit_code == 1, refused.output
+    assert f"a render of these frames has it already: process {first.pid} on" in refused.stderr
+    assert others.exit_code == 0, others.output
+    assert sorted(os.listdir(tmp_path)) == ["t_00.npz", "t_01.npz"]
+
+
+def test_a_second_solver_is_refused(tmp_path: Path) -> None:
+    first = holding(tmp_path / "s.checkpoint.npz")
+    result = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "--resume", "--patches", 60)
+    ended(first)
+    assert result.exit_code == 1, result.output
+    assert re.search(rf"s\.checkpoint\.npz: a solver .* process {first.pid} on", result.stderr)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_checkpoint_in_python_is_a_block(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path / "a.npz", path_sets=1) as checkpoint:
+        glpath.render("cornell-box-36", spp=2, resolution=(8, 8), on_step=checkpoint)
+        with pytest.raises(GlpathError, match=f"process {os.getpid()} on"), Checkpoint(tmp_path / "a.npz"):
+            pass
+    assert os.listdir(tmp_path) == ["a.npz"]
