@@ -148,8 +148,8 @@ class NodePaths:
         """Whether a node's mesh changes its form: by weights of its morph targets, or by joints of its skin."""
         if any(self.of(joint) is not None for joint in joints):
             return True
-        weights = [pose.get(node, {}).get("weights") for pose in self.poses]
-        return any(not np.array_equal(weights[0], each) for each in weights if each is not None)
+        weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
+        return any(not np.array_equal(weights[0], each) for each in weights)
 
 
 def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | None) -> ModelCamera | None:
