@@ -16,8 +16,7 @@ What is shown is WebGL's frame as floats: no tone mapping, no sRGB, nothing clip
 units (three.js takes KHR_lights_punctual one to one, as we do). Pixels are means of `samples` x `samples` places.
 There are no shadows, no light that bounces, and surfaces that emit light no others.
 
-Needs `three`, by npm: `make evidence` puts it into .venv/lib/node_modules; else NODE_PATH=FOLDER/node_modules, or
-`npm install three` in the folder where tests run. Nothing is asked of a network then.
+Needs npm's `three` (see npm.py); nothing is asked of a network.
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import browser
+import npm
 import numpy as np
 import pytest
 
@@ -72,8 +72,8 @@ window.picture = async (url, width, height, samples, show, name) => {
   else camera.left = -(camera.right = camera.top * width / height)
   camera.updateProjectionMatrix()
   const scene = gltf.scene
-  if (show === 'position') scene.overrideMaterial = POSITION
-  if (show === 'base colour') scene.traverse(one => { if (one.isMesh) one.material = base(one.material) })
+  if (show !== 'light')
+    scene.traverse(one => { if (one.isMesh) one.material = show === 'position' ? POSITION : base(one.material) })
   const [w, h] = [width * samples, height * samples]
   const target = new THREE.WebGLRenderTarget(w, h, { type: THREE.FloatType })
   renderer.setRenderTarget(target)
@@ -91,16 +91,9 @@ window.ready = true
 </script>"""
 
 
-def package(name: str) -> Path | None:
-    """Where npm put a package: in NODE_PATH, the virtual environment, or the folder where tests run."""
-    folders = [Path(each) for each in os.environ.get("NODE_PATH", "").split(os.pathsep) if each]
-    folders += [Path(sys.prefix, "lib", "node_modules"), Path("node_modules")]
-    return next((folder / name for folder in folders if (folder / name / "package.json").is_file()), None)
-
-
 def marks() -> list[pytest.MarkDecorator]:
     """Evidence, which is skipped where the browser or three.js is not there."""
-    return browser.marks(**{"npm's three (NODE_PATH=FOLDER/node_modules)": package("three")})
+    return browser.marks(**{"npm's three (NODE_PATH=FOLDER/node_modules)": npm.package("three")})
 
 
 class Viewer:
@@ -179,7 +172,7 @@ class _Handler(SimpleHTTPRequestHandler):
 def viewer() -> Iterator[Viewer]:
     """A browser with three.js in it, and a server of its files on the loopback."""
     files: dict[str, Path] = {}
-    handler = partial(_Handler, files=files, directory=str(package("three")))
+    handler = partial(_Handler, files=files, directory=str(npm.package("three")))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
