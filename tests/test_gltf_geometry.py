@@ -300,6 +300,43 @@ def test_animated_weights_morph(tmp_path: Path) -> None:
     assert any("at rest" in note for note in resting.notes)
 
 
+def test_meshes_that_change_their_form_while_the_shutter_is_open_are_named_once(tmp_path: Path) -> None:
+    """A skin's joint moves until 1 s, a weight until 2 s; what is carried along, or stands still, is not named."""
+    file = Gltf()
+    file.json["meshes"] = []
+    targets = [{"POSITION": file.accessor([[0, 0, 1]] * 3)}]
+    bound = {"WEIGHTS_0": [[1, 0, 0, 0]] * 3}
+    for name, more in (("face", {"targets": targets}), ("arm", bound), ("statue", bound), ("car", {})):
+        file.json["meshes"][file.mesh(**more)]["name"] = name
+    for number in (1, 2):
+        attributes = file.json["meshes"][number]["primitives"][0]["attributes"]
+        attributes["JOINTS_0"] = file.accessor([[0, 0, 0, 0]] * 3, "uint8")
+    skins = [file.add("skins", joints=[file.node()]) for _ in range(2)]
+    face = file.node(mesh=0)
+    for number, skin in zip((1, 2), skins, strict=True):
+        file.node(mesh=number, skin=skin)
+    car = file.node(mesh=3)
+    times = [file.accessor([0.0, end]) for end in (1.0, 2.0)]
+    way, weight = file.accessor([[0, 0, 0], [1, 0, 0]]), file.accessor([0.0, 1.0])
+    samplers = [{"input": times[0], "output": way}, {"input": times[1], "output": weight}]
+    moved = ((0, 0, "translation"), (0, car, "translation"), (1, face, "weights"))
+    file.add(
+        "animations",
+        samplers=samplers,
+        channels=[{"sampler": s, "target": {"node": node, "path": path}} for s, node, path in moved],
+    )
+
+    def named(time: float, shutter: float) -> list[str]:
+        return [note for note in read(file, tmp_path, time=time, shutter=shutter).notes if "Skins" in note]
+
+    assert named(0.5, 0.0) == []
+    (note,) = named(0.5, 0.2)
+    assert note.endswith("as it opens is face, arm.")
+    (note,) = named(1.2, 0.2)
+    assert note.endswith("as it opens is face.")
+    assert named(2.5, 0.2) == []
+
+
 def test_only_the_chosen_scene_is_shown(tmp_path: Path) -> None:
     file = Gltf()
     first, second = (file.node(mesh=file.mesh(), translation=[x, 0, 0]) for x in (1, 2))

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gltf_files import Gltf
 from scipy.interpolate import RegularGridInterpolator
 
 import glpath
 from glpath.errors import GlpathError, SceneError, SceneWarning
 from glpath.experiments import other_python
 from glpath.lighting import incident
+from glpath.scene.formats.gltf import read_gltf
 from glpath.scene.formats.ies import read_ies
 from glpath.scene.model import Float64, Light, LightProfile
 from glpath.scene.place import Place
@@ -429,6 +431,79 @@ def test_an_export_says_that_it_leaves_the_profile_out(suffix: str, tmp_path: Pa
     scene = glpath.load_scene(lamp_scene(ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA))))
     with pytest.warns(SceneWarning, match="its profile is left out"):
         glpath.export(scene, tmp_path / f"a{suffix}")
+
+
+# Models: EXT_lights_ies.
+
+
+def lamps(*nodes: dict[str, object], profiles: list[dict[str, object]]) -> Gltf:
+    file = Gltf()
+    for node in nodes:
+        file.node(**node)
+    file.json["extensions"] = {"EXT_lights_ies": {"lights": profiles}}
+    file.json["extensionsRequired"] = ["EXT_lights_ies"]
+    return file
+
+
+def of(**fields: object) -> dict[str, object]:
+    return {"EXT_lights_ies": fields}
+
+
+def test_a_model_has_profiles_turned_as_their_nodes_are(tmp_path: Path) -> None:
+    """By the extension's words: gamma 0 is -z, C 0 in the plane of x and z, turning from x to y."""
+    ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))
+    half = np.sqrt(0.5)
+    turned: dict[str, object] = {"rotation": [half, 0, 0, half], "translation": [1, 2, 3], "scale": [2, 2, 2]}
+    file = lamps(
+        {"extensions": of(light=0), "name": "plain"},
+        {"extensions": of(light=1, multiplier=2, color=[1, 0.5, 0]), **turned},
+        profiles=[{"uri": "lamp.ies"}, {"bufferView": 0, "mimeType": "application/x-ies-lm-63"}],
+    )
+    file.view((tmp_path / "lamp.ies").read_bytes())
+    model = read_gltf(file.write(tmp_path), light_factor=3)
+    assert model.notes == ()
+    plain, other = model.lights
+    assert (plain.name, other.name) == ("plain", "light-1")
+    np.testing.assert_allclose(other.position, [1, 2, 3])
+    np.testing.assert_allclose(plain.intensity, 3)
+    np.testing.assert_allclose(other.intensity, [6, 3, 0])
+    local = np.random.default_rng(0).normal(size=(200, 3))
+    local /= np.linalg.norm(local, axis=1, keepdims=True)
+    gamma, c = np.degrees(np.arccos(-local[:, 2])), np.degrees(np.arctan2(local[:, 1], local[:, 0])) % 360
+    expected = RegularGridInterpolator((C, GAMMA), web(C, GAMMA))(np.stack([c, gamma], axis=1))
+    quarter = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # about x, from y to z
+    for light, world in ((plain, local), (other, local @ quarter.T)):
+        assert light.profile is not None
+        np.testing.assert_allclose(light.profile.intensity(world, light.direction, light.c0), expected, rtol=1e-7)
+
+
+def test_a_lamp_of_both_extensions_is_one(tmp_path: Path) -> None:
+    ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))
+    file = lamps(
+        {"extensions": of(light=0) | {"KHR_lights_punctual": {"light": 0}}}, profiles=[{"uri": "lamp.ies"}]
+    )
+    file.json["extensions"]["KHR_lights_punctual"] = {"lights": [{"type": "point"}]}
+    model = read_gltf(file.write(tmp_path))
+    assert [light.profile is not None for light in model.lights] == [True]
+    assert any("KHR_lights_punctual" in note for note in model.notes)
+
+
+@pytest.mark.parametrize(
+    ("profile", "light", "message"),
+    [
+        ({"uri": "none.ies"}, 0, r"EXT_lights_ies\.lights\[0\]\.uri names .none.ies., which does not exist"),
+        ({"uri": "../lamp.ies"}, 0, "outside the folder"),
+        ({"uri": "lamp.ies"}, 1, r"nodes\[0\]\.extensions\.EXT_lights_ies\.light"),
+        ({"uri": "data:,TILT=NONE 1"}, 0, r"lights\[0\]\.uri names data, which cannot be used: line 1"),
+        ({}, 0, "bufferView"),
+    ],
+)
+def test_profiles_of_a_model_that_are_wrong_are_refused(
+    profile: dict[str, object], light: int, message: str, tmp_path: Path
+) -> None:
+    ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))
+    with pytest.raises(SceneError, match=message):
+        read_gltf(lamps({"extensions": of(light=light)}, profiles=[profile]).write(tmp_path))
 
 
 # Beside Radiance.

@@ -5,6 +5,8 @@ Any glTF viewer shows the baked light. COLOR_0 is linear Rec. 709 [glTF 2.0, 3.9
 that is black, such as the back of a one-sided material, is left out, so that one looks into a room from outside.
 
 Cost:     24 bytes a vertex and 12 an element and side.
+Poor at:  programs that see single-sided triangles from both sides, as path tracers do (this one too): where a
+          surface has both sides, they see either at random.
 """
 
 from __future__ import annotations

@@ -56,16 +56,21 @@ def read_ies(path: Path, place: Place) -> LightProfile:
     if size > MAX_BYTES:
         raise place.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
     try:
-        text = path.read_bytes().decode("latin-1")
+        data = path.read_bytes()
     except OSError as error:
         raise place.error(f"names {path}, which cannot be read ({error.strerror}).") from error
-    return _Reader(text, path, place).profile()
+    return parse_ies(data, path, place)
+
+
+def parse_ies(data: bytes, path: Path | str, place: Place) -> LightProfile:
+    """The same of what is in a file, at most MAX_BYTES; `path` is what errors call it."""
+    return _Reader(data.decode("latin-1"), path, place).profile()
 
 
 class _Reader:
     """The numbers of a file, one after another, with the line of each."""
 
-    def __init__(self, text: str, path: Path, place: Place) -> None:
+    def __init__(self, text: str, path: Path | str, place: Place) -> None:
         self._path, self._place = path, place
         self._lines = text.splitlines()
         self._line = 0  # of the last number, from 1

@@ -29,6 +29,7 @@ from glpath.scene.place import Place, shown
 SUFFIXES = (".gltf", ".glb")
 #: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
 KNOWN_EXTENSIONS = (
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",

@@ -2,7 +2,7 @@
 
 Candela are taken as W sr^-1 and lux as W m^-2, one to one, as lamps and surfaces that send light keep their ratio.
 
-Source: KHR_lights_punctual; glTF 2.0, 3.10.
+Source: KHR_lights_punctual; EXT_lights_ies; glTF 2.0, 3.10.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.formats.gltf import profiles
 from glpath.scene.formats.gltf.document import Document
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.formats.values import LARGEST
@@ -55,9 +56,18 @@ def _looks_alike(a: ModelCamera, b: ModelCamera) -> bool:
     return np.array_equal(a.target, b.target) and np.array_equal(a.up, b.up)
 
 
-def light_of(document: Document, node: Table, world: Float64, factor: float) -> Light | None:
+def light_of(
+    document: Document, node: Table, world: Float64, factor: float, webs: profiles.Profiles
+) -> Light | None:
     """The light of a node, None where it has none."""
     extension = node.extension("KHR_lights_punctual")
+    profiled = node.extension(profiles.NAME)
+    if profiled is not None:
+        if extension is not None:
+            document.notes.add(
+                "KHR_lights_punctual of nodes with EXT_lights_ies: they are one lamp, which is the latter's."
+            )
+        return _profiled(node, profiled, world, factor, webs)
     if extension is None:
         return None
     every = (document.root.extension("KHR_lights_punctual") or Table({}, document.place)).tables("lights")
@@ -85,6 +95,24 @@ def light_of(document: Document, node: Table, world: Float64, factor: float) -> 
             "Angles are in radians, from the axis.",
         )
     return Light(name, kind, intensity, position, direction, (float(np.degrees(inner)), float(np.degrees(outer))))
+
+
+def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
+    direction = _along(node, world, 2)
+    x = -_along(node, world, 0)
+    c0 = x - (x @ direction) * direction  # of a node that is sheared, too
+    if not np.linalg.norm(c0) > 0:
+        raise node.place.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
+    number = node.place.path.rpartition("[")[2].rstrip("]")
+    return Light(
+        node.name(f"light-{number}"),
+        "point",
+        factor * extension.number("multiplier", 1.0, 0.0) * extension.numbers("color", (1, 1, 1), 0.0),
+        world[:3, 3],
+        direction,
+        profile=webs.of(extension),
+        c0=c0 / np.linalg.norm(c0),
+    )
 
 
 def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:

@@ -20,6 +20,7 @@ from glpath.scene.formats.gltf.document import Document, read_document
 from glpath.scene.formats.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.scene.formats.gltf.nodes import Nodes, Pose, instances
 from glpath.scene.formats.gltf.primitives import Primitives, Skin, is_open, skin_of
+from glpath.scene.formats.gltf.profiles import Profiles
 from glpath.scene.formats.gltf.surfaces import Surfaces
 from glpath.scene.formats.gltf.table import Table
 from glpath.scene.formats.values import LARGEST
@@ -31,6 +32,8 @@ from glpath.scene.place import shown
 _FLAT = 1e-9
 # Faces above which it is not asked whether a mesh is closed.
 _LONG_TEST = 2**20
+# Meshes that a note names.
+_NAMES = 20
 
 
 @dataclass(frozen=True)
@@ -90,10 +93,12 @@ def read_gltf(
     path_of = None
     if time is not None and shutter > 0:
         times = shutter_times(document, accessors, time, time + shutter)
-        every = [Nodes.of(document, poses_at(document, accessors, float(t))).world for t in times]
-        path_of = NodePaths(times, every)
-    shapes = _Shapes(document, accessors, nodes, poses, surfaces, path_of).all()
-    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor) for i in nodes.drawn]
+        every = [poses_at(document, accessors, float(t)) for t in times]
+        path_of = NodePaths(times, [Nodes.of(document, each).world for each in every], every)
+    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
+    shapes = made.all()
+    profiles = Profiles(document)
+    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor, profiles) for i in nodes.drawn]
     found = [_camera(document, nodes, i, path_of) for i in nodes.drawn]
     cameras = tuple(each for each in found if each is not None)
     if path_of is not None:
@@ -101,8 +106,11 @@ def read_gltf(
             light is not None and path_of.of(i) is not None for light, i in zip(lights, nodes.drawn, strict=True)
         ):
             document.notes.add("Lights that move while the shutter is open: they are where it opens.")
-        if any("weights" in pose for pose in poses.values()) or len(document.all("skins")):
-            document.notes.add("Skins and morph targets while the shutter is open: they are as it opens.")
+        if made.bent:
+            names = ", ".join(made.bent[:_NAMES]) + (" ..." if len(made.bent) > _NAMES else "")
+            document.notes.add(
+                f"Skins and morph targets that move while the shutter is open: as it opens is {names}."
+            )
     scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
     return Model(
         source=document.place.source,
@@ -124,15 +132,24 @@ class NodePaths:
 
     times : (K,) seconds
     world : of each time, (4, 4) of each node
+    poses : of each time, of animated nodes what their animations say
     """
 
     times: Float64
     world: list[list[Float64]]
+    poses: list[dict[int, dict[str, Float64]]]
 
     def of(self, node: int) -> Float64 | None:
         """(K, 3, 4) of a node; None where it stands still."""
         there = np.array([each[node][:3] for each in self.world])
         return None if np.all(there == there[0]) else there
+
+    def bend(self, node: int, joints: Sequence[int]) -> bool:
+        """Whether a node's mesh changes its form: by weights of its morph targets, or by joints of its skin."""
+        if any(self.of(joint) is not None for joint in joints):
+            return True
+        weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
+        return any(not np.array_equal(weights[0], each) for each in weights)
 
 
 def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | None) -> ModelCamera | None:
@@ -188,6 +205,8 @@ class _Shapes:
         self.turned: dict[Mesh, Mesh] = {}
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.triangles = 0
+        #: Names of meshes that change their form while the shutter is open.
+        self.bent: list[str] = []
 
     def all(self) -> list[Shape]:
         for index in self.nodes.drawn:
@@ -220,6 +239,8 @@ class _Shapes:
         skin = self._skin(node)
         primitives = mesh.tables("primitives")
         name = mesh.name(node.name(f"mesh-{number}"))
+        if self.paths is not None and self.paths.bend(index, self._joints(node)):
+            self.bent.append(name)
         # A skin's joints stand in the world, and where its node does is of no meaning.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
@@ -249,6 +270,12 @@ class _Shapes:
         if index not in self.skins:
             self.skins[index] = skin_of(skins[index], self.nodes.world, self.accessors)
         return self.skins[index]
+
+    def _joints(self, node: Table) -> list[int]:
+        """Nodes that are the joints of a node's skin."""
+        skins = self.document.all("skins")
+        index = node.index("skin", skins, "skins")
+        return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
 
     def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
         """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
