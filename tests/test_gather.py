@@ -27,7 +27,6 @@ from glpath.lighting import Lighting
 from glpath.radiosity import lookup as lookup_module
 from glpath.radiosity.lookup import lookup_table, near_lamps
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.rendering import factory, tiles
 from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
@@ -115,7 +114,7 @@ class Bounce:
         self.normal = np.where(self.back[:, None], -normals, normals)
 
     def reflectance(self) -> Float64:
-        return side_reflectance(self.scene)[self.back.astype(int), self.triangle]
+        return self.scene.side_reflectance[self.back.astype(int), self.triangle]
 
     def looked_up(self, solution: RadiositySolution, lookup: Any) -> Float64:
         corner = self.scene.triangles[self.triangle]
@@ -141,7 +140,7 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int,
     position = camera.position + t[:, None] * d
     front = np.sum(scene.normals[first] * d, axis=1) < 0
     normal = scene.normals[first] * np.where(front, 1.0, -1.0)[:, None]
-    rho = side_reflectance(scene)[(~front).astype(int), first]
+    rho = scene.side_reflectance[(~front).astype(int), first]
     second = Bounce(scene, position, normal, sample.directions[0])
     third = Bounce(scene, second.position, second.normal, sample.directions[1])
     corner = scene.triangles[second.triangle]
@@ -190,7 +189,7 @@ def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
     scene = flat(path_traceable(room(size=16)))
     scene = replace(scene, materials=tuple(replace(m, two_sided=True) for m in scene.materials))
     # Whatever the surface, so much is reflected.
-    irradiance = np.array([1.0, 2.0, 3.0]) / side_reflectance(scene)
+    irradiance = np.array([1.0, 2.0, 3.0]) / scene.side_reflectance
     solution = solution_of(scene, 1, irradiance, np.repeat(irradiance, 3, axis=1))
     with pytest.warns(glpath.SceneWarning, match="light"):
         film = gather(scene, solution, spp=8, direct_light="solution", lookup_distance=0)
