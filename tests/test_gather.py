@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from objects import flat
 from reference.closed_forms import furnace_radiance
 from reference.numpy_path_tracer import nearest_hits
+from rooms import room_with_a_ball
 
 import glpath
 from glpath import RadiositySolution, rendering
@@ -538,6 +539,14 @@ def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(sce
     found, truth = picture(None), picture(exact)
     assert relative_mse(found, truth) < 6e-5
     assert found.mean() == pytest.approx(truth.mean(), rel=3e-3)
+
+
+def test_a_ball_of_many_triangles_leaves_the_walls_fine_enough() -> None:
+    """Were each triangle of the ball a patch of the number that is asked for, each wall would have two."""
+    small: dict[str, Any] = {"scene": room_with_a_ball(4), "resolution": (24, 24), "spp": 256}
+    path = glpath.render(**small, max_depth=16).mean
+    found = glpath.render(**small, integrator="gather").mean
+    assert found.mean() == pytest.approx(path.mean(), rel=7e-3)
 
 
 @pytest.mark.evidence
