@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from glpath.scene import load_scene
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 from glpath.scene.tessellate import box, quad
@@ -53,6 +54,27 @@ def room(*parts: dict[str, Any]) -> Scene:
     shapes = [Shape(f"part{i}", Mesh.of_triangles(p["triangles"]), i, **p["shape"]) for i, p in enumerate(parts)]
     materials = tuple(Material(f"material{i}", **p["material"]) for i, p in enumerate(parts))
     return Scene("room", CAMERA, Shapes(shapes), materials)
+
+
+def room_with_a_ball(subdivisions: int) -> Scene:
+    """A closed grey room of 12 triangles with a point light, and in it a ball of 20 * 4^subdivisions."""
+    return load_scene(
+        {
+            "camera": {"position": [0, 0, 2.9], "target": [0, 0, 0], "fov": 40},
+            "materials": {"grey": {"reflectance": 0.6}},
+            "shapes": [
+                {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 3], "flip_normals": True, "material": "grey"},
+                {
+                    "type": "sphere",
+                    "center": [0, -0.6, 0],
+                    "radius": 0.3,
+                    "subdivisions": subdivisions,
+                    "material": "grey",
+                },
+            ],
+            "lights": [{"type": "point", "position": [0, 0.5, 0.8], "intensity": 0.1}],
+        }
+    )
 
 
 def with_triangles(scene: Scene, name: str, change: Callable[[Float64], Float64]) -> Scene:

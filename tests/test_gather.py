@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from objects import flat
 from reference.closed_forms import furnace_radiance
 from reference.numpy_path_tracer import nearest_hits
+from rooms import room_with_a_ball
 
 import glpath
 from glpath import RadiositySolution, rendering
@@ -27,7 +28,6 @@ from glpath.lighting import Lighting
 from glpath.radiosity import lookup as lookup_module
 from glpath.radiosity.lookup import lookup_table, near_lamps
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.rendering import factory, tiles
 from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
@@ -115,7 +115,7 @@ class Bounce:
         self.normal = np.where(self.back[:, None], -normals, normals)
 
     def reflectance(self) -> Float64:
-        return side_reflectance(self.scene)[self.back.astype(int), self.triangle]
+        return self.scene.side_reflectance[self.back.astype(int), self.triangle]
 
     def looked_up(self, solution: RadiositySolution, lookup: Any) -> Float64:
         corner = self.scene.triangles[self.triangle]
@@ -141,7 +141,7 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int,
     position = camera.position + t[:, None] * d
     front = np.sum(scene.normals[first] * d, axis=1) < 0
     normal = scene.normals[first] * np.where(front, 1.0, -1.0)[:, None]
-    rho = side_reflectance(scene)[(~front).astype(int), first]
+    rho = scene.side_reflectance[(~front).astype(int), first]
     second = Bounce(scene, position, normal, sample.directions[0])
     third = Bounce(scene, second.position, second.normal, sample.directions[1])
     corner = scene.triangles[second.triangle]
@@ -190,7 +190,7 @@ def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
     scene = flat(path_traceable(room(size=16)))
     scene = replace(scene, materials=tuple(replace(m, two_sided=True) for m in scene.materials))
     # Whatever the surface, so much is reflected.
-    irradiance = np.array([1.0, 2.0, 3.0]) / side_reflectance(scene)
+    irradiance = np.array([1.0, 2.0, 3.0]) / scene.side_reflectance
     solution = solution_of(scene, 1, irradiance, np.repeat(irradiance, 3, axis=1))
     with pytest.warns(glpath.SceneWarning, match="light"):
         film = gather(scene, solution, spp=8, direct_light="solution", lookup_distance=0)
@@ -539,6 +539,14 @@ def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(sce
     found, truth = picture(None), picture(exact)
     assert relative_mse(found, truth) < 6e-5
     assert found.mean() == pytest.approx(truth.mean(), rel=3e-3)
+
+
+def test_a_ball_of_many_triangles_leaves_the_walls_fine_enough() -> None:
+    """Were each triangle of the ball a patch of the number that is asked for, each wall would have two."""
+    small: dict[str, Any] = {"scene": room_with_a_ball(4), "resolution": (24, 24), "spp": 256}
+    path = glpath.render(**small, max_depth=16).mean
+    found = glpath.render(**small, integrator="gather").mean
+    assert found.mean() == pytest.approx(path.mean(), rel=7e-3)
 
 
 @pytest.mark.evidence

@@ -17,7 +17,6 @@ from glpath.figures.mesh_step import mesh_step
 from glpath.figures.path_buffer_room import post_shadow
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene, load_scene
 from glpath.scene.shipped.room import POSTS
@@ -57,7 +56,7 @@ def box() -> Scene:
 def solution_of(scene: Scene, n: int, elements: np.ndarray, vertices: np.ndarray) -> RadiositySolution:
     """A solution by what fronts reflect at the elements and at the vertices, a half of it direct light."""
     count = len(scene.triangles)
-    front = side_reflectance(scene)[0]
+    front = scene.side_reflectance[0]
     values = [
         np.tile(0.5 * reflected[:, None] / np.repeat(front, len(reflected) // count, axis=0), (2, 2, 1, 1))
         for reflected in (elements, vertices)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.closed_forms import facing_plates_radiance, polygon_irradiance
-from rooms import cuboid, part, rectangle, room, with_triangles
+from rooms import cuboid, part, rectangle, room, room_with_a_ball, with_triangles
 
 from glpath import RadiosityInterrupted, SceneError, UsageError, load_scene, solve_radiosity
 from glpath.radiosity import memory
@@ -241,6 +241,23 @@ def test_the_mesh_has_about_as_many_patches_as_asked_for():
         assert 0.7 * count <= found <= count
     edges = np.linalg.norm(np.roll(scene.triangles, -1, axis=1) - scene.triangles, axis=2).max(axis=1)
     assert (edges / divisions_of_size(scene, surface, 0.3) <= 0.3 + 1e-9).all()
+
+
+def test_patches_are_shared_out_by_size_where_a_small_object_has_most_triangles():
+    """A ball of 5,120 triangles takes what one of 320 takes, and leaves the walls theirs."""
+    walls = {}
+    for subdivisions in (2, 4):
+        scene = path_traceable(room_with_a_ball(subdivisions))
+        surface = surfaces(scene)
+        divisions = divisions_of_size(scene, surface, size_for_count(scene, surface, 500, by_size=True))
+        walls[subdivisions] = int((divisions[:12] ** 2).sum())
+        assert (divisions[12:] == 1).mean() > 0.95
+    assert walls[4] == pytest.approx(walls[2], rel=0.1)
+    assert 300 < walls[4] < 500
+    # Nothing is smaller than a patch: it is the same.
+    box = load_scene("cornell-box-36")
+    sizes = [size_for_count(box, surfaces(box), 500, by_size=by_size) for by_size in (False, True)]
+    assert sizes[0] == sizes[1]
 
 
 def test_elements_of_a_split_cover_their_parent():

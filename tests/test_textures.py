@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import glpath
 from glpath.errors import SceneError
 from glpath.image import decode_srgb
 from glpath.radiosity.mesh.mesh import Elements
-from glpath.radiosity.mesh.sides import Sides, side_reflectance
-from glpath.scene.appearance import texture_at
+from glpath.radiosity.mesh.sides import Sides
+from glpath.scene.appearance import Appearance, texture_at
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
 from tests.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
 
@@ -192,12 +194,32 @@ def test_a_solver_knows_what_each_triangle_reflects_and_each_element_sends() -> 
         camera([0, 0, 4]),
         (texture,),
     )
-    found = side_reflectance(scene)[0, :8, 0]
+    found = scene.side_reflectance[0, :8, 0]
     assert sorted(found.round(6)) == [0.0] * 4 + [0.8] * 4
     elements = Elements.of_lattices(np.full(10, 4))
     sides = Sides.of(scene, elements)
     areas = scene.areas[elements.triangle[sides.element]] / 16
     assert (sides.emission[:, 0] * areas).sum() == pytest.approx(np.pi * 5 * 0.4 * 4, rel=0.01)
+
+
+def test_what_sides_reflect_is_found_once_in_a_gather(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solver, guides and look-ups ask for it, and it takes seconds of a room with textures."""
+    asked = []
+    find = Appearance.side_reflectance
+
+    def counted(self: Appearance) -> NDArray[np.float64]:
+        asked.append(self.scene)
+        return find(self)
+
+    monkeypatch.setattr(Appearance, "side_reflectance", counted)
+    scene = front(replace(WHITE, texture=TextureSlot(0)), Texture("random", random_image(), srgb=True))
+    glpath.render(scene, integrator="gather", spp=1)
+    assert len(asked) == 1
+    with pytest.raises(ValueError, match="read-only"):
+        scene.side_reflectance[0] = 0
+    dimmed = replace(scene, materials=tuple(replace(m, reflectance=0.5 * m.reflectance) for m in scene.materials))
+    np.testing.assert_allclose(dimmed.side_reflectance, 0.5 * scene.side_reflectance)
+    assert "side_reflectance" not in vars(pickle.loads(pickle.dumps(scene)))
 
 
 def test_textures_beyond_what_the_device_may_take_name_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:

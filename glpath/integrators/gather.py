@@ -47,7 +47,6 @@ def device_radiosity(
     if isinstance(settings, PathTraceSettings):
         settings = GatherSettings(guide=settings.guide)  # guides look it up, as a gather's do
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
-    from glpath.radiosity.mesh.sides import side_reflectance
 
     table = lookup_table(scene, solution, settings.radiosity_lookup, traced=settings.direct_light == "traced")
     return DeviceRadiosity(
@@ -57,7 +56,7 @@ def device_radiosity(
         table.values,
         table.direct_share,
         table.starts,
-        side_reflectance(scene),
+        scene.side_reflectance,
         interpolated=settings.radiosity_lookup == "interpolated",
         all_light=table.all_light if settings.guided else None,
     )

@@ -23,7 +23,6 @@ from glpath.errors import ImageError, SceneError, UsageError
 from glpath.files import whole_file
 from glpath.npz import open_npz
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.mesh.sides import side_reflectance
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64, Int32
 
@@ -161,7 +160,7 @@ class RadiositySolution:
         Other parameters and errors are those of `irradiance`.
         """
         arrived = self.irradiance(triangle, barycentric, back, mode)
-        reflectance = side_reflectance(path_traceable(scene.still()))
+        reflectance = path_traceable(scene.still()).side_reflectance
         t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
         return np.asarray(reflectance[side, t] * arrived)
 
@@ -170,7 +169,7 @@ class RadiositySolution:
 
         scene : that it is a solution of, see `check_scene`; whose reflectance it is
         """
-        reflectance = side_reflectance(path_traceable(scene.still()))
+        reflectance = path_traceable(scene.still()).side_reflectance
         of_elements = np.repeat(reflectance, self.divisions.astype(np.int64) ** 2, axis=1)
         return np.asarray(of_elements * self.elements.sum(axis=0))
 

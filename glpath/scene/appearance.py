@@ -26,7 +26,7 @@ Int64 = NDArray[np.int64]
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 # Points of a mean lie in parts of a triangle whose edges are in so many: as fine as texels, within bounds.
 _PARTS = (4, 8, 16, 32, 64)
-_TOGETHER = 1 << 18  # points looked up in one go
+_TOGETHER = 1 << 16  # points looked up in one go, whose arrays are no larger than a cache
 
 
 def texture_at(texture: Texture, uv: Float64) -> Float64:
@@ -58,18 +58,20 @@ def texture_at(texture: Texture, uv: Float64) -> Float64:
 
 
 def _texels(texture: Texture, row: Int64, column: Int64) -> Float64:
-    stored = texture.image[row, column]
-    values = np.ones((len(row), 4))
+    width, channels = texture.image.shape[1:]
+    stored = texture.image.reshape(-1, channels).take(row * width + column, axis=0)
+    values = np.empty((len(row), 4))
     if texture.image.dtype == np.uint8:
-        values[:, : stored.shape[1]] = stored / 255.0
-        if texture.srgb:
-            values[:, :3] = _SRGB[stored[:, :3]]
+        values[:, :3] = (_SRGB if texture.srgb else _BYTES).take(stored[:, :3])
+        values[:, 3] = _BYTES.take(stored[:, 3]) if channels == 4 else 1.0
     else:
-        values[:, : stored.shape[1]] = stored
+        values[:, :channels] = stored
+        values[:, channels:] = 1.0
     return values
 
 
-_SRGB = decode_srgb(np.arange(256) / 255.0)
+_BYTES = np.arange(256) / 255.0
+_SRGB = decode_srgb(_BYTES)
 
 
 class Appearance:
@@ -132,6 +134,25 @@ class Appearance:
         """(P, 3) float64 radiance W sr^-1 m^-2, the same."""
         return self._means(self.emission, "emission", triangle, corners, 3)
 
+    def side_reflectance(self) -> Float64:
+        """(2, T, 3) float64, see `Scene.side_reflectance`."""
+        materials, shape = self._materials, self.scene.triangle_shape
+        clear = self.clear_shares()
+        front = np.array([self.scene.mean_reflectance(m, c) for m, c in zip(materials, clear, strict=True)])
+        front = front.reshape(-1, 3)[shape]
+        painted = np.flatnonzero(self.varies("reflectance")[shape])
+        if len(painted):
+            front[painted] = self.mean_reflectance(painted)
+            opacity = self.mean_opacity()
+            for number in np.unique(shape[painted]):
+                own = painted[shape[painted] == number]
+                # What is not there reflects nothing, not even as its layers do.
+                there = opacity[own, None]
+                base = front[own] / np.where(there > 0, there, 1.0)
+                front[own] = there * materials[number].hemispherical_reflectance(base, clear[number])
+        two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
+        return np.stack([front, front * two_sided])
+
     def clear_shares(self) -> Float64:
         """(shapes,) float64: the share of each shape's base that is glass."""
         share = np.array([material.clear for material in self._materials], float)
@@ -165,7 +186,8 @@ class Appearance:
     def slot_uv(self, slot: TextureSlot, triangle: Int64, b: Float64) -> Float64:
         """(N, 2) texture coordinates as a slot has them."""
         shapes = self.scene.shapes
-        uv = (shapes.vertex_uv1 if slot.uv_set else shapes.vertex_uv)[shapes.faces[triangle]]
+        vertex_uv = shapes.vertex_uv1 if slot.uv_set else shapes.vertex_uv
+        uv = vertex_uv.take(shapes.faces.take(triangle, axis=0), axis=0)
         at = uv[:, 0] + b[:, :1] * (uv[:, 1] - uv[:, 0]) + b[:, 1:] * (uv[:, 2] - uv[:, 0])
         return np.asarray(at @ slot.uv_transform[:, :2].T + slot.uv_transform[:, 2])
 

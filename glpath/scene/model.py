@@ -7,7 +7,8 @@ them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -181,6 +182,24 @@ class Scene:
         if material.texture is not None:
             base = base * self.textures[material.texture.texture].mean
         return material.hemispherical_reflectance(base, clear)
+
+    @cached_property
+    def side_reflectance(self) -> Float64:
+        """(2, T, 3) float64: the reflectance of each triangle's front and back; a one-sided one's back is black.
+
+        Of textures and colours of vertices the mean over the triangle, times its opacity: light that a wall sends
+        on does not know where on it a picture hangs. What glass lets through is none of it. Not to be written to.
+
+        Found when first asked for, by solver, guides and gather alike: it takes seconds of a room with textures.
+        """
+        from glpath.scene.appearance import Appearance  # which imports this module
+
+        found = Appearance(self).side_reflectance()
+        found.flags.writeable = False
+        return found
+
+    def __getstate__(self) -> dict[str, object]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}  # without what was derived
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.

@@ -156,16 +156,25 @@ def divisions_of_size(scene: Scene, surface: Int64, size: float) -> Int64:
     return np.asarray(np.where(uneven, 2 ** np.ceil(np.log2(parts)), parts), np.int64)
 
 
-def size_for_count(scene: Scene, surface: Int64, count: int) -> float:
-    """The element size with which a mesh has the most patches up to `count`, or one patch a triangle."""
+def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = False) -> float:
+    """The element size with which a mesh has the most patches up to `count`, or one patch a triangle.
+
+    by_size : triangles that are smaller than a patch count as the share of one that they are, so that a small
+              object of many triangles leaves large walls as many patches as one of few would
+    """
     longest = _longest(scene)
-    largest = float(longest.max())
-    fine, coarse = float(np.sqrt((longest**2).sum() / max(count, 1))) / 4, largest
-    if count <= len(longest):
+    largest, even = float(longest.max()), float(np.sqrt((longest**2).sum() / max(count, 1)))
+    fine, coarse = even / 4, largest
+    if by_size:
+        coarse = max(coarse, even)
+    elif count <= len(longest):
         return largest
     for _ in range(40):
         middle = np.sqrt(fine * coarse)
-        if float((divisions_of_size(scene, surface, middle).astype(float) ** 2).sum()) > count:
+        patches = divisions_of_size(scene, surface, middle).astype(float) ** 2
+        if by_size:
+            patches *= np.minimum(longest / middle, 1.0) ** 2
+        if float(patches.sum()) > count:
             fine = middle
         else:
             coarse = middle

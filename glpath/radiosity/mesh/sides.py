@@ -46,7 +46,7 @@ class Sides:
     def of(cls, scene: Scene, elements: Elements) -> Sides:
         """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
         shape = scene.triangle_shape[elements.triangle]
-        reflectance = side_reflectance(scene)[:, elements.triangle]
+        reflectance = scene.side_reflectance[:, elements.triangle]
         emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
         emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)[shape]
         appearance = Appearance(scene)
@@ -73,32 +73,6 @@ class Sides:
         found = np.full((count, 2), -1, np.int64)
         found[self.element, self.back] = np.arange(len(self))
         return found
-
-
-def side_reflectance(scene: Scene) -> Float64:
-    """(2, T, 3): the reflectance of each triangle's front and back; the back of a one-sided one is black.
-
-    Of textures and colours of vertices the mean over the triangle, times its opacity: light that a wall sends on
-    does not know where on it a picture hangs. What glass lets through is none of it.
-    """
-    materials = [scene.materials[s.material] for s in scene.shapes]
-    shape = scene.triangle_shape
-    appearance = Appearance(scene)
-    clear = appearance.clear_shares()
-    front = np.array([scene.mean_reflectance(m, c) for m, c in zip(materials, clear, strict=True)])
-    front = front.reshape(-1, 3)[shape]
-    painted = np.flatnonzero(appearance.varies("reflectance")[shape])
-    if len(painted):
-        front[painted] = appearance.mean_reflectance(painted)
-        opacity = appearance.mean_opacity()
-        for number in np.unique(shape[painted]):
-            own = painted[shape[painted] == number]
-            # What is not there reflects nothing, not even as its layers do.
-            there = opacity[own, None]
-            base = front[own] / np.where(there > 0, there, 1.0)
-            front[own] = there * materials[number].hemispherical_reflectance(base, clear[number])
-    two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
-    return np.stack([front, front * two_sided])
 
 
 def sub_triangles(k: int) -> Float64:

@@ -27,7 +27,7 @@ from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
-from glpath.radiosity.mesh.sides import Sides, open_points, side_reflectance
+from glpath.radiosity.mesh.sides import Sides, open_points
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import DIRECT
@@ -109,7 +109,7 @@ class Shooting:
         glass = Glass.of_scene(scene)
         self._surfaces = _Surfaces(
             scene.normals,
-            _beside_glass(side_reflectance(scene), glass),
+            _beside_glass(scene.side_reflectance, glass),
             Appearance(scene).mean_opacity(),
             np.asarray(glass.clear.any(axis=1)),
             glass,
@@ -126,7 +126,7 @@ class Shooting:
         emitting = np.flatnonzero(sides.emission.any(axis=1))
         of = sides.element[emitting]
         # What is reflected of other lights starts on the elements.
-        reflected = side_reflectance(scene)[:, mesh.elements.triangle] * self.lit
+        reflected = scene.side_reflectance[:, mesh.elements.triangle] * self.lit
         back, element = np.nonzero(reflected.any(axis=2))
         points = mesh.elements[element].points(scene, np.eye(3))
         edges = (points[:, 1:] - points[:, :1]).reshape(-1, 6)

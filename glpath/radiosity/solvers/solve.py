@@ -157,7 +157,9 @@ def solve_radiosity(
                  `ambient` of the scene, which stands for bounces, is left out
     method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes;
                  "monte-carlo", stochastic shooting, for many elements
-    patches    : about so many patches, which shoot; at least one per triangle. By default 1000
+    patches    : about so many patches, which shoot; at least one per triangle. By default 1000. Of "monte-carlo"
+                 triangles that are smaller than a patch count as the share of one that they are, and so leave
+                 large walls theirs
     size       : instead: the longest edge of a patch, scene units
     splits     : each patch is split in four so many times, for elements, which receive
     adaptive   : so many times, elements are split in four where the radiosity changes fast (progressive only)
@@ -201,7 +203,9 @@ def solve_radiosity(
     check_solvable(triangles)
     surface = surfaces(triangles)
     if size is None:
-        size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES)
+        # To particles small triangles are nothing: they cost by their hits.
+        by_size = method == "monte-carlo"
+        size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
     divisions = divisions_of_size(triangles, surface, size)
     points = 0 if method == "monte-carlo" else receiver_points
     per_element = _check_memory(triangles, divisions, size, splits, points, method)
