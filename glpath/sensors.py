@@ -128,7 +128,7 @@ class PointTables:
             array = getattr(self, name)
             if array is not None:
                 h.update(f"{name} {array.dtype} {array.shape} ".encode())
-                h.update(np.ascontiguousarray(array))
+                h.update(np.ascontiguousarray(array).data)
         return h.hexdigest()
 
 
@@ -266,9 +266,7 @@ def _table(name: str, given: ArrayLike) -> Float32:
     except (TypeError, ValueError):
         array = np.empty(0, np.float32)
     if array.ndim not in (3, 4) or array.shape[-1] != 3:
-        raise UsageError(
-            f"points: {name} of shape {np.shape(given)} where (H, W, 3) or (S, H, W, 3) is needed",  # type: ignore[arg-type]
-        )
+        raise UsageError(f"points: {name} of shape {np.shape(given)} where (H, W, 3) or (S, H, W, 3) is needed")
     return array if array.ndim == 4 else array[None]
 
 
