@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
     from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
+    from glpath.rendering.points import Irradiance, irradiance
     from glpath.scene import Scene, load_scene
     from glpath.scene.export import export
 
@@ -43,6 +44,7 @@ _HOME = {
     "Film": "film",
     "GlpathError": "errors",
     "ImageError": "errors",
+    "Irradiance": "rendering.points",
     "Progress": "progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
@@ -57,6 +59,7 @@ _HOME = {
     "ViewFactors": "radiosity.view_factors.result",
     "element_error": "rendering",
     "export": "scene.export",
+    "irradiance": "rendering.points",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -72,6 +75,7 @@ __all__ = [
     "Film",
     "GlpathError",
     "ImageError",
+    "Irradiance",
     "Progress",
     "RadiosityInterrupted",
     "RadiosityProgress",
@@ -87,6 +91,7 @@ __all__ = [
     "__version__",
     "element_error",
     "export",
+    "irradiance",
     "load_scene",
     "read_image",
     "relative_mse",

@@ -60,3 +60,22 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
     independent = trace**2 / unbiased if unbiased > 0 else float(mean.size)
     k = max(1.0, min(independent, mean.size) / 2)
     return float(np.sqrt(trace / total / mean.size * fdtri(k, freedom * k, confidence)))
+
+
+def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The standard error of means, each by itself: by how much batches differ.
+
+    sums   : (B, ...) float64 over the path sets of each batch
+    counts : (B,) path sets of each; 0 where there are none
+
+    Of eight batches, it is itself off by a quarter. NaN where there are fewer than two. As batches are of Sobol
+    points, which converge faster than they tell, the error is rather smaller.
+    """
+    there = counts > 0
+    sums, counts = sums[there], counts[there]
+    batches, total = len(counts), int(counts.sum())
+    if batches < 2:
+        return np.full(sums.shape[1:], np.nan)
+    n = counts.reshape(-1, *[1] * (sums.ndim - 1))
+    spread = (n * (sums / n - sums.sum(axis=0) / total) ** 2).sum(axis=0) / (batches - 1)
+    return np.asarray(np.sqrt(spread / total))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,8 +50,13 @@ RequireGpuOption = Annotated[
 ]
 
 
-def with_integrator_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with an option for each of the integrators', in place of its last parameter, **options."""
+def with_integrator_options(
+    function: Callable[..., Any], only: Collection[str] | None = None
+) -> Callable[..., Any]:
+    """A command with an option for each of the integrators', in place of its last parameter, **options.
+
+    only : names of those that it has; None: all
+    """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
     further = [
@@ -62,6 +67,7 @@ def with_integrator_options(function: Callable[..., Any]) -> Callable[..., Any]:
             annotation=_annotation(option),
         )
         for option in options().values()
+        if only is None or option.name in only
     ]
 
     @functools.wraps(function)

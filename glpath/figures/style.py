@@ -111,6 +111,48 @@ def _draw(axes: Axes, x: Axis, y: Axis, series: Sequence[Series]) -> None:
         axes.legend(frameon=True, framealpha=0.9, edgecolor="none", fontsize=10, labelcolor=INK)
 
 
+def field(
+    title: str,
+    caption: str,
+    values: NDArray[np.float64],
+    extent: tuple[float, float, float, float],
+    axes_of: tuple[Axis, Axis],
+    unit: str,
+    size: int = 480,
+) -> UInt8:
+    """A page with values (rows, columns) over a plane in false colours, with their scale and lines of equal values.
+
+    extent : where the first and the last column begin and end, then rows, of which the first is the lowest
+    size   : of the longer side of the map, pixels
+    """
+    left_of_map, right_of_map, below_map = 78, 110, 52
+    wide, high = extent[1] - extent[0], extent[3] - extent[2]
+    # A strip is drawn no thinner than it can be read.
+    across, up = (max(160, round(size * side / max(wide, high))) for side in (wide, high))
+    width = max(left_of_map + across + right_of_map, 420)
+    figure, bottom, height = _page(title, _wrapped(caption, width), width, up + below_map + 8)
+    below = (bottom + below_map) / height
+    axes = figure.add_axes((left_of_map / width, below, across / width, up / height))
+    top = float(values.max())
+    drawn = axes.imshow(
+        values, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top or 1.0, aspect="auto"
+    )  # fmt: skip
+    rows, columns = values.shape
+    if min(rows, columns) >= 3 and values.min() < top:
+        x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
+        y = extent[2] + (np.arange(rows) + 0.5) * high / rows
+        lines = axes.contour(x, y, values, levels=6, colors="white", linewidths=0.8)
+        axes.clabel(lines, fontsize=8, fmt="%g")
+    axes.set_xlabel(axes_of[0].label, color=INK, fontsize=11)
+    axes.set_ylabel(axes_of[1].label, color=INK, fontsize=11)
+    legend = figure.add_axes(((left_of_map + across + 16) / width, below, 16 / width, up / height))
+    figure.colorbar(drawn, cax=legend)
+    legend.set_ylabel(unit, color=INK, fontsize=11)
+    for each in (axes, legend):
+        each.tick_params(colors=INK, labelsize=10, length=4)
+    return _rastered(figure)
+
+
 def drawings(
     title: str,
     caption: str,

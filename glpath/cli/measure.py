@@ -1,0 +1,256 @@
+"""`glpath measure`: irradiance and illuminance at points, in a grid or from a table."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.options import (
+    OUTPUT,
+    ProgressOption,
+    option_values,
+    with_integrator_options,
+)
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.signals import result_of
+from glpath.cli.unattended import NoiseOption, TimeLimitOption, seconds
+from glpath.cli.values import check_choice, vector
+from glpath.errors import UsageError
+from glpath.files import Save, check_writable, is_stream, save_all
+from glpath.integrators.settings import INTEGRATORS, PathSetSettings
+from glpath.progress import MODES, duration, reporting
+from glpath.terminal import say
+
+if TYPE_CHECKING:
+    from glpath.cli.point_files import Points
+    from glpath.integrators.settings import Integrator
+    from glpath.rendering.points import Irradiance
+
+_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
+#: Of the integrators' options, those that mean something at points.
+_OPTIONS = ("max_depth", "seed", "sampling", "guide", "ambient", "roulette", "radiosity")
+_POINTS, _LIGHT, _MACHINE = "Points", "Light", "Machine"
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    app.command()(with_integrator_options(measure, _OPTIONS))
+
+
+def measure(
+    scene: SceneArgument,
+    out: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Write .csv, .npz, or of a plane a false-colour .png (glpath[figures]); - for CSV to stdout; may "
+            "be repeated.",
+        ),
+    ],
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXIS=HEIGHT",
+            help="A grid in the plane across an axis, which faces along it: y=0.75; -y=2.4 faces the other way.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="UNITS",
+            help="Of the grid, from point to point; by itself a 32nd of its longer side.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    area: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,A,B",
+            help="Two corners of the grid along the other two axes, in the order x, y, z; by itself the scene's.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    points: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Points of a CSV file: columns x, y, z and nx, ny, nz; - for stdin.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    normal: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Of all points of a file without normals.", rich_help_panel=_POINTS),
+    ] = None,
+    lumens_per_watt: Annotated[
+        float,
+        typer.Option(
+            metavar="LM",
+            help="Of light whose Rec. 709 channels are equal; 1 where the scene's lights are photometric (candela "
+            "of IES profiles or glTF), which glpath takes one to one.",
+            rich_help_panel=_LIGHT,
+        ),
+    ] = 179.0,
+    integrator: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_INTEGRATORS),
+            help="Paths alone (by themselves of 64 vertices, with roulette from the 4th on), or from a radiosity "
+            "solution.",
+            autocompletion=words(_INTEGRATORS),
+            rich_help_panel=_LIGHT,
+        ),
+    ] = "path",
+    spp: Annotated[
+        int | None,
+        typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=_LIGHT),
+    ] = None,
+    noise: NoiseOption = None,
+    time_limit: TimeLimitOption = None,
+    parameters: Parameters = None,
+    device: Annotated[
+        int | None, typer.Option(metavar="N", help="A device of `glpath devices`.", rich_help_panel=_MACHINE)
+    ] = None,
+    require_gpu: Annotated[
+        bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
+    ] = False,
+    progress: ProgressOption = "auto",
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT)
+    ] = False,
+    **options: Any,
+) -> None:
+    """Irradiance and illuminance at points, with standard errors; of all also mean, minimum and uniformity.
+
+    Points may lie on surfaces or be free; each has the light of the side that its normal leaves. Lux are the
+    luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance in W/m2 times --lumens-per-watt.
+    """
+    from glpath.cli.point_files import check_kind, grid_of, read_points, save_csv, save_npz
+
+    for path in out:
+        check_kind(path)
+    check_choice("--progress", progress, MODES)
+    check_choice("--integrator", integrator, _INTEGRATORS)
+    if (plane is None) == (points is None):
+        raise UsageError(
+            "measure: where? Neither --plane nor --points."
+            if plane is None
+            else "measure: --plane beside --points.",
+            "Give one of them.",
+        )
+    given = {"--spacing": (spacing, points), "--area": (area, points), "--normal": (normal, plane)}
+    for option, (value, other) in given.items():
+        if value is not None and other is not None:
+            raise UsageError(
+                f"{option}: belongs to {'--points' if option == '--normal' else '--plane'}.", "Leave it out."
+            )
+    for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
+        if count is not None and count < low:
+            raise UsageError(f"{option} {count}: must be at least {low}.")
+    for option, number in (("--noise", noise), ("--lumens-per-watt", lumens_per_watt)):
+        if number is not None and not 0 < number < math.inf:
+            raise UsageError(f"{option} {number:g}: must be above 0.")
+    pictures = [path for path in out if path.suffix.lower() == ".png"]
+    if pictures and plane is None:
+        raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
+    if pictures:
+        from glpath.figures.style import require_matplotlib
+
+        require_matplotlib()
+    options = option_values(integrator, options)
+    loaded = read_scene(scene, parameters)
+    if plane is not None:
+        at = grid_of(plane, spacing, area, loaded)
+    else:
+        assert points is not None, "asked above"
+        at = read_points(points, vector("--normal", normal))
+    for path in out:
+        check_writable(path)
+    limit = None if time_limit is None else seconds("--time-limit", time_limit)
+    mode = "none" if quiet and progress == "auto" else progress
+
+    def compute() -> Irradiance:
+        from glpath.rendering.points import irradiance
+
+        with reporting(mode, sys.stderr) if mode != "none" else nullcontext() as report:
+            return irradiance(
+                loaded,
+                at.points,
+                at.normals,
+                integrator=cast("Integrator", integrator),
+                spp=spp,
+                noise=noise,
+                time_limit=limit,
+                device=device,
+                require_gpu=require_gpu,
+                on_progress=report,
+                **options,
+            )
+
+    found = result_of(compute)
+    saves: dict[Path, Save] = {}
+    for path in out:
+        if path in pictures:
+            saves[path] = partial(
+                _save_picture, at=at, found=found, lumens_per_watt=lumens_per_watt, name=loaded.name
+            )
+        else:
+            save = save_npz if path.suffix.lower() == ".npz" else save_csv
+            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt)
+    rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+    _, failure = save_all(saves, rescue, "What was measured is kept in {}.")
+    if failure is not None:
+        raise failure
+    if not quiet and progress != "json":
+        for line in _summary(found, lumens_per_watt):
+            say(line, err=True)
+        for path in out:
+            if not is_stream(path):
+                say(f"wrote {path}", err=True)
+
+
+def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
+    lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
+    made = found.film.metadata
+    yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
+    mean, least = float(lux.mean()), float(lux.min())
+    yield f"  illuminance: mean {mean:.4g} lx, minimum {least:.4g}, maximum {lux.max():.4g}"
+    if mean > 0:
+        yield f"  uniformity (minimum over mean): {least / mean:.3f}"
+    if found.film.path_sets >= 16:
+        yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
+    yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
+
+
+def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, name: str) -> None:
+    from glpath.cli.point_files import AXES
+    from glpath.figures.style import Axis, field
+    from glpath.files import write_bytes
+    from glpath.image import encode_png
+
+    grid = at.grid
+    assert grid is not None, "asked for before"
+    lux = found.illuminance(lumens_per_watt)
+    mean, least = float(lux.mean()), float(lux.min())
+    uniformity = f", uniformity {least / mean:.2f}" if mean > 0 else ""
+    page = field(
+        f"Illuminance in {name}, {AXES[grid.axis]} = {grid.height:g}",
+        f"{grid.shape[1]} x {grid.shape[0]} points, {grid.step:g} apart. Mean {mean:.3g} lx, minimum {least:.3g} "
+        f"lx{uniformity}. {found.film.path_sets:,} paths at each point.",
+        lux.reshape(grid.shape),
+        grid.extent,
+        (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
+        "lux",
+    )
+    write_bytes(encode_png(page), path)

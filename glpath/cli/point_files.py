@@ -1,0 +1,253 @@
+"""Points of `glpath measure`: a grid in a plane, or a table; and what was measured there, as files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.cli.values import Vector, numbers
+from glpath.errors import ImageError, UsageError
+from glpath.files import is_stream, whole_file, write_bytes
+
+if TYPE_CHECKING:
+    from glpath.rendering.points import Irradiance
+    from glpath.scene import Scene
+
+Float64 = NDArray[np.float64]
+
+AXES = "xyz"
+#: Points at most, in a grid or a table.
+MOST = 4_000_000
+#: What files may be written, by their suffix.
+WRITABLE = (".csv", ".npz", ".png")
+
+_POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points and their normals.
+
+    points, normals : (N, 3) float64; normals of any length but zero
+    grid            : of points in a plane, which
+    """
+
+    points: Float64
+    normals: Float64
+    grid: Grid | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points in a plane across an axis, row by row.
+
+    across : numbers of the two axes that lie in it: columns follow the first, rows the second
+    axis   : number of the third
+    height : along that, scene units
+    first  : the first point, along the two
+    shape  : (rows, columns)
+    step   : from point to point, scene units
+    """
+
+    across: tuple[int, int]
+    axis: int
+    height: float
+    first: tuple[float, float]
+    shape: tuple[int, int]
+    step: float
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Where its cells begin and end along the first axis, and along the second."""
+        (a, b), (rows, columns), half = self.first, self.shape, 0.5 * self.step
+        return a - half, a - half + columns * self.step, b - half, b - half + rows * self.step
+
+
+def grid_of(plane: str, spacing: float | None, area: str | None, scene: Scene) -> Points:
+    """The points of --plane, --spacing and --area: middles of square cells, as many as fit. Raises UsageError."""
+    name, _, height_text = plane.partition("=")
+    down = name.startswith("-")
+    axis = AXES.find(name.lstrip("-").lower()) if name.lstrip("-") else -1
+    if axis < 0 or len(name) != 1 + down:
+        raise UsageError(
+            f"--plane {plane}: expected AXIS=HEIGHT, an axis out of x, y and z.",
+            "y=0.75 faces +y at a height of 0.75, -y=2.4 faces down from 2.4.",
+        )
+    (height,) = numbers(f"--plane {plane}:", height_text, "AXIS=HEIGHT", [1], float)
+    first, second = across = tuple(i for i in range(3) if i != axis)
+    if area is None:
+        lower, upper = (bound[list(across)] for bound in scene.bounds)
+        if not np.isfinite([lower, upper]).all():
+            raise UsageError("--plane: the scene has no bounds to lay a grid in.", "Say where it is: --area.")
+    else:
+        given = np.array(numbers("--area", area, "A,B,A,B", [4], float)).reshape(2, 2)
+        lower, upper = given
+    size = upper - lower
+    if not (size > 0).all():
+        if area is not None:
+            both = f"{AXES[first]} and {AXES[second]}"
+            raise UsageError(f"--area {area}: the second corner must lie beyond the first along {both}.")
+        raise UsageError(f"--plane {plane}: the scene has no extent across it.", "Say where it is: --area A,B,A,B.")
+    step = float(size.max()) / 32 if spacing is None else spacing
+    if not (math.isfinite(step) and step > 0):
+        raise UsageError(f"--spacing {spacing:g}: must be above 0, in scene units.")
+    counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
+    if counts.prod() > MOST:
+        raise UsageError(
+            f"--spacing {step:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MOST:,} are measured.",
+            "Take a wider one, or a smaller --area.",
+        )
+    columns, rows = (int(n) for n in counts)
+    # Cells that fill the area but for an edge, even on both sides.
+    start = lower + 0.5 * (size - counts * step) + 0.5 * step
+    u, v = np.meshgrid(start[0] + step * np.arange(columns), start[1] + step * np.arange(rows))
+    points = np.empty((rows * columns, 3))
+    points[:, first], points[:, second], points[:, axis] = u.ravel(), v.ravel(), height
+    normals = np.zeros_like(points)
+    normals[:, axis] = -1.0 if down else 1.0
+    grid = Grid((first, second), axis, height, (float(start[0]), float(start[1])), (rows, columns), step)
+    return Points(points, normals, grid)
+
+
+def read_points(path: Path, normal: Vector | None) -> Points:
+    """The points of a CSV file: x, y, z and nx, ny, nz, with a line of names or in this order; # begins a comment.
+
+    normal : where the file has none
+
+    Raises UsageError with the line of what is wrong.
+    """
+    try:
+        text = sys.stdin.read() if str(path) == "-" else path.read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise UsageError(f"--points {path}: cannot be read: {reason}.") from error
+    names: list[str] | None = None
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    for line, cells in _lines(text, path):
+        found = [_number(cell) for cell in cells]
+        if names is None:
+            if all(value is None for value in found):
+                names = _names(cells, path, line)
+                continue
+            names = list((*_POINT, *_NORMAL)[: len(cells)])
+            if len(cells) not in (3, 6):
+                raise UsageError(
+                    f"{path}, line {line}: {len(cells)} numbers where 3 (x, y, z) or 6 (nx, ny, nz) are needed.",
+                    "Other columns want a line of names above them.",
+                )
+        if len(cells) != len(names):
+            raise UsageError(f"{path}, line {line}: {len(cells)} values where there are {len(names)} columns.")
+        values = {name: (cell, value) for name, cell, value in zip(names, cells, found, strict=True)}
+        for name in (*_POINT, *_NORMAL):
+            if name in values and values[name][1] is None:
+                raise UsageError(
+                    f"{path}, line {line}: {name} is {values[name][0]!r} where a finite number is needed."
+                )
+        rows.append(
+            [value for name in (*_POINT, *_NORMAL) if name in values and (value := values[name][1]) is not None]
+        )
+        lines.append(line)
+        if len(rows) > MOST:
+            raise UsageError(f"{path}, line {line}: at most {MOST:,} points are measured.")
+    if not rows:
+        raise UsageError(f"--points {path}: holds no point.", "Each line is a point: x,y,z,nx,ny,nz.")
+    table = np.array(rows)
+    if table.shape[1] == 3:
+        if normal is None:
+            raise UsageError(
+                f"--points {path}: has no normals (columns nx, ny, nz).", "Give one for all: --normal X,Y,Z."
+            )
+        return Points(table, np.broadcast_to(np.array(normal), table.shape))
+    if normal is not None:
+        raise UsageError(f"--normal beside the normals of {path}.", "Leave one of them out.")
+    dark = np.flatnonzero(~table[:, 3:].any(axis=1))
+    if len(dark):
+        raise UsageError(f"{path}, line {lines[dark[0]]}: the normal is 0, 0, 0, which looks nowhere.")
+    return Points(table[:, :3], table[:, 3:])
+
+
+def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
+    """Lines that are neither empty nor comments, by their numbers; separated by commas, semicolons or tabs."""
+    first = next((s for s in text.splitlines() if s.strip() and not s.lstrip().startswith("#")), "")
+    delimiter = next((mark for mark in (";", "\t") if mark in first), ",")
+    found = []
+    try:
+        for number, line in enumerate(text.splitlines(), start=1):
+            if line.strip() and not line.lstrip().startswith("#"):
+                found.append((number, [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]))
+    except csv.Error as error:
+        raise UsageError(f"{path}, line {number}: is no line of a table: {error}.") from error
+    return found
+
+
+def _names(cells: Sequence[str], path: Path, line: int) -> list[str]:
+    names = [cell.lower() for cell in cells]
+    wanted = [*_POINT, *(_NORMAL if set(_NORMAL) & set(names) else ())]
+    for name in wanted:
+        if names.count(name) != 1:
+            raise UsageError(
+                f"{path}, line {line}: has {'no column' if name not in names else 'two columns'} {name}; "
+                f"its columns are {', '.join(cells)}.",
+                "Columns are x, y, z and nx, ny, nz; others are passed over.",
+            )
+    return names
+
+
+def _number(cell: str) -> float | None:
+    try:
+        value = float(cell)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+    """A line for each point: where, which way, irradiance and illuminance with their standard errors."""
+    columns = {
+        **{name: at.points[:, i] for i, name in enumerate(_POINT)},
+        **{name: at.normals[:, i] for i, name in enumerate(_NORMAL)},
+        **{f"{name} [W/m2]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
+        **{f"{name} [W/m2]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
+        "E [lx]": found.illuminance(lumens_per_watt),
+        "se [lx]": found.illuminance_errors(lumens_per_watt),
+    }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    write_bytes(text.getvalue().encode(), path)
+
+
+def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+    """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
+
+    A grid's have its shape before, (rows, columns, ...). Raises ImageError where it cannot be written.
+    """
+    shape = at.grid.shape if at.grid is not None else (len(at.points),)
+    arrays: dict[str, Any] = {
+        "points": at.points,
+        "normals": at.normals,
+        "irradiance": found.values,
+        "standard_errors": found.standard_errors,
+        "illuminance": found.illuminance(lumens_per_watt),
+        "illuminance_errors": found.illuminance_errors(lumens_per_watt),
+    }
+    shaped = {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, lumens_per_watt=lumens_per_watt, **shaped)
+
+
+def check_kind(path: Path) -> None:
+    """Raise ImageError for a file of another kind; - is CSV for stdout."""
+    if not is_stream(path) and path.suffix.lower() not in WRITABLE:
+        raise ImageError(f"{path}: cannot be written.", f"Files end in {', '.join(WRITABLE)}.")

@@ -1,0 +1,183 @@
+"""Irradiance at points: what a luxmeter there would show, by the paths that make pictures.
+
+Cost:     a path for each point and path set, as for a pixel.
+Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen through small openings.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import SceneWarning, UsageError
+from glpath.film import Film
+from glpath.gl.context import open_context
+from glpath.image import luminance
+from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.interactive import in_notebook
+from glpath.noise import standard_error
+from glpath.progress import Progress
+from glpath.rendering.calls import reporting_to
+from glpath.rendering.job import describe
+from glpath.rendering.options import MAX_SPP, with_options
+from glpath.rendering.session import Session
+from glpath.rendering.stopping import StopRules
+from glpath.scene import AnyScene, load_scene
+from glpath.sensors import PointSensor
+
+Float64 = NDArray[np.float64]
+
+#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
+LUMENS_PER_WATT = 179.0
+
+# Paths of "path" that go on as long as they carry light: what a meter shows has all bounces.
+_DEEP = {"max_depth": 64, "roulette": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class Irradiance:
+    """Irradiance at points.
+
+    film  : of the points' white receivers, in rows; irradiance is pi times its radiance. It can be saved, merged
+            and gone on with
+    count : of points; what is left of the film's last row repeats the last of them
+    """
+
+    film: Film
+    count: int
+
+    @property
+    def values(self) -> Float64:
+        """(N, 3) float64, W m^-2, linear Rec. 709."""
+        return self._of_points(self.film.mean)
+
+    @property
+    def standard_errors(self) -> Float64:
+        """(N, 3) float64, W m^-2, one standard deviation: by the spread of independent batches of path sets.
+
+        NaN below 16 path sets, where there is one batch. Eight batches tell a point's error to about a quarter.
+        """
+        return self._of_points(standard_error(self.film.radiance_sums, self.film.batch_counts))
+
+    def illuminance(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
+        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722) times the lumens of a watt.
+
+        lumens_per_watt : 179 where the scene's lights are in watts. 1 where they are photometric, as glpath takes
+                          these one to one: candela of IES profiles and of glTF, lux and nits
+        """
+        return lumens_per_watt * luminance(self.values)
+
+    def illuminance_errors(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
+        """(N,) float64, lux, one standard deviation of `illuminance`."""
+        of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
+        return lumens_per_watt * self._of_points(of_light)[:, 0]
+
+    def _of_points(self, radiance: Float64) -> Float64:
+        return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
+
+
+@with_options
+def irradiance(
+    scene: AnyScene,
+    points: ArrayLike,
+    normals: ArrayLike,
+    *,
+    integrator: Integrator | IntegratorSettings = "path",
+    spp: int | None = None,
+    first_path_set: int = 0,
+    parameters: Mapping[str, object] | None = None,
+    backend: str = "auto",
+    device: int | None = None,
+    require_gpu: bool = False,
+    time_limit: float | None = None,
+    noise: float | None = None,
+    film: Film | None = None,
+    on_step: Callable[[Film], None] | None = None,
+    progress: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+    **options: Any,
+) -> Irradiance:
+    """The irradiance at points of a scene, each on the side of its normal, with its standard error.
+
+    Parameters
+    ----------
+    scene      : what `load_scene` takes; its camera has no part in it, but for the times of its shutter
+    points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
+    normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
+    integrator : "path" or "gather"
+    spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
+    noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
+                 the radiance of white surfaces, so that what is below 0.3 W m^-2 counts as that
+    film       : `Irradiance.film` of the same call, to go on with
+    The other parameters are those of `render`.
+    {options}
+
+    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
+    lamps and the sky.)
+
+    Raises and warns as `render` does.
+
+    Example
+    -------
+    >>> found = irradiance("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], spp=64)
+    >>> found.values.shape, found.standard_errors.shape, found.illuminance().shape
+    ((1, 3), (1, 3), (1,))
+    """
+    rules = StopRules(time_limit, noise)
+    if integrator == "path":
+        options = _DEEP | {name: value for name, value in options.items() if value is not None}
+    loaded = load_scene(scene, parameters)
+    job, loaded = describe(
+        loaded,
+        integrator=integrator,
+        spp=MAX_SPP if spp is None and rules else spp,
+        first_path_set=first_path_set,
+        sensor=_in_rows(*_points(points, normals), loaded.camera.shutter),
+        **options,
+    )
+    session = Session(job, loaded, stacklevel=2)
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with session, reporting_to(progress, on_progress) as report:
+        film = session.render(job, loaded, context, on_progress=report, rules=rules, film=film, on_step=on_step)
+    for text in session.remarks(film):
+        warnings.warn(text, SceneWarning, stacklevel=2)
+    return Irradiance(film, len(np.asarray(points)))
+
+
+def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
+    """(N, 3) each, normals unit. Raises UsageError, which names the first point that is none."""
+    try:
+        place, facing = np.asarray(points, np.float64), np.asarray(normals, np.float64)
+    except (TypeError, ValueError):
+        raise UsageError("irradiance: points and normals where arrays of numbers are needed") from None
+    if place.ndim != 2 or place.shape[1:] != (3,) or not len(place):
+        raise UsageError(f"points: of shape {place.shape} where (N, 3) is needed, and one point at least")
+    if facing.shape not in (place.shape, (3,)):
+        raise UsageError(f"normals: of shape {facing.shape} where {place.shape} or (3,) is needed")
+    facing = np.broadcast_to(facing, place.shape)
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(facing, axis=1)
+        for what, wrong, allowed in (
+            ("points", ~np.isfinite(place).all(axis=1), "finite numbers are"),
+            ("normals", ~(np.isfinite(length) & (length > 0)), "a finite vector other than zero is"),
+        ):
+            if wrong.any():
+                first = int(np.flatnonzero(wrong)[0])
+                found = (place if what == "points" else facing)[first].tolist()
+                raise UsageError(f"{what}[{first}]: {found} where {allowed} needed")
+    return place, facing / length[:, None]
+
+
+def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
+    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated."""
+    width = math.isqrt(len(place) - 1) + 1
+    height = -(-len(place) // width)
+    more = ((0, width * height - len(place)), (0, 0))
+    rows = (np.pad(each, more, mode="edge").reshape(height, width, 3) for each in (place, facing))
+    return PointSensor.of(*rows, shutter=shutter)

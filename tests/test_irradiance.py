@@ -1,0 +1,238 @@
+"""`glpath.irradiance` and `glpath measure`: numbers, their errors, files, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import glpath
+from glpath.cli.main import app
+from glpath.cli.point_files import grid_of, read_points
+from glpath.image import read_eight_bits
+from glpath.noise import standard_error
+from glpath.scene import load_scene
+
+BOX = "cornell-box-36"
+POINTS = [[0.0, 0.5, 0.1], [0.2, 0.3, 0.2], [-0.3, 0.5, 0.0]]
+
+LIT = """
+[camera]
+position = [0, -3, 1]
+target = [0, 0, 1]
+up = [0, 0, 1]
+fov = 40
+
+[[shapes]]
+type = "quad"
+corners = [[-3, -2, 0], [3, -2, 0], [3, 2, 0], [-3, 2, 0]]
+
+[[lights]]
+type = "point"
+position = [0, 0, 2]
+intensity = [3, 2, 1]
+"""
+
+
+def lux(x: Any, y: Any, height: float = 0.0) -> Any:
+    """Of that scene, facing up: 179 times the luminance of the lamp, its cosine and its distance."""
+    up = 2 - height
+    return 179 * (0.2126 * 3 + 0.7152 * 2 + 0.0722) * up / (x**2 + y**2 + up**2) ** 1.5
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "lit.toml"
+    path.write_text(LIT)
+    return path
+
+
+def test_it_has_values_errors_and_lux(scene: Path) -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, -1.5, 1], [2, 1, 0.5], [-2, 0.5, 0]])
+    found = glpath.irradiance(scene, points, [0, 0, 3.0], spp=16, max_depth=1)
+    expected = [lux(x, y, z) for x, y, z in points]
+    np.testing.assert_allclose(found.illuminance(), expected, rtol=2e-5)
+    np.testing.assert_allclose(found.illuminance(1.0), np.array(expected) / 179, rtol=2e-5)
+    np.testing.assert_allclose(found.values[0], np.array([3, 2, 1]) / 4, rtol=2e-5)
+    assert found.values.shape == found.standard_errors.shape == (5, 3)
+    # Light that is exact in every path set has no error.
+    assert found.illuminance_errors().shape == (5,)
+    assert found.illuminance_errors().max() < 1e-4 * found.illuminance().max()
+    assert np.isnan(glpath.irradiance(scene, points, [0, 0, 1], spp=8, max_depth=1).standard_errors).all()
+
+
+def test_it_goes_on_and_its_noise_is_asked_for() -> None:
+    options: dict[str, Any] = {"max_depth": 3, "seed": 3}
+    first = glpath.irradiance(BOX, POINTS, [0, 1, 0], spp=16, **options)
+    whole = glpath.irradiance(BOX, POINTS, [0, 1, 0], spp=32, film=first.film, **options)
+    straight = glpath.irradiance(BOX, POINTS, [0, 1, 0], spp=32, **options)
+    np.testing.assert_array_equal(whole.values, straight.values)
+    enough = glpath.irradiance(BOX, POINTS, [0, 1, 0], noise=0.3, **options)
+    assert enough.film.metadata.stop_rule == "noise"
+    with pytest.raises(glpath.UsageError, match="points"):
+        glpath.irradiance(BOX, POINTS[:2], [0, 1, 0], spp=32, film=first.film, **options)
+
+
+def test_errors_are_those_of_seeds() -> None:
+    """The spread of means over independent seeds is the standard error that each tells, in the mean of squares."""
+    rng = np.random.default_rng(5)
+    counts = np.array([8, 8, 16, 8, 8, 8, 8, 0])
+    sums = np.stack([rng.normal(2.0, 3.0, (n, 4000)).sum(axis=0) for n in counts])
+    found = standard_error(sums, counts)
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(3.0 / np.sqrt(counts.sum()), rel=0.02)
+    assert np.isnan(standard_error(sums[:1], counts[:1])).all()
+
+
+@pytest.mark.evidence
+def test_a_points_error_covers_the_truth_as_often_as_it_should() -> None:
+    points = np.array([0, 0.5, 0]) + np.random.default_rng(0).uniform(-0.4, 0.4, (40, 3))
+    truth = glpath.irradiance(BOX, points, [0, 1, 0], spp=8192, seed=99).values
+    inside = []
+    for seed in range(6):
+        found = glpath.irradiance(BOX, points, [0, 1, 0], spp=64, seed=seed)
+        inside.append(np.abs(found.values - truth) <= 2 * found.standard_errors)
+    assert np.mean(inside) > 0.85  # of a normal distribution 0.95; of so few batches' t 0.91
+
+
+@pytest.mark.parametrize(
+    ("points", "normals", "words"),
+    [
+        ([0, 0, 1], [0, 0, 1], r"points: of shape \(3,\)"),
+        ([], [0, 0, 1], "points: of shape"),
+        ([[0, 0, 1]], [0, 0], r"normals: of shape \(2,\)"),
+        ([[0, 0, 1], [0, np.nan, 1]], [0, 0, 1], r"points\[1\]: .*finite numbers"),
+        ([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 0, 0]], r"normals\[1\]: .*other than zero"),
+        ("here", [0, 0, 1], "arrays of numbers"),
+    ],
+)
+def test_what_are_no_points_is_told(points: Any, normals: Any, words: str) -> None:
+    with pytest.raises(glpath.UsageError, match=words):
+        glpath.irradiance(BOX, points, normals, spp=1)
+
+
+# The command.
+
+
+def cli(*arguments: object, **more: Any) -> Result:
+    return CliRunner().invoke(app, ["measure", *(str(a) for a in arguments)], **more)
+
+
+def test_a_grid_is_measured_and_written(scene: Path, tmp_path: Path) -> None:
+    out = [tmp_path / name for name in ("lux.csv", "lux.npz")]
+    plane = ("--plane", "z=0", "--spacing", 1)
+    result = cli(scene, *plane, "--spp", 16, "--max-depth", 1, *(f"-o{path}" for path in out))
+    assert result.exit_code == 0, result.stderr
+    table = np.genfromtxt(out[0], delimiter=",", skip_header=1)
+    assert table.shape == (24, 14)
+    np.testing.assert_allclose(table[:, 12], lux(table[:, 0], table[:, 1]), rtol=3e-5)
+    with np.load(out[1]) as stored:
+        assert stored["points"].shape == (4, 6, 3)
+        assert stored["lumens_per_watt"] == 179
+        np.testing.assert_allclose(stored["illuminance"].ravel(), table[:, 12], rtol=1e-6)
+        # Along x in columns, along y in rows, from the lower corner on.
+        assert stored["points"][0, 0].tolist() == [-2.5, -1.5, 0]
+        assert stored["points"][3, 5].tolist() == [2.5, 1.5, 0]
+    mean, least = table[:, 12].mean(), table[:, 12].min()
+    assert f"mean {mean:.4g} lx, minimum {least:.4g}" in result.stderr
+    assert f"uniformity (minimum over mean): {least / mean:.3f}" in result.stderr
+    assert "179 lm/W" in result.stderr
+
+
+def test_points_of_a_table_are_measured(scene: Path, tmp_path: Path) -> None:
+    table = tmp_path / "points.csv"
+    table.write_text("# meters\nname;z;y;x;nx;ny;nz\ndesk;0;0.5;1;0;0;2\nfloor;0;0;0;0;0;1\n")
+    result = cli(scene, "--points", table, "--spp", 1, "--max-depth", 1, "--lumens-per-watt", 1, "-q", "-o", "-")
+    assert result.exit_code == 0, result.stderr
+    rows = np.genfromtxt(result.stdout.splitlines(), delimiter=",", skip_header=1)
+    np.testing.assert_allclose(rows[:, 12], lux(rows[:, 0], rows[:, 1]) / 179, rtol=3e-5)
+    assert rows[:, :3].tolist() == [[1, 0.5, 0], [0, 0, 0]]
+
+
+def test_a_picture_has_a_legend(scene: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "lux.png"
+    result = cli(scene, "--plane", "z=0", "--spacing", 0.5, "--spp", 1, "--max-depth", 1, "-o", picture)
+    assert result.exit_code == 0, result.stderr
+    pixels = read_eight_bits(picture)
+    assert pixels is not None
+    assert min(pixels.shape[:2]) > 300
+
+
+def test_grids_lie_where_they_are_asked_for() -> None:
+    scene = load_scene(BOX)
+    lower, upper = scene.bounds
+    down = grid_of("-y=0.4", None, None, scene)
+    assert (down.normals == [0, -1, 0]).all()
+    assert (down.points[:, 1] == 0.4).all()
+    assert down.grid is not None
+    np.testing.assert_allclose(down.grid.extent, [lower[0], upper[0], lower[2], upper[2]], atol=down.grid.step)
+    part = grid_of("x=0", 0.25, "0,1,1,3", scene)
+    assert part.grid is not None
+    assert part.grid.shape == (8, 4)
+    assert part.points[[0, -1]].tolist() == [[0, 0.125, 1.125], [0, 0.875, 2.875]]
+    # What is not a whole number of steps is left over evenly.
+    assert grid_of("x=0", 0.4, "0,0,1,1", scene).points[0].tolist() == pytest.approx([0, 0.3, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "neither"),
+        (["--plane", "z=0", "--points", "a.csv"], "--plane beside --points"),
+        (["--plane", "w=1"], "expected AXIS=HEIGHT"),
+        (["--plane", "z"], "--plane z:"),
+        (["--plane", "zz=1"], "expected AXIS=HEIGHT"),
+        (["--plane", "z=0", "--spacing", "-1"], "--spacing -1: must be above 0"),
+        (["--plane", "z=0", "--spacing", "1e-6"], "at most 4,000,000"),
+        (["--plane", "z=0", "--area", "0,0,0,1"], "second corner must lie beyond"),
+        (["--plane", "z=0", "--normal", "0,0,1"], "--normal: belongs to --points"),
+        (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
+        (["--points", "nothing.csv"], "cannot be read"),
+        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, gather"),
+        (["--plane", "z=0", "--lumens-per-watt", "0"], "--lumens-per-watt 0: must be above 0"),
+        (["--plane", "z=0", "--spp", "0"], "--spp 0"),
+        (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .png"),
+        (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_by_name(scene: Path, arguments: list[str], words: str) -> None:
+    result = cli(scene, "-o", "-", *arguments)
+    assert result.exit_code in (1, 2)
+    assert words.lower() in result.stderr.lower()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "holds no point"),
+        ("x,y,z\n", "holds no point"),
+        ("1,2\n", "line 1: 2 numbers where 3"),
+        ("x,y\n1,2\n", "line 1: has no column z"),
+        ("x,y,z,x\n", "line 1: has two columns x"),
+        ("x,y,z,nx\n1,2,3,0\n", "line 1: has no column ny"),
+        ("x,y,z\n1,2,3\n\n1,b,3\n", "line 4: y is 'b'"),
+        ("1,2,3\n1,nan,3\n", "line 2: y is 'nan'"),
+        ("1,2,3\n1,2\n", "line 2: 2 values where there are 3"),
+        ("0,0,0,0,0,1\n0,0,0,0,0,0\n", "line 2: the normal is 0, 0, 0"),
+        ("0,0,0\n", "has no normals"),
+    ],
+)
+def test_a_broken_table_is_told_by_its_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(glpath.UsageError) as caught:
+        read_points(path, None)
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_normal_is_given_once(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("0,0,0\n1,2,3\n")
+    assert read_points(path, (0.0, 1.0, 0.0)).normals.tolist() == [[0, 1, 0], [0, 1, 0]]
+    path.write_text("0,0,0,0,0,1\n")
+    with pytest.raises(glpath.UsageError, match="beside the normals"):
+        read_points(path, (0.0, 1.0, 0.0))
