@@ -76,6 +76,7 @@ def test_list_names_every_bench() -> None:
         "shaft",
         "shaft-options",
         "viewfactors",
+        "measure",
         "jobs",
         "start-up",
     ]
@@ -114,7 +115,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, t-buffer, shaft, shaft-options, "
-            "viewfactors, jobs, start-up",
+            "viewfactors, measure, jobs, start-up",
         ),
         (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, textures, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),

@@ -1,4 +1,5 @@
-"""Radiance's `rpict` as a peer: the same triangles and camera, all bounces by its cache of ambient light.
+"""Radiance as a peer: the same triangles, all bounces by its cache of ambient light; `rpict` with the same camera,
+`rtrace` at points.
 
 Its answer is biased, as it interpolates between cached values: one picture with an error and a time, no number of
 samples to a target. The programs come with the package pyradiance; see `other_python` for how to install it.
@@ -20,6 +21,7 @@ import numpy as np
 
 from glpath.errors import GlpathError
 from glpath.experiments import other_python
+from glpath.experiments.verdict import cores
 from glpath.scene.model import Float64, Scene
 
 #: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
@@ -40,15 +42,64 @@ def render(scene: Scene) -> tuple[float, Float64]:
 
     Raises GlpathError where Radiance is absent or fails.
     """
-    package = Path(other_python.find_package("pyradiance", other_python.python())[0])
-    environment = os.environ | {"RAYPATH": f".:{package / 'lib'}"}
     width, height = scene.camera.resolution
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        start = time.perf_counter()
+        radiance.compile(scene)
+        size = ["-x", str(_RAYS * width), "-y", str(_RAYS * height), "-pa", "0"]
+        picture = radiance.run("rpict", *view(scene), *size, *SETTINGS.split(), "scene.oct")
+        Path(folder, "a.hdr").write_bytes(picture)
+        seconds = time.perf_counter() - start
+        values = np.frombuffer(radiance.run("pvalue", "-h", "-H", "-df", "a.hdr"), np.float32)
+    fine = values.reshape(height, _RAYS, width, _RAYS, 3)
+    return seconds, fine.mean(axis=(1, 3), dtype=np.float64)
 
-    def run(program: str, *arguments: str) -> bytes:
-        command = [str(package / "bin" / program), *arguments]
+
+def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -> tuple[float, Float64]:
+    """Seconds, reading of the scene counted, and (N, 3) irradiance at points by `rtrace -I`, on all cores.
+
+    points, normals : (N, 3) each
+    settings        : how it samples, as on its command line
+
+    Raises GlpathError where Radiance is absent or fails.
+    """
+    table = np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        start = time.perf_counter()
+        radiance.compile(scene)
+        how = ["-I", "-h", "-fff", "-n", str(cores()), *settings.split()]
+        found = radiance.run("rtrace", *how, "scene.oct", given=table)
+        seconds = time.perf_counter() - start
+    return seconds, np.frombuffer(found, np.float32).reshape(len(points), 3).astype(np.float64)
+
+
+class _Programs:
+    """Radiance's, at work in a folder."""
+
+    def __init__(self, folder: str) -> None:
+        self._package = Path(other_python.find_package("pyradiance", other_python.python())[0])
+        self._environment = os.environ | {"RAYPATH": f".:{self._package / 'lib'}"}
+        self._folder = folder
+
+    def compile(self, scene: Scene) -> None:
+        """Make scene.oct of a comparable scene."""
+        Path(self._folder, "scene.rad").write_text(described(scene))
+        Path(self._folder, "scene.oct").write_bytes(self.run("oconv", "scene.rad"))
+
+    def run(self, program: str, *arguments: str, given: bytes = b"") -> bytes:
+        """What a program writes, of what it is given to read."""
+        command = [str(self._package / "bin" / program), *arguments]
         try:
             done = subprocess.run(
-                command, cwd=folder, env=environment, capture_output=True, timeout=PATIENCE, check=False
+                command,
+                cwd=self._folder,
+                env=self._environment,
+                input=given,
+                capture_output=True,
+                timeout=PATIENCE,
+                check=False,
             )
         except subprocess.TimeoutExpired as error:
             raise GlpathError(
@@ -58,17 +109,6 @@ def render(scene: Scene) -> tuple[float, Float64]:
             said = done.stderr.decode(errors="replace").strip()
             raise GlpathError(f"Radiance's {program} failed: {said}", "See its manual.")
         return done.stdout
-
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "scene.rad").write_text(described(scene))
-        start = time.perf_counter()
-        Path(folder, "scene.oct").write_bytes(run("oconv", "scene.rad"))
-        size = ["-x", str(_RAYS * width), "-y", str(_RAYS * height), "-pa", "0"]
-        Path(folder, "a.hdr").write_bytes(run("rpict", *view(scene), *size, *SETTINGS.split(), "scene.oct"))
-        seconds = time.perf_counter() - start
-        values = np.frombuffer(run("pvalue", "-h", "-H", "-df", "a.hdr"), np.float32)
-    fine = values.reshape(height, _RAYS, width, _RAYS, 3)
-    return seconds, fine.mean(axis=(1, 3), dtype=np.float64)
 
 
 def described(scene: Scene) -> str:

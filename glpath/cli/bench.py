@@ -58,6 +58,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "view factors: closed forms, closed rooms beside pyviewfactor, and a city of 22,800 facets",
         ("--rounds", "--scale"),
     ),
+    "measure": (
+        "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
+        ("--scale",),
+    ),
     "jobs": (
         "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
         ("--rounds", "--scale"),
@@ -105,7 +109,8 @@ def bench(
     scale: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="gather, t-buffer, textures, shafts, viewfactors, jobs: below 1, less work; 1."
+            metavar="S",
+            help="gather, t-buffer, textures, shafts, viewfactors, measure, jobs: below 1, less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -194,6 +199,10 @@ def _measure(
         from glpath.bench.view_factors import bench_view_factors
 
         return bench_view_factors(scale, rounds, progress)
+    if name == "measure":
+        from glpath.bench.measure import bench_measure
+
+        return bench_measure(scale, progress)
     if name == "jobs":
         from glpath.bench.jobs import bench_jobs
 

@@ -226,6 +226,9 @@ def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
     mean, least = float(lux.mean()), float(lux.min())
     yield f"  illuminance: mean {mean:.4g} lx, minimum {least:.4g}, maximum {lux.max():.4g}"
+    dark = int((lux == 0).sum())
+    if 0 < dark < len(lux):
+        yield f"  {dark:,} points have no light at all: inside of solids, perhaps"
     if mean > 0:
         yield f"  uniformity (minimum over mean): {least / mean:.3f}"
     if found.film.path_sets >= 16:

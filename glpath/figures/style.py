@@ -125,6 +125,9 @@ def field(
     extent : where the first and the last column begin and end, then rows, of which the first is the lowest
     size   : of the longer side of the map, pixels
     """
+    require_matplotlib()
+    from matplotlib.ticker import MaxNLocator
+
     left_of_map, right_of_map, below_map = 78, 110, 52
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
     # A strip is drawn no thinner than it can be read.
@@ -141,7 +144,8 @@ def field(
     if min(rows, columns) >= 3 and values.min() < top:
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        lines = axes.contour(x, y, values, levels=6, colors="white", linewidths=0.8)
+        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without that of 0
+        lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(axes_of[0].label, color=INK, fontsize=11)
     axes.set_ylabel(axes_of[1].label, color=INK, fontsize=11)

@@ -1,0 +1,64 @@
+"""`glpath bench measure`: what it measures without its peer, and that Radiance finds the same light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.bench import measure, radiance_peer
+from glpath.bench.measure import bench_measure, office_grid
+from glpath.errors import GlpathError
+from glpath.experiments import other_python
+from glpath.image import luminance
+
+
+def test_a_small_bench_without_radiance_measures_and_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing(name: str, interpreter: str) -> tuple[str, str]:
+        raise GlpathError(f"{name} is not installed for {interpreter}; it is needed only as a peer.")
+
+    monkeypatch.setattr(other_python, "find_package", nothing)
+    report = bench_measure(0.05)
+    assert report.holds is None
+    assert report.faults == []
+    assert report.measured["lamp_off"] < 0.01
+    assert 0 < report.measured["reference_error"] < 0.2
+    assert {row["program"] for row in report.rows} == {"path", "gather"}
+    assert any(note.startswith("without rtrace") for note in report.notes)
+
+
+def test_it_is_judged_by_what_radiance_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is a tenth too bright is a fault; a slow one that agrees is beaten."""
+    monkeypatch.setattr(radiance_peer, "version", lambda: "5")
+    monkeypatch.setattr(measure, "lamp_off", lambda: 0.001)
+
+    def played(factor: float, seconds: float) -> None:
+        def answer(scene, points, normals, settings):
+            return seconds, factor * glpath.irradiance(scene, points, normals, spp=256, seed=7).values
+
+        monkeypatch.setattr(radiance_peer, "irradiance", answer)
+
+    played(1.0, 1e6)
+    report = bench_measure(0.05)
+    assert report.faults == []
+    assert report.holds
+    assert report.measured["vs_radiance"] > 1
+    played(1.1, 1e6)
+    report = bench_measure(0.05)
+    assert report.holds is False
+    assert "radiance_off" in report.faults[0]
+
+
+@pytest.mark.evidence
+def test_radiance_finds_the_same_irradiance_in_the_office() -> None:
+    try:
+        radiance_peer.version()
+    except GlpathError as error:
+        pytest.skip(str(error))
+    scene, points, normals = office_grid(6)
+    settings = f"{measure._DIRECT} {measure._ALONE.format(512, 1 / 512, 0)}"
+    _, theirs = radiance_peer.irradiance(scene, points, normals, settings)
+    ours = glpath.irradiance(scene, points, normals, spp=4096)
+    assert luminance(ours.values).mean() == pytest.approx(luminance(theirs).mean(), rel=0.02)
+    off = luminance(ours.values) - luminance(theirs)
+    assert np.sqrt(np.mean(off**2)) < 0.03 * luminance(theirs).mean()
