@@ -297,13 +297,17 @@ class Film:
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
-        used = np.flatnonzero(self.batch_counts)
-        return {**vars(self), "radiance_sums": self.radiance_sums[used], "_denoised": None}
+        used = self.batch_counts > 0
+        sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
+        return {**vars(self), "radiance_sums": sums, "_denoised": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.radiance_sums = np.zeros((BATCHES, *state["radiance_sums"].shape[1:]))
-        self.radiance_sums[np.flatnonzero(self.batch_counts)] = state["radiance_sums"]
+        sums, used = state["radiance_sums"], self.batch_counts > 0
+        if used.all() and sums.flags.writeable:
+            return
+        self.radiance_sums = np.zeros((BATCHES, *sums.shape[1:]))
+        self.radiance_sums[used] = sums
 
     def variance_of_mean(self) -> Float64:
         """(H, W, 3) float64, the estimated variance of `mean`, from how much the batches differ.

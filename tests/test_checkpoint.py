@@ -482,14 +482,17 @@ def test_a_disk_that_is_really_full(tmp_path: Path) -> None:
 # Devices.
 
 
+@pytest.mark.parametrize(
+    ("error", "remedy"), [("GL_OUT_OF_MEMORY", "--crop"), ("GL_CONTEXT_LOST", "what the driver says")]
+)
 def test_what_was_rendered_before_the_device_failed_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    error: str, remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps: list[int] = []
 
     def failing(self: CollectingContext) -> str:
         steps.append(1)
-        return "GL_OUT_OF_MEMORY" if len(steps) > 4 else "GL_NO_ERROR"
+        return error if len(steps) > 4 else "GL_NO_ERROR"
 
     monkeypatch.setattr("glpath.rendering.loop._STEP_SECONDS", 0.0)
     monkeypatch.setattr(CollectingContext, "error", property(failing))
@@ -497,8 +500,8 @@ def test_what_was_rendered_before_the_device_failed_is_kept(
     result = render("-o", tmp_path / "a.png", "--spp", 64, "--checkpoint", "1h")
     monkeypatch.undo()
     assert result.exit_code == 1, result.stderr
-    assert "GL_OUT_OF_MEMORY while path sets were traced" in result.stderr
-    assert "--crop" in result.stderr
+    assert f"{error} while path sets were traced" in result.stderr
+    assert remedy in result.stderr
     assert "the same command with --resume goes on" in result.stderr
     assert Film.load(tmp_path / "a.checkpoint.npz").path_sets == 4
     result = render("-o", tmp_path / "a.npz", "-o", tmp_path / "b.png", "--spp", 16, "--resume")

@@ -26,7 +26,8 @@ from glpath.errors import ContextError, UsageError
 from glpath.film import BLOCK, Film
 from glpath.jobs import cluster as clusters
 from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
-from glpath.jobs.cluster import Cluster, render_on
+from glpath.jobs.cluster import render_on
+from glpath.jobs.connection import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
@@ -332,6 +333,17 @@ def test_a_film_travels_without_its_empty_batches():
     sent = pickle.dumps(film)
     assert len(sent) < 64 * 64 * 3 * 8 * 2.2  # one batch of eight, and the AOV
     assert same(pickle.loads(sent), film)
+
+
+def test_a_film_that_has_all_batches_travels_as_it_is():
+    film = run(job_of(64, resolution=(16, 16)))
+    buffers: list[pickle.PickleBuffer] = []
+    head = pickle.dumps(film, protocol=5, buffer_callback=buffers.append)
+    assert any(np.shares_memory(np.frombuffer(b.raw(), np.uint8), film.radiance_sums) for b in buffers)
+    for raw in ([bytearray(b.raw()) for b in buffers], [bytes(b.raw()) for b in buffers]):
+        there = pickle.loads(head, buffers=raw)
+        assert same(there, film)
+        assert there.radiance_sums.flags.writeable
 
 
 def test_including_a_film_of_another_render_changes_nothing():

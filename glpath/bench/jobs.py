@@ -30,7 +30,8 @@ from glpath.experiments.timing import in_turns, seconds_of
 from glpath.experiments.verdict import Condition, Report, judge, machine
 from glpath.film import BATCHES, BLOCK, Film
 from glpath.gl.context import get_context
-from glpath.jobs.cluster import Cluster, render_on
+from glpath.jobs.cluster import render_on
+from glpath.jobs.connection import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.versions import versions
 

@@ -282,7 +282,8 @@ def films_of(
     if cluster is None:
         yield from rendering.render_frames(scene, shown, **options)
         return
-    from glpath.jobs.cluster import Cluster, render_on
+    from glpath.jobs.cluster import render_on
+    from glpath.jobs.connection import Cluster
     from glpath.rendering.job import describe
 
     machine = {name: options.pop(name) for name in ("backend", "device", "require_gpu", "timings")}

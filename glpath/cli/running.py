@@ -108,7 +108,8 @@ def of_file(path: Path, denoise: bool) -> tuple[Start, int]:
 
 
 def _by_cluster(address: str, job: RenderJob, options: dict[str, Any]) -> Film:
-    from glpath.jobs.cluster import Cluster, render_on
+    from glpath.jobs.cluster import render_on
+    from glpath.jobs.connection import Cluster
 
     with Cluster(address) as cluster:
         return render_on(cluster, job, **options)

@@ -14,6 +14,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from glpath.errors import UsageError
 from glpath.film import Film
 from glpath.film_metadata import differences
@@ -41,7 +43,7 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
             first = next(iter(ranges))
             words = "; ".join(f"{what} is {theirs}, in {first} {ours}" for what, ours, theirs in found)
             raise UsageError(f"{path}: of another render than {first}: {words}.", "Merge shards of one render.")
-        content = (film.ranges, hashlib.sha256(film.radiance_sums.tobytes()).digest())
+        content = (film.ranges, hashlib.sha256(np.ascontiguousarray(film.radiance_sums).data).digest())
         if content in seen:
             repeated.append(path)
             continue
@@ -53,7 +55,10 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
                 )
         seen[content] = path
         ranges[path] = film.ranges
-        merged = film if merged is None else merged.merge(film)
+        if merged is None:
+            merged = film
+        else:
+            merged.include(film)
     if merged is None:
         raise UsageError("merge: no film is named.", "For example glpath merge a.npz b.npz -o all.exr.")
     return merged, repeated
