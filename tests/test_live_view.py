@@ -7,10 +7,8 @@ these tests are skipped. `pytest -m evidence -s tests/test_live_view.py -k frame
 from __future__ import annotations
 
 import base64
-import importlib.util
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -19,6 +17,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import browser
 import numpy as np
 import pytest
 from PIL import Image
@@ -26,27 +25,10 @@ from PIL import Image
 import glpath
 from glpath.notebook.orbit import turned
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-MISSING = [
-    name
-    for name, found in {
-        "chromium": CHROMIUM,
-        "chromedriver": DRIVER,
-        "selenium": importlib.util.find_spec("selenium"),
-        "jupyterlab": importlib.util.find_spec("jupyterlab"),
-    }.items()
-    if not found
-]
-pytestmark = [
-    pytest.mark.evidence,
-    pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}; `make evidence` does"),
-    # Selenium leaves a socket of each answer to the collector.
-    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = browser.marks("jupyterlab")
 
 ROOT = Path(__file__).parent.parent
-SECONDS = 90
+SECONDS = browser.SECONDS
 # On the loopback alone, and nothing is asked of the network.
 SERVER = (
     "--no-browser",
@@ -231,23 +213,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str
 
 @pytest.fixture(scope="module")
 def driver() -> Iterator[Any]:
-    from selenium import webdriver
-
-    os.environ["NO_PROXY"] = ",".join(filter(None, [os.environ.get("NO_PROXY"), "localhost", "127.0.0.1"]))
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for argument in (
-        "--headless=new",
-        "--disable-dev-shm-usage",
-        "--disable-gpu",
-        "--no-proxy-server",
-        "--window-size=1200,1000",
-        *(["--no-sandbox"] if os.geteuid() == 0 else []),  # as root Chromium has none
-    ):
-        options.add_argument(argument)
-    with webdriver.Chrome(options, webdriver.ChromeService(str(DRIVER))) as chrome:
-        chrome.set_script_timeout(SECONDS)
+    with browser.chrome("--disable-gpu") as chrome:
         yield chrome
 
 

@@ -1,0 +1,210 @@
+"""A .glb as three.js shows it: by its GLTFLoader in headless Chromium, from its own camera, in linear numbers.
+
+    pytestmark = three_js.marks()
+
+    @pytest.fixture(scope="module")
+    def three():
+        with three_js.viewer() as viewer:       # one browser for the module: 2 s to start
+            yield viewer
+
+    def test_it(three, tmp_path):
+        seen = three.picture(tmp_path / "a.glb", 64, 48)      # (48, 64, 3) float32
+
+`python tests/three_js.py a.glb 256 192 a.png` is the same for the eye.
+
+What is shown is WebGL's frame as floats: no tone mapping, no sRGB, nothing clipped, so that light is in the scene's
+units (three.js takes KHR_lights_punctual one to one, as we do). Pixels are means of `samples` x `samples` places.
+There are no shadows, no light that bounces, and surfaces that emit light no others.
+
+Needs `three`, by npm: `make evidence` puts it into .venv/lib/node_modules; else NODE_PATH=FOLDER/node_modules, or
+`npm install three` in the folder where tests run. Nothing is asked of a network then.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import browser
+import numpy as np
+import pytest
+
+# WebGL without a graphics card.
+ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+
+PAGE = b"""<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><script type="importmap">
+{"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}
+</script><script type="module">
+import * as THREE from 'three'
+import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js'
+
+const canvas = document.createElement('canvas')
+const renderer = new THREE.WebGLRenderer({ canvas })
+renderer.toneMapping = THREE.NoToneMapping
+renderer.getContext().getExtension('EXT_color_buffer_float')
+
+const POSITION = new THREE.ShaderMaterial({
+  side: THREE.DoubleSide,
+  vertexShader: `varying vec3 world;
+    void main() { vec4 at = modelMatrix * vec4(position, 1.0);
+                  world = at.xyz; gl_Position = projectionMatrix * viewMatrix * at; }`,
+  fragmentShader: 'varying vec3 world; void main() { gl_FragColor = vec4(world, 1.0); }' })
+
+function base(old) {
+  return new THREE.MeshBasicMaterial({ color: old.color, map: old.map, vertexColors: old.vertexColors,
+    side: old.side, alphaTest: old.alphaTest, transparent: old.transparent, opacity: old.opacity })
+}
+
+window.picture = async (url, width, height, samples, show, name) => {
+  const gltf = await new GLTFLoader().loadAsync(url)
+  const cameras = gltf.cameras.filter(each => name === null || each.name === name || each.userData.name === name)
+  if (!cameras.length) throw new Error(`no such camera; there are: ${gltf.cameras.map(each => each.name)}`)
+  const camera = cameras[0]
+  if (camera.isPerspectiveCamera) camera.aspect = width / height
+  else camera.left = -(camera.right = camera.top * width / height)
+  camera.updateProjectionMatrix()
+  const scene = gltf.scene
+  if (show === 'position') scene.overrideMaterial = POSITION
+  if (show === 'base colour') scene.traverse(one => { if (one.isMesh) one.material = base(one.material) })
+  const [w, h] = [width * samples, height * samples]
+  const target = new THREE.WebGLRenderTarget(w, h, { type: THREE.FloatType })
+  renderer.setRenderTarget(target)
+  renderer.setClearColor(0, 0)
+  renderer.render(scene, camera)
+  const pixels = new Float32Array(4 * w * h)
+  renderer.readRenderTargetPixels(target, 0, 0, w, h, pixels)
+  target.dispose()
+  const bytes = new Uint8Array(pixels.buffer)
+  let text = ''
+  for (let i = 0; i < bytes.length; i += 32768) text += String.fromCharCode(...bytes.subarray(i, i + 32768))
+  return btoa(text)
+}
+window.ready = true
+</script>"""
+
+
+def package(name: str) -> Path | None:
+    """Where npm put a package: in NODE_PATH, the virtual environment, or the folder where tests run."""
+    folders = [Path(each) for each in os.environ.get("NODE_PATH", "").split(os.pathsep) if each]
+    folders += [Path(sys.prefix, "lib", "node_modules"), Path("node_modules")]
+    return next((folder / name for folder in folders if (folder / name / "package.json").is_file()), None)
+
+
+def marks() -> list[pytest.MarkDecorator]:
+    """Evidence, which is skipped where the browser or three.js is not there."""
+    return browser.marks(**{"npm's three (NODE_PATH=FOLDER/node_modules)": package("three")})
+
+
+class Viewer:
+    def __init__(self, driver: Any, url: str, files: dict[str, Path]) -> None:
+        self.driver, self.url, self._files = driver, url, files
+
+    def picture(
+        self,
+        glb: str | Path,
+        width: int,
+        height: int,
+        *,
+        show: str = "light",
+        camera: str | None = None,
+        samples: int = 4,
+    ) -> np.ndarray:
+        """(height, width, 3) float32, row 0 at the top: the file from its first camera, or the one of that name.
+
+        show : "light"; "base colour", of all materials, unlit; "position", in the world, NaN where no surface is
+               (with samples = 1, at the centres of pixels)
+        """
+        assert show in ("light", "base colour", "position")
+        name = f"{len(self._files)}.glb"
+        self._files[name] = Path(glb)
+        answer = self.driver.execute_async_script(
+            "const given = [...arguments], done = given.pop();"
+            "window.picture(...given).then(done, error => done({ error: String(error) }))",
+            f"/models/{name}",
+            width,
+            height,
+            samples,
+            show,
+            camera,
+        )
+        assert isinstance(answer, str), f"{glb}: three.js: {answer}"
+        pixels = np.frombuffer(base64.b64decode(answer), "<f4").reshape(height, samples, width, samples, 4)[
+            ::-1, ::-1
+        ]
+        if show == "position":
+            pixels = np.where(pixels[..., 3:] > 0, pixels, np.nan)
+        return pixels.mean(axis=(1, 3))[..., :3]
+
+    def complaints(self) -> list[str]:
+        """What the browser's console says of errors and warnings since the last call."""
+        return [
+            each["message"] for each in self.driver.get_log("browser") if each["level"] in ("SEVERE", "WARNING")
+        ]
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    def __init__(self, *arguments: Any, files: dict[str, Path], **keywords: Any) -> None:
+        self.files = files
+        super().__init__(*arguments, **keywords)
+
+    def do_GET(self) -> None:
+        if self.path != "/":
+            super().do_GET()
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.send_header("Content-Length", str(len(PAGE)))
+        self.end_headers()
+        self.wfile.write(PAGE)
+
+    def translate_path(self, path: str) -> str:
+        kind, _, rest = path.lstrip("/").partition("/")
+        if kind == "models":
+            return str(self.files.get(rest, Path(os.devnull)))
+        return super().translate_path(rest)  # of three's own folder
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def viewer() -> Iterator[Viewer]:
+    """A browser with three.js in it, and a server of its files on the loopback."""
+    files: dict[str, Path] = {}
+    handler = partial(_Handler, files=files, directory=str(package("three")))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            with browser.chrome(*ARGUMENTS) as driver:
+                url = f"http://127.0.0.1:{server.server_port}/"
+                driver.get(url)
+                driver.execute_async_script(
+                    "const done = arguments[0];"
+                    "const look = () => window.ready ? done() : setTimeout(look, 20); look()"
+                )
+                yield Viewer(driver, url, files)
+        finally:
+            server.shutdown()
+
+
+def picture(glb: str | Path, width: int, height: int, **options: Any) -> np.ndarray:
+    """A single picture, in a browser of its own. See `Viewer.picture`."""
+    with viewer() as three:
+        return three.picture(glb, width, height, **options)
+
+
+if __name__ == "__main__":
+    from PIL import Image
+
+    from glpath.image import encode_srgb
+
+    shown = picture(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    Image.fromarray((encode_srgb(np.clip(shown, 0, 1)) * 255 + 0.5).astype(np.uint8)).save(sys.argv[4])
