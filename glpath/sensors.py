@@ -1,19 +1,26 @@
 """Where paths start, described in plain numbers: what a `RenderJob` has, and what a first stage is made from.
 
-One kind so far, the pixels of a camera. (Texels of a surface and free points are others to come.)
+There are two kinds: the pixels of a camera, and points with normals, free ones or a surface's texels.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+import hashlib
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from glpath.errors import UsageError
 from glpath.scene.camera import CameraKey, Projection
 from glpath.scene.model import Camera, Scene
 
 Vector = tuple[float, float, float]
+Float32 = NDArray[np.float32]
+
+#: By how much the length of a normal may differ from one.
+_UNIT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,195 @@ class CameraSensor:
     def as_json(self) -> dict[str, Any]:
         """Its fields, as JSON has them, without those that say nothing: a pinhole's are as they always were."""
         said = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
-        return {name: value for name, value in asdict(self).items() if name in said}
+        return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in said}
+
+    def recorded(self) -> dict[str, Any]:
+        """What a film's settings say of it: nothing, as the scene that it sees has the camera."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointTables:
+    """Points and what they face, in rows and columns as a film has pixels; row 0 is the film's first.
+
+    positions : (S, H, W, 3) float32, scene units; each path set takes one of the S tables
+    normals   : (S, H, W, 3) float32, unit: light from the other side does not count
+    valid     : (H, W) bool: elsewhere nothing starts, and the film is black
+    shading   : (S, H, W, 3) float32, unit, or None: normals to weigh light by, as a smooth surface does that is
+                made of flat triangles: its cosine counts in place of that to `normals`, which go on to say what is
+                behind the surface
+    """
+
+    positions: Float32
+    normals: Float32
+    valid: NDArray[np.bool_]
+    shading: Float32 | None = None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of all of it."""
+        h = hashlib.sha256()
+        for name in ("positions", "normals", "valid", "shading"):
+            array = getattr(self, name)
+            if array is not None:
+                h.update(f"{name} {array.dtype} {array.shape} ".encode())
+                h.update(np.ascontiguousarray(array))
+        return h.hexdigest()
+
+
+@dataclass(frozen=True)
+class PointSensor:
+    """Points with normals: each is a small white Lambertian receiver, lit from the side of its normal.
+
+    What a film of it holds is the radiance of such a receiver, W sr^-1 m^-2: pi times that is the irradiance,
+    W m^-2. Points may lie on surfaces of the scene, which do not shadow themselves, or free in space. The first
+    vertex of a path is the point: `max_depth` 1 is direct light.
+
+    Made by `PointSensor.of`. A job's JSON has all but the points themselves, for which their digest stands.
+
+    resolution : (width, height) of the rows and columns that they are in
+    sha256     : of the points, see `PointTables.digest`
+    count      : of points that are valid
+    middle     : of these, the middle of the box about them, scene units
+    tables     : how many a path set has to choose from: a texel of so many places has the mean of their light
+    smooth     : there are normals to shade with
+    shutter    : when it opens and when it closes, seconds: of what moves
+    points     : the points; None where they have to be handed in
+    """
+
+    resolution: tuple[int, int]
+    sha256: str
+    count: int
+    middle: Vector
+    tables: int = 1
+    smooth: bool = False
+    shutter: tuple[float, float] = (0.0, 0.0)
+    points: PointTables | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        valid: ArrayLike | None = None,
+        *,
+        shading_normals: ArrayLike | None = None,
+        shutter: tuple[float, float] = (0.0, 0.0),
+    ) -> PointSensor:
+        """The sensor of points.
+
+        positions       : (H, W, 3), or (S, H, W, 3) of which each path set takes one: number int(u S), u being the
+                          first of the two numbers that place a camera's rays in its pixels, so that S places of a
+                          texel are met evenly whatever directions go with them
+        normals         : (H, W, 3) or (S, H, W, 3), unit
+        valid           : (H, W) bool; all
+        shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
+
+        What is not valid may be anything. Raises UsageError for shapes that do not match, numbers that are not
+        finite, normals that are not unit, and where none is valid.
+        """
+        place = _table("positions", positions)
+        if 0 in place.shape:
+            raise UsageError(f"points: an array of shape {place.shape}, in which there is none.")
+        size, (count, height, width) = place.shape[1:3], place.shape[:3]
+        inside = np.ones(size, bool) if valid is None else np.asarray(valid, bool)
+        if inside.shape != size:
+            raise UsageError(f"points: valid has shape {inside.shape}, where {size} is needed, that of the points.")
+        if not inside.any():
+            raise UsageError(f"points: none of {width} x {height} is valid.")
+        directions = [_directions("normals", normals, place, inside)]
+        if shading_normals is not None:
+            directions.append(_directions("shading_normals", shading_normals, place, inside))
+        if not np.isfinite(place[:, inside]).all():
+            raise UsageError("points: a position is not finite.")
+        place = np.where(inside[..., None], place, np.float32(0.0))
+        among = place[:, inside].reshape(-1, 3).astype(np.float64)
+        points = PointTables(place, directions[0], inside, *directions[1:])
+        return cls(
+            resolution=(width, height),
+            sha256=points.digest,
+            count=int(inside.sum()),
+            middle=_plain(0.5 * (among.min(axis=0) + among.max(axis=0))),
+            tables=count,
+            smooth=shading_normals is not None,
+            shutter=(float(shutter[0]), float(shutter[1])),
+            points=points,
+        )
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What an engine is made for: how many tables there are, and whether there are normals to shade with."""
+        return ("points", self.tables > 1, self.smooth)
+
+    def seen(self, scene: Scene) -> Scene:
+        """The scene as this sensor has it: with a camera amid the points, in place of its own, which says nothing.
+
+        Raises UsageError where the points have to be handed in.
+        """
+        self.given(None)
+        x, y, z = self.middle
+        camera = Camera(
+            np.array([x, y, z]),
+            np.array([x + 1.0 + abs(x), y, z]),
+            np.array([0.0, 0.0, 1.0]),
+            fov=90.0,
+            resolution=self.resolution,
+            shutter=self.shutter,
+        )
+        return replace(scene, camera=camera)
+
+    def as_json(self) -> dict[str, Any]:
+        """Its fields, as JSON has them, without the points."""
+        return {"type": "points"} | {f.name: getattr(self, f.name) for f in fields(self) if f.name != "points"}
+
+    def recorded(self) -> dict[str, Any]:
+        """What a film's settings say of it: films merge where points are the same."""
+        return {"points": self.sha256}
+
+    def given(self, points: PointTables | None) -> PointSensor:
+        """The sensor with its points, where it has none yet. Raises UsageError for others, and for none."""
+        points = self.points if points is None else points
+        if points is None:
+            raise UsageError(
+                f"job: of {self.count} points, which a job does not hold.", "Hand them in: run(job, sensor=sensor)."
+            )
+        if points is not self.points and points.digest != self.sha256:
+            raise UsageError(
+                f"job: made for points of SHA-256 {self.sha256}, not for those of {points.digest}.",
+                "Hand in the points that the job was made for.",
+            )
+        return replace(self, points=points)
+
+
+Sensor = CameraSensor | PointSensor
+
+
+def _table(name: str, given: ArrayLike) -> Float32:
+    """(S, H, W, 3) float32. Raises UsageError."""
+    try:
+        array = np.asarray(given, np.float32)
+    except (TypeError, ValueError):
+        array = np.empty(0, np.float32)
+    if array.ndim not in (3, 4) or array.shape[-1] != 3:
+        raise UsageError(
+            f"points: {name} of shape {np.shape(given)} where (H, W, 3) or (S, H, W, 3) is needed",  # type: ignore[arg-type]
+        )
+    return array if array.ndim == 4 else array[None]
+
+
+def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[np.bool_]) -> Float32:
+    """Unit vectors, as many as positions; 0 where nothing is valid. Raises UsageError."""
+    array = _table(name, given)
+    if array.shape[1:] != positions.shape[1:] or array.shape[0] not in (1, positions.shape[0]):
+        raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
+    length = np.linalg.norm(array.astype(np.float64), axis=-1)
+    # Not "any differs", which a NaN would pass.
+    if not (np.abs(length - 1.0) <= _UNIT)[:, valid].all():
+        raise UsageError(
+            f"points: {name} hold one that is not unit.", "Divide each by its length, which must not be zero."
+        )
+    unit = np.where(valid[..., None], array / np.where(length > 0, length, 1.0)[..., None], 0.0).astype(np.float32)
+    return np.broadcast_to(unit, positions.shape)
 
 
 def _plain(vector: Any) -> Vector:

@@ -1,7 +1,7 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
 // Needs:  BRANCHES of a path, which part at its first vertex; BOUNCES, LIGHTS: as many directions come from the sequence
 //         for each, and light samples has a set; PARTS: of the lights, see direct_light; LAMP_EDGES where there are lamps;
-//         GATHER, GUIDED; those of light_sample.glsl
+//         GATHER, GUIDED; START_POINTS: paths start at points, not at an eye; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -14,6 +14,14 @@
 #include "random.glsl"
 #include "light_sample.glsl"
 #include "path_vertex.glsl"
+#ifdef START_POINTS
+#define START_VERTEX
+#include "start_points.glsl"
+#define AT_START (at.depth == 0)
+#else
+#define AT_START false
+const float start_extent = 0.0;
+#endif
 #include "ray_bvh.glsl"
 #include "cosine.glsl"
 #if defined(HAS_MICROFACETS) || defined(HAS_MIRRORS)
@@ -179,7 +187,12 @@ struct Leaving
 vec4 trace_path(ivec2 pixel)
 {
     Course at = Course(path_in_image(pixel), 0, 0);
+#ifdef START_POINTS
+    vec3 origin = vec3(0.0), direction = vec3(0.0);
+    if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
+#else
     vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
+#endif
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
 #ifdef LAMP_EDGES
@@ -213,7 +226,7 @@ vec4 trace_path(ivec2 pixel)
         bool arrived = goes_on;
         goes_on = false;
 #ifdef HAS_SKY
-        if (arrived && triangle < 0) {
+        if (arrived && triangle < 0 && !AT_START) {
             // Shared with the light sample of the vertex before, as emission is.
             float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
             L += beta * sky(direction) * share;
@@ -222,9 +235,20 @@ vec4 trace_path(ivec2 pixel)
 #endif
         }
 #endif
-        if (arrived && triangle >= 0) {
+        if (arrived && (triangle >= 0 || AT_START)) {
             float t, light_point;
+#ifdef START_POINTS
+            PathVertex v;
+            if (AT_START) {
+                v = start_vertex(pixel, triangle);
+                triangle = v.triangle;
+                t = 0.0;
+            } else {
+                v = vertex_on(triangle, origin, direction, t);
+            }
+#else
             PathVertex v = vertex_on(triangle, origin, direction, t);
+#endif
             vec3 position = v.surface.position;
             bool front = v.front;
             reached = way + t;
@@ -232,7 +256,8 @@ vec4 trace_path(ivec2 pixel)
             beta *= exp(-inside * t);
 #endif
 
-            vec3 Le = emitted(v.surface, front, light_point);
+            vec3 Le = vec3(0.0);
+            if (!AT_START) Le = emitted(v.surface, front, light_point);
             L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
 #ifdef SPLIT_LIGHT
             if (scattered <= 1)
@@ -243,7 +268,7 @@ vec4 trace_path(ivec2 pixel)
             vec3 reflected = beta;  // of direct light
             goes_on = at.depth < vertices - 1;
 #if defined(GATHER) || defined(GUIDED)
-            LatticePlace place = lattice_place(triangle, position);
+            LatticePlace place = lattice_place(AT_START ? max(triangle, 0) : triangle, position);
 #endif
 #ifdef GATHER
 #ifdef HAS_LOBES
@@ -267,7 +292,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
             // Off the surface by more than rounding, or its other triangles would be met.
             vec3 far = abs(position);
-            float rounding = RAY_ROUNDING * (t + max(far.x, max(far.y, far.z)));
+            float rounding = RAY_ROUNDING * ((AT_START ? start_extent : t) + max(far.x, max(far.y, far.z)));
             vec3 start = position + rounding * v.normal;
             LightSample light_sample;
 #ifdef HAS_LOBES
@@ -309,7 +334,7 @@ vec4 trace_path(ivec2 pixel)
             from.lobes = lobes;
 #endif
 #ifdef GUIDED
-            from.guide = front ? guide_at(place) : -1;
+            from.guide = front && triangle >= 0 ? guide_at(place) : -1;
 #endif
         }
 #if BRANCHES > 1

@@ -14,6 +14,7 @@ from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.scene.model import Scene
+from glpath.sensors import PointSensor, Sensor
 
 # Highlights of a lower one are so small that few of the shared directions meet them.
 _SHARED_ROUGHNESS = 0.2
@@ -25,12 +26,14 @@ def path_engine(
     settings: PathTraceSettings | GatherSettings,
     window: tuple[int, int, int, int],
     *,
+    sensor: Sensor | None = None,
     radiosity: DeviceRadiosity | None = None,
     hardware: bool,
     timings: bool = False,
 ) -> PathSetEngine:
     """The engine; see `PathSetEngine` for the parameters.
 
+    sensor    : where paths start; the scene's camera, where it is not given
     radiosity : of a gather, and of a path tracer that is guided: the solution, of the scene's own triangles
     """
     needed = isinstance(settings, GatherSettings) or settings.guided
@@ -39,7 +42,8 @@ def path_engine(
         _check_shared(scene.scene)
     common = {"hardware": hardware, "timings": timings}
     if settings.directions == "own":
-        return RayPathEngine(gl, scene, settings, window, radiosity=radiosity, **common)
+        return RayPathEngine(gl, scene, settings, window, sensor=sensor, radiosity=radiosity, **common)
+    assert not isinstance(sensor, PointSensor), "a job's sensor was not checked"
     if isinstance(settings, GatherSettings):
         assert radiosity is not None, "asked above"
         return GatherTracer(gl, scene, settings, window, radiosity=radiosity, **common)

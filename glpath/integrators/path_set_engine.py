@@ -1,4 +1,4 @@
-"""What all engines of path sets have: a window of the image, what the eye sees of it, and exact sums."""
+"""What all engines of path sets have: a window of the image, where paths start in it, and exact sums."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.gl.sums import PixelSums
 from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.settings import PathSetSettings
+from glpath.integrators.start_points import StartPoints
 from glpath.lighting import Lighting
 from glpath.sampling import PathSetSampler, counter_hash
 from glpath.scene.model import Camera
-from glpath.sensors import CameraSensor
+from glpath.sensors import CameraSensor, PointSensor, Sensor
 
 Uniforms = dict[str, object]
 
@@ -35,6 +36,7 @@ class PathSetEngine(ABC):
     Parameters
     ----------
     window    : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
+    sensor    : where paths start; the scene's camera, where it is not given
     max_radiance : what a path may bring home besides emission, for the quantum of the sums
     lighting  : what path sets are lit by; the scene's, where it is not given
 
@@ -51,6 +53,7 @@ class PathSetEngine(ABC):
         settings: PathSetSettings,
         window: tuple[int, int, int, int],
         *,
+        sensor: Sensor | None = None,
         max_radiance: float,
         lighting: Lighting | None = None,
         hardware: bool,
@@ -59,8 +62,8 @@ class PathSetEngine(ABC):
         self.gl = gl
         self.scene = scene
         self._settings = settings
-        self.sensor = CameraSensor.of(scene.scene.camera)
-        self._eye_kind = self._kind_of(scene.scene.camera)
+        self.sensor: Sensor = sensor or CameraSensor.of(scene.scene.camera)
+        self._kind = self._kind_of(self.sensor)
         self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
         self.window = window
         self.lighting = lighting or scene.lighting
@@ -77,40 +80,14 @@ class PathSetEngine(ABC):
         self._eye: Uniforms = {}
         self._camera = scene.scene.camera
         self._eye_constant: Uniforms = scene.uniforms
-        self._eye_pass = Pass(
-            "eye",
-            gl,
-            load_program(
-                gl,
-                vertex="eye.vert",
-                fragment="eye.frag",
-                generated=scene.generated,
-                defines=scene.defines | self._eye_defines,
-            ),
-            gl.framebuffer([self._eye_buffer], gl.depth_texture(size)),
-            triangles=scene.triangles,
-            depth=True,
-            clear=(0.0, 0.0, 0.0, 0.0),
-            textures=scene.textures,
-        )
+        self._points: StartPoints | None = None
         self._eye_stream: StreamedScan | None = None
-        if scene.stream is not None:
-            # Of what eye rays and then paths have met.
-            self._met_records = scene.stream.records(size)
-            self._eye_stream = StreamedScan(
-                "eye",
-                scene.stream,
-                vertex="eye.vert",
-                fragment="eye.frag",
-                generated=scene.generated,
-                defines=scene.defines,
-                textures=scene.textures,
-                target=self._eye_pass.target,
-                depth=True,
-                records=self._met_records,
-                seen=self._eye_buffer,
-            )
-            self._met = {"met_records": self._met_records}
+        if isinstance(self.sensor, PointSensor):
+            self._bvh = RayBvh(gl, scene)
+            self._points = StartPoints(gl, scene, self.sensor, self._bvh, size, self._eye_buffer)
+            self._eye_defines = self._points.defines
+        else:
+            self._see_by_scan()
         self._aovs = EyeAovs.of(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines, self._met)
         self._prepare()
         if scene.stream is not None:
@@ -129,10 +106,10 @@ class PathSetEngine(ABC):
         assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
         self.window = window
 
-    def look_from(self, sensor: CameraSensor) -> None:
+    def look_from(self, sensor: Sensor) -> None:
         """Start paths at another sensor of the same resolution. Raises UsageError for one of another kind."""
         assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
-        check_same_kind(self._eye_kind, self._kind_of(sensor.camera))
+        check_same_kind(self._kind, self._kind_of(sensor))
         self.sensor = sensor
 
     def forget_statistics(self) -> None:
@@ -156,7 +133,10 @@ class PathSetEngine(ABC):
         return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
 
     def seen(self) -> NDArray[np.int64]:
-        """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top."""
+        """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top.
+
+        Of points, the triangle that each lies on.
+        """
         width, height = self._size
         numbers = np.frombuffer(self._eye_buffer.read(), np.uint32).reshape(height, width)
         return numbers[::-1].astype(np.int64) - 1
@@ -205,6 +185,9 @@ class PathSetEngine(ABC):
                 self._aovs.add(eye)
 
     def _look(self, eye: Uniforms) -> None:
+        if self._points is not None:
+            self._points.find(eye)
+            return
         self._eye_pass.run(self._eye_constant | eye)
         if self._eye_stream is not None:
             stream = self.scene.stream
@@ -214,13 +197,17 @@ class PathSetEngine(ABC):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """What the eye's rays need: their place in each pixel, and of which path set they are."""
+        """What the eye's rays, or points, need: their place in each pixel, and of which path set they are."""
+        seed, place = self._settings.seed, (float(pixel[0]), float(pixel[1]))
+        own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
+        if self._points is not None:
+            assert isinstance(self.sensor, PointSensor), "of the same kind"
+            return self._points.at(self.sensor, self.window, place[0]) | own
+        assert isinstance(self.sensor, CameraSensor), "of the same kind"
         of = (self.sensor, self.window)
         if self._eye_of != of:
             self._eye_of, self._camera = of, self.sensor.camera
             self._eye = self._seen_by(self._camera.at())
-        seed, place = self._settings.seed, (float(pixel[0]), float(pixel[1]))
-        own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
         camera = self._camera
         if not (camera.moves or camera.aperture_radius > 0):
             return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, place)}
@@ -246,10 +233,47 @@ class PathSetEngine(ABC):
         opened, closed = self.sensor.shutter
         return opened if opened == closed else opened + (closed - opened) * float(self._sampler.eye(index)[2])
 
-    def _kind_of(self, camera: Camera) -> tuple[object, ...]:
+    def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
         """What programs and passes are made for."""
         moving = self.scene.moving is not None
-        return (*CameraSensor.of(camera).kind, camera.shutter if moving else None)
+        return (*sensor.kind, sensor.shutter if moving else None)
+
+    def _see_by_scan(self) -> None:
+        """See by a scan conversion of the scene."""
+        gl, scene, size = self.gl, self.scene, self._size
+        self._eye_pass = Pass(
+            "eye",
+            gl,
+            load_program(
+                gl,
+                vertex="eye.vert",
+                fragment="eye.frag",
+                generated=scene.generated,
+                defines=scene.defines | self._eye_defines,
+            ),
+            gl.framebuffer([self._eye_buffer], gl.depth_texture(size)),
+            triangles=scene.triangles,
+            depth=True,
+            clear=(0.0, 0.0, 0.0, 0.0),
+            textures=scene.textures,
+        )
+        if scene.stream is not None:
+            # Of what eye rays and then paths have met.
+            self._met_records = scene.stream.records(size)
+            self._eye_stream = StreamedScan(
+                "eye",
+                scene.stream,
+                vertex="eye.vert",
+                fragment="eye.frag",
+                generated=scene.generated,
+                defines=scene.defines,
+                textures=scene.textures,
+                target=self._eye_pass.target,
+                depth=True,
+                records=self._met_records,
+                seen=self._eye_buffer,
+            )
+            self._met = {"met_records": self._met_records}
 
     def _look_by_rays(self) -> None:
         """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""
@@ -290,5 +314,7 @@ def check_same_kind(made_for: tuple[object, ...], found: tuple[object, ...]) -> 
 
 def _kind_in_words(kind: tuple[object, ...]) -> str:
     projection, lens, moves, shutter = kind
+    if projection == "points":
+        return "points"
     told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
     return told if shutter is None else f"{told}, with a shutter of {shutter}"

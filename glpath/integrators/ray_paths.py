@@ -40,6 +40,7 @@ from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.lighting import Lighting, LightSamples
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 from glpath.scene.model import Environment
+from glpath.sensors import Sensor
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -74,6 +75,7 @@ class RayPathEngine(PathSetEngine):
         settings: PathTraceSettings | GatherSettings,
         window: tuple[int, int, int, int],
         *,
+        sensor: Sensor | None = None,
         radiosity: DeviceRadiosity | None = None,
         hardware: bool,
         timings: bool = False,
@@ -92,6 +94,7 @@ class RayPathEngine(PathSetEngine):
             scene,
             settings,
             window,
+            sensor=sensor,
             max_radiance=max(float(np.max(self._ambient)), radiosity.max_radiance if radiosity else 0.0),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
             hardware=hardware,
@@ -112,16 +115,18 @@ class RayPathEngine(PathSetEngine):
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
-        bvh = self._bvh = RayBvh(gl, scene)
+        bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
         # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
         # picture in tiles has the bits of the picture in one.
         many = not self._hardware and len(scene.scene.triangles) > width * height
         camera = scene.scene.camera
-        if many or camera.projection == "panorama" or camera.aperture_radius > 0:
+        if self._points is None and (many or camera.projection == "panorama" or camera.aperture_radius > 0):
             self._look_by_rays()
         self._constant = self._constant_uniforms() | bvh.uniforms
         textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
+        if self._points is not None:
+            textures |= self._points.textures
         # Includes are put in place before #ifdef is looked at.
         generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": ""}
         defines: dict[str, object] = {
@@ -139,7 +144,8 @@ class RayPathEngine(PathSetEngine):
             defines["HAS_PANES"] = 1
         self._lamp_edges: LampEdges | None = None
         # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
-        if LampEdges.are_in(scene) and not (camera.aperture_radius > 0 or camera.moves or scene.moving):
+        edges = self._points is None and LampEdges.are_in(scene)
+        if edges and not (camera.aperture_radius > 0 or camera.moves or scene.moving):
             self._lamp_edges = LampEdges(
                 gl, scene, self._size, bvh, settings.seed, settings.sampling, self._eye_defines
             )

@@ -39,7 +39,7 @@ from glpath.integrators.settings import WhittedSettings
 from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
 from glpath.sampling import PathSetSampler, counter_hash, pixel_place
 from glpath.scene.model import Scene
-from glpath.sensors import CameraSensor
+from glpath.sensors import CameraSensor, Sensor
 
 Uniforms = dict[str, object]
 
@@ -86,10 +86,11 @@ class WhittedTracer:
         assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
         self.window = window
 
-    def look_from(self, sensor: CameraSensor) -> None:
+    def look_from(self, sensor: Sensor) -> None:
         """Start rays at another sensor of the same resolution. Shadow-buffers stay as they are [TB III.D]."""
         assert sensor.resolution == self.sensor.resolution, "another resolution needs another tracer"
         check_same_kind(_kind_of(self.sensor), _kind_of(sensor))
+        assert isinstance(sensor, CameraSensor), "of the same kind"
         self.sensor = sensor
 
     def change_scene(self, scene: Scene) -> None:
@@ -340,7 +341,7 @@ class WhittedTracer:
             self._counted = self.shadow_buffer.intersection_tests
 
 
-def _kind_of(sensor: CameraSensor) -> tuple[object, ...]:
+def _kind_of(sensor: Sensor) -> tuple[object, ...]:
     return (*sensor.kind, None)
 
 

@@ -202,7 +202,9 @@ class LiveImage:
             width, height = self.camera.resolution
             resolution = max(1, width // reduction), max(1, height // reduction)
             scene = self._traced.with_camera(resolution=resolution)
-            engine = self._plan.engine(self.context, scene, (0, 0, *resolution), False)
+            engine = self._plan.engine(
+                self.context, scene, CameraSensor.of(scene.camera), (0, 0, *resolution), False
+            )
             window = (0, 0, *resolution)
             job = replace(self.job, sensor=CameraSensor.of(scene.camera), window=window)
             film = Film.empty(metadata_of(job, self._plan, scene, self.context))

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import SceneWarning
+from glpath.errors import SceneWarning, UsageError
 from glpath.film import Film
 from glpath.gl.context import Context, open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
@@ -21,7 +21,7 @@ from glpath.rendering.options import MAX_SPP, with_options
 from glpath.rendering.session import Session
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Camera, Scene, check_camera
-from glpath.sensors import CameraSensor
+from glpath.sensors import CameraSensor, PointSensor
 
 
 @with_options
@@ -116,7 +116,7 @@ def render(
     )
     session = Session(job, loaded, stacklevel=2)
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with session, _reporting(progress, on_progress) as report:
+    with session, reporting_to(progress, on_progress) as report:
         film = session.render(
             job, loaded, context, timings=timings, on_progress=report, rules=rules, film=film, on_step=on_step
         )
@@ -130,6 +130,7 @@ def run(
     context: Context | None = None,
     *,
     scene: Scene | None = None,
+    sensor: PointSensor | None = None,
     time_limit: float | None = None,
     noise: float | None = None,
     film: Film | None = None,
@@ -143,6 +144,7 @@ def run(
     ----------
     context : None: the one of this process, see `glpath.gl.context.open_context`
     scene   : what the job describes, where that was made in memory, or has been loaded already
+    sensor  : the points of a job that is of points and has come from JSON, which holds none
     time_limit, noise, film, on_step, timings, on_progress : as of `render`
 
     Raises and warns as `render` does; SceneError for a scene whose content is not the job's.
@@ -156,6 +158,10 @@ def run(
     16
     """
     rules = StopRules(time_limit, noise)
+    if sensor is not None:
+        if not isinstance(job.sensor, PointSensor):
+            raise UsageError("sensor: points for a job whose paths start at a camera.")
+        job = replace(job, sensor=job.sensor.given(sensor.points))
     loaded = job.sensor.seen(job.scene.load(scene))
     session = Session(job, loaded, stacklevel=2)
     context = open_context(probe_first=in_notebook()) if context is None else context
@@ -235,7 +241,7 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
 
 
 @contextmanager
-def _reporting(shown: bool, on_progress: Report | None) -> Iterator[Report | None]:
+def reporting_to(shown: bool, on_progress: Report | None) -> Iterator[Report | None]:
     """Whom to tell of the progress: the user, a function, both or nobody."""
     if not shown:
         yield on_progress

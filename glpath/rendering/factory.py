@@ -20,7 +20,7 @@ from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.triangulate import check_resident, check_simplifiable
-from glpath.sensors import CameraSensor
+from glpath.sensors import CameraSensor, Sensor
 
 if TYPE_CHECKING:
     from glpath.integrators.whitted import WhittedTracer
@@ -86,7 +86,7 @@ class Engine(Counts, Protocol):
     def forget_statistics(self) -> None:
         """Begin to count anew."""
 
-    def look_from(self, sensor: CameraSensor) -> None:
+    def look_from(self, sensor: Sensor) -> None:
         """Go on with another sensor of the same resolution."""
 
 
@@ -112,8 +112,8 @@ class Plan(Protocol):
         say : called now and then with what is done
         """
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> Engine:
-        """The engine for a traceable scene; the plan is prepared."""
+    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
+        """The engine for a traceable scene, which has the sensor's camera; the plan is prepared."""
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         """Go on with another scene, traceable and with a camera of its own. Raises SceneError."""
@@ -161,8 +161,10 @@ class _PathTracing:
         # Guides may be of any moment: paths stay unbiased.
         return _PathTracing(self.settings, _solved(scene.still(), say))
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
-        return _path_set_engine(self, context, scene, window, timings)
+    def engine(
+        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+    ) -> PathSetEngine:
+        return _path_set_engine(self, context, scene, sensor, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
@@ -172,7 +174,7 @@ class _PathTracing:
 
 
 def _path_set_engine(
-    plan: _PathTracing | _Gathering, context: Context, scene: Scene, window: Window, timings: bool
+    plan: _PathTracing | _Gathering, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
 ) -> PathSetEngine:
     solution, settings = plan.solution, plan.settings
     budget = settings.geometry_budget if isinstance(settings, PathTraceSettings) else None
@@ -181,6 +183,7 @@ def _path_set_engine(
         DeviceScene(context.gl, scene, geometry_budget=budget),
         settings,
         window,
+        sensor=sensor,
         radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
         hardware=context.info.hardware,
         timings=timings,
@@ -275,9 +278,11 @@ class _Gathering:
         solution.check_scene(scene)
         return _Gathering(self.settings, solution)
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> PathSetEngine:
+    def engine(
+        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+    ) -> PathSetEngine:
         assert self.solution is not None, "the plan is not prepared"
-        return _path_set_engine(self, context, scene, window, timings)
+        return _path_set_engine(self, context, scene, sensor, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
@@ -328,7 +333,9 @@ class _Whitted:
     def prepared(self, scene: Scene, say: Say) -> Plan:
         return self
 
-    def engine(self, context: Context, scene: Scene, window: Window, timings: bool) -> WhittedTracer:
+    def engine(
+        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+    ) -> WhittedTracer:
         from glpath.integrators.whitted import WhittedTracer  # with numba, which is slow to import
 
         return WhittedTracer(

@@ -24,7 +24,7 @@ from msgspec import Meta
 from glpath.errors import SceneError, UsageError
 from glpath.files import whole_file
 from glpath.film import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings
+from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,
     MAX_SPP,
@@ -41,7 +41,7 @@ from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scen
 from glpath.scene.camera import Projection
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
-from glpath.sensors import CameraSensor, SensorKey
+from glpath.sensors import CameraSensor, PointSensor, Sensor, SensorKey
 
 Window = tuple[int, int, int, int]
 
@@ -102,14 +102,14 @@ class RenderJob:
 
     scene      : where the scene comes from, and its digest
     integrator : the integrator, which is its options: an instance out of `glpath.integrators.settings`
-    sensor     : where paths start: the camera and its resolution
+    sensor     : where paths start: the camera and its resolution, or points
     window     : (x, y, width, height): the pixels of the whole image that are rendered, y from the top
     path_sets  : (start, stop), half-open: which path sets; one is a path for every pixel
     """
 
     scene: SceneSource
     integrator: IntegratorSettings
-    sensor: CameraSensor
+    sensor: Sensor
     window: Window
     path_sets: tuple[int, int]
 
@@ -160,7 +160,7 @@ class RenderJob:
                 "version": _VERSION,
                 "scene": asdict(self.scene),
                 "integrator": {"name": self.integrator.integrator, **settings},
-                "sensor": {"type": "camera", **self.sensor.as_json()},
+                "sensor": self.sensor.as_json(),
                 "window": self.window,
                 "path_sets": self.path_sets,
             },
@@ -186,13 +186,13 @@ class RenderJob:
             kind = INTEGRATORS[integrator]
             for name in given:
                 check_word(f"setting of {integrator}", name, tuple(settings_fields(kind)))
-            sensor = CameraSensor(**{k: v for k, v in msgspec.structs.asdict(data.sensor).items() if k != "type"})
-            check_camera(sensor.camera, place)
+            sensor = _sensor_of(data.sensor, place)
             window = window_of(sensor.resolution, data.window, "window")
             start, stop = data.path_sets
             check_count("path_sets, the first", start, 0, MAX_FIRST_PATH_SET)
             check_count("path_sets, how many", stop - start, 1, MAX_SPP)
             settings = checked(kind(**given))
+            check_sensor(settings, sensor)
         except UsageError as error:
             raise UsageError(f"{place}: {error.message}", error.remedy) from error
         return cls(data.scene, settings, sensor, window, data.path_sets)
@@ -213,8 +213,7 @@ class RenderJob:
         return cls.from_json(text, str(path))
 
 
-class _CameraFile(msgspec.Struct, forbid_unknown_fields=True):
-    type: Literal["camera"]
+class _CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
     position: tuple[float, float, float]
     target: tuple[float, float, float]
     up: tuple[float, float, float]
@@ -228,6 +227,16 @@ class _CameraFile(msgspec.Struct, forbid_unknown_fields=True):
     motion: tuple[SensorKey, ...] = ()
 
 
+class _PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
+    resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    count: Annotated[int, Meta(ge=1)]
+    middle: tuple[float, float, float]
+    tables: Annotated[int, Meta(ge=1)] = 1
+    smooth: bool = False
+    shutter: tuple[float, float] = (0.0, 0.0)
+
+
 class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
     """A job as JSON has it; the integrator's fields are its own business."""
 
@@ -235,7 +244,7 @@ class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
     version: int
     scene: SceneSource
     integrator: dict[str, Any]
-    sensor: _CameraFile
+    sensor: _CameraFile | _PointsFile
     window: Window
     path_sets: tuple[int, int]
 
@@ -250,18 +259,67 @@ def describe(
     crop: tuple[int, int, int, int] | None = None,
     camera: Mapping[str, Any] | None = None,
     parameters: Mapping[str, object] | None = None,
+    sensor: PointSensor | None = None,
     **options: Any,
 ) -> tuple[RenderJob, Scene]:
-    """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError."""
+    """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
+
+    sensor : points, in place of the scene's camera
+    """
     settings = settings_of(integrator, options)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
-    loaded = with_overrides(load_scene(scene, parameters), resolution, camera)
-    window = window_of(loaded.camera.resolution, crop)
+    loaded = load_scene(scene, parameters)
+    starts: Sensor
+    if sensor is None:
+        loaded = with_overrides(loaded, resolution, camera)
+        starts = CameraSensor.of(loaded.camera)
+    else:
+        if resolution is not None or camera is not None:
+            given = "camera" if resolution is None else "resolution"
+            raise UsageError(f"{given}: has no meaning with a sensor of points, which has its own.")
+        check_sensor(settings, sensor)
+        loaded, starts = sensor.seen(loaded), sensor
+    window = window_of(starts.resolution, crop)
     source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
-    return RenderJob(source, settings, CameraSensor.of(loaded.camera), window, path_sets), loaded
+    return RenderJob(source, settings, starts, window, path_sets), loaded
+
+
+#: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
+_POINT_AOVS = ("direct", "indirect", "samples")
+
+
+def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
+    """Raise UsageError for an integrator that paths of this sensor cannot start by."""
+    if isinstance(sensor, CameraSensor):
+        return
+    if not isinstance(settings, PathSetSettings):
+        raise UsageError(
+            f'integrator: "{settings.integrator}" with a sensor of points; its rays start at a camera.',
+            'Take integrator "path" or "gather".',
+        )
+    if settings.directions != "own":
+        raise UsageError(
+            f'directions: "{settings.directions}" with a sensor of points, whose paths have each their own.',
+            'Take directions "own".',
+        )
+    seen = [name for name in settings.aovs if name not in _POINT_AOVS]
+    if seen:
+        raise UsageError(
+            f"aovs: {', '.join(seen)} with a sensor of points, from which no surface is seen.",
+            f"Of points there are {', '.join(_POINT_AOVS)}.",
+        )
+
+
+def _sensor_of(data: _CameraFile | _PointsFile, place: str) -> Sensor:
+    given = msgspec.structs.asdict(data)
+    if isinstance(data, _PointsFile):
+        return PointSensor(**given)
+    sensor = CameraSensor(**given)
+    check_camera(sensor.camera, place)
+    return sensor
 
 
 #: What may be replaced of a camera, and of how many numbers each is.

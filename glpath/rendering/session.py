@@ -24,6 +24,7 @@ from glpath.rendering.loop import Clock, trace
 from glpath.rendering.stopping import StopRules
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
+from glpath.sensors import CameraSensor
 from glpath.versions import versions
 
 
@@ -41,7 +42,8 @@ class Session:
     def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1, plan: Plan | None = None) -> None:
         self._job = job
         self._plan = plan_of(job.integrator) if plan is None else plan
-        for text in check_scene(scene) + self._plan.warnings(scene):
+        seen = isinstance(job.sensor, CameraSensor)
+        for text in check_scene(scene, seen) + self._plan.warnings(scene):
             warnings.warn(text, SceneWarning, stacklevel=stacklevel + 1)
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
@@ -99,7 +101,7 @@ class Session:
             return film
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
-            metadata = replace(metadata, settings=_recorded(self._plan))
+            metadata = replace(metadata, settings=_recorded(job, self._plan))
             if film.path_sets:
                 check_same_render(film, metadata, job.path_sets, set())
             film.metadata = replace(film.metadata, settings=metadata.settings)
@@ -110,7 +112,9 @@ class Session:
                 # Half, as the two views of a scan lie side by side.
                 self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
                 with context:
-                    self._engine = self._plan.engine(context, self._traced, self._tiles[0].window, timings)
+                    self._engine = self._plan.engine(
+                        context, self._traced, job.sensor, self._tiles[0].window, timings
+                    )
             else:
                 with context:
                     self._go_on(self._engine, job, scene)
@@ -180,7 +184,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         integrator=job.integrator.integrator,
         seed=job.integrator.seed,
         max_depth=job.integrator.max_depth,
-        settings=_recorded(plan),
+        settings=_recorded(job, plan),
         full_resolution=job.sensor.resolution,
         window=job.window,
         noisy=job.integrator.noisy,
@@ -204,9 +208,9 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
     }
 
 
-def _recorded(plan: Plan) -> dict[str, Any]:
+def _recorded(job: RenderJob, plan: Plan) -> dict[str, Any]:
     """What decides the image, without what the metadata has fields of its own for."""
-    return {k: v for k, v in plan.recorded().items() if k not in ("seed", "max_depth")}
+    return {k: v for k, v in (plan.recorded() | job.sensor.recorded()).items() if k not in ("seed", "max_depth")}
 
 
 def _prepared(plan: Plan, scene: Scene, clock: Clock) -> Plan:

@@ -111,8 +111,11 @@ def _check_pose(camera: Camera | CameraKey, place: Place) -> None:
         )
 
 
-def check_scene(scene: Scene) -> list[str]:
-    """Warnings, each a sentence or two, about a scene which renders but hardly as meant. Empty when all is well."""
+def check_scene(scene: Scene, seen: bool = True) -> list[str]:
+    """Warnings, each a sentence or two, about a scene which renders but hardly as meant. Empty when all is well.
+
+    seen : by its camera; else only what light does in it is asked for
+    """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
     around_lights = [_enclosing(scene, light.position) for light in placed]
@@ -122,7 +125,8 @@ def check_scene(scene: Scene) -> list[str]:
         found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
     # A sphere with a light in it is meant as a room.
     lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
-    found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
+    if seen:
+        found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
     return found + _about_time(scene) + _about_materials(scene)
 
 
