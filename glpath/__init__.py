@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from glpath.bake.lightmap import Lightmap, lightmap
     from glpath.compare import relative_mse
     from glpath.errors import (
         ContextError,
@@ -43,6 +44,7 @@ _HOME = {
     "Film": "film",
     "GlpathError": "errors",
     "ImageError": "errors",
+    "Lightmap": "bake.lightmap",
     "Progress": "progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
@@ -57,6 +59,7 @@ _HOME = {
     "ViewFactors": "radiosity.view_factors.result",
     "element_error": "rendering",
     "export": "scene.export",
+    "lightmap": "bake.lightmap",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -72,6 +75,7 @@ __all__ = [
     "Film",
     "GlpathError",
     "ImageError",
+    "Lightmap",
     "Progress",
     "RadiosityInterrupted",
     "RadiosityProgress",
@@ -87,6 +91,7 @@ __all__ = [
     "__version__",
     "element_error",
     "export",
+    "lightmap",
     "load_scene",
     "read_image",
     "relative_mse",

@@ -21,7 +21,19 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import bench, compare, devices, export, figure, merge, radiosity, render, scenes, viewfactors
+from glpath.cli import (
+    bench,
+    compare,
+    devices,
+    export,
+    figure,
+    lightmap,
+    merge,
+    radiosity,
+    render,
+    scenes,
+    viewfactors,
+)
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
@@ -140,7 +152,7 @@ def _common(
     pass
 
 
-for _commands in (render, merge, radiosity, viewfactors, compare, scenes, export, devices, bench, figure):
+for _commands in (render, merge, radiosity, lightmap, viewfactors, compare, scenes, export, devices, bench, figure):
     _commands.register(app)
 
 
