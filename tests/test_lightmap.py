@@ -173,8 +173,12 @@ def test_a_furnace_is_flat() -> None:
     floor = FLOOR | {"material": "grey"}
     scene = load_scene({"camera": CAMERA, "shapes": [floor, ball, box("block", [-1, -1, 0], [0, 0, 1])], **parts})
     with pytest.warns(SceneWarning, match="reflects all light"):
-        baked = glpath.lightmap(scene, size=96, spp=4, max_depth=4)
-    np.testing.assert_allclose(baked.irradiance, np.pi, rtol=1e-5)
+        flat = glpath.lightmap(scene, size=96, spp=4, max_depth=1)
+    # Nothing is chosen at random here: charts, gutters and seams leave it as it is.
+    np.testing.assert_allclose(flat.irradiance, np.pi, rtol=1e-5)
+    with pytest.warns(SceneWarning, match="reflects all light"):
+        sampled = glpath.lightmap(scene, size=96, spp=16, max_depth=4)
+    assert sampled.irradiance[sampled.baked].mean() == pytest.approx(np.pi, rel=0.01)
 
 
 def test_across_the_seams_of_a_ball_light_goes_on() -> None:
