@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from glpath.bake.lightmap import Lightmap, lightmap
     from glpath.compare import relative_mse
     from glpath.errors import (
         ContextError,
@@ -45,6 +46,7 @@ _HOME = {
     "GlpathError": "errors",
     "ImageError": "errors",
     "Irradiance": "rendering.points",
+    "Lightmap": "bake.lightmap",
     "Progress": "progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
@@ -60,6 +62,7 @@ _HOME = {
     "element_error": "rendering",
     "export": "scene.export",
     "irradiance": "rendering.points",
+    "lightmap": "bake.lightmap",
     "load_scene": "scene",
     "read_image": "film",
     "relative_mse": "compare",
@@ -76,6 +79,7 @@ __all__ = [
     "GlpathError",
     "ImageError",
     "Irradiance",
+    "Lightmap",
     "Progress",
     "RadiosityInterrupted",
     "RadiosityProgress",
@@ -92,6 +96,7 @@ __all__ = [
     "element_error",
     "export",
     "irradiance",
+    "lightmap",
     "load_scene",
     "read_image",
     "relative_mse",

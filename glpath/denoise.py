@@ -6,12 +6,12 @@ picture; albedo and normals tell it which edges are the surfaces' own.
 Cost:     0.2 s of one core for 256 x 256; memory, some 600 bytes a pixel.
 Poor at:  noise that neighbours share, as paths with shared directions have: it stays, taken for texture. What is
           lost in noise is invented. Energy is not kept to the last percent, least at the edges of lamps.
-Source:   https://www.openimagedenoise.org/documentation.html, the RT filter.
+Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLightmap filters.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,20 +59,39 @@ def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float
         oidn.OIDN_IMAGE_ALBEDO: albedo,
         oidn.OIDN_IMAGE_NORMAL: normal,
     }
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", {"hdr": True})
+
+
+def denoised_lightmap(irradiance: ArrayLike) -> Float32:
+    """A page of a lightmap without its noise: by the filter for lightmaps, which is given light alone.
+
+    irradiance : (H, W, 3), linear Rec. 709, not negative; gutters between charts are filled
+
+    Returns (H, W, 3) float32. Raises as `denoised`.
+    """
+    oidn = require_denoiser()
+    images = {oidn.OIDN_IMAGE_COLOR: irradiance}
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT_LIGHTMAP, images, "edge", {})
+
+
+def _filtered(
+    oidn: Any, kind: str, images: dict[str, ArrayLike], mode: Literal["symmetric", "edge"], flags: dict[str, bool]
+) -> Float32:
     beyond = (_BEYOND, _BEYOND), (_BEYOND, _BEYOND), (0, 0)
-    arrays = {name: np.pad(np.asarray(image, np.float32), beyond, "symmetric") for name, image in images.items()}
+    arrays = {name: np.pad(np.asarray(image, np.float32), beyond, mode) for name, image in images.items()}
     shapes = {array.shape for array in arrays.values()}
     assert len(shapes) == 1, f"images of shapes {shapes}"
     output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty_like(arrays[oidn.OIDN_IMAGE_COLOR])
     with oidn.Device(oidn.OIDN_DEVICE_TYPE_CPU) as device:
         device.set_bool("setAffinity", False)  # its threads are not tied to cores that others may be on
         device.commit()
-        with oidn.Filter(device, oidn.OIDN_FILTER_TYPE_RT) as rt:
+        with oidn.Filter(device, kind) as made:
             for name, array in arrays.items():
-                rt.set_image(name, array, oidn.OIDN_FORMAT_FLOAT3)
-            rt.set_bool("hdr", True)
-            rt.commit()
-            rt.execute()
+                made.set_image(name, array, oidn.OIDN_FORMAT_FLOAT3)
+            for name, value in flags.items():
+                made.set_bool(name, value)
+            made.commit()
+            made.execute()
         failure = device.get_error()
     if failure is not None:
         raise GlpathError(f"Open Image Denoise: {failure}.")

@@ -27,6 +27,7 @@ from glpath.cli import (
     devices,
     export,
     figure,
+    lightmap,
     measure,
     merge,
     radiosity,
@@ -152,7 +153,20 @@ def _common(
     pass
 
 
-for _commands in (render, merge, radiosity, measure, viewfactors, compare, scenes, export, devices, bench, figure):
+for _commands in (
+    render,
+    merge,
+    radiosity,
+    lightmap,
+    measure,
+    viewfactors,
+    compare,
+    scenes,
+    export,
+    devices,
+    bench,
+    figure,
+):
     _commands.register(app)
 
 

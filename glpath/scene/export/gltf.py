@@ -12,6 +12,7 @@ Source:   glTF 2.0 and its KHR extensions, https://registry.khronos.org/glTF
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,14 +45,23 @@ _SHEAR = 1e-6
 _EDGE = 1e-4
 
 
-def write_gltf(scene: Scene, path: Path) -> tuple[str, ...]:
-    """Write the scene; returns what the file says otherwise, a sentence each. Raises SceneError and ImageError."""
-    return _Writer(scene).write(path)
+#: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, W m^-2.
+LightMap = tuple[NDArray[np.uint8], float]
+
+
+def write_gltf(scene: Scene, path: Path, light_maps: Sequence[LightMap] | None = None) -> tuple[str, ...]:
+    """Write the scene; returns what the file says otherwise, a sentence each. Raises SceneError and ImageError.
+
+    light_maps : of each shape, as MOZ_lightmap of its material; equal pictures are one
+    """
+    return _Writer(scene, light_maps).write(path)
 
 
 class _Writer:
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, light_maps: Sequence[LightMap] | None = None) -> None:
         self.notes = Notes()
+        self._light_maps = light_maps
+        self._light_textures: dict[int, int] = {}
         scene = at_opening(scene, self.notes)
         self.scene = in_triangles(scene, self.notes)
         if scene.camera.projection == "panorama":
@@ -68,8 +78,8 @@ class _Writer:
         self._textures: dict[tuple[int, bool, bool], int] = {}
 
     def write(self, path: Path) -> tuple[str, ...]:
-        for shape in self.scene.shapes:
-            self._add_shape(shape)
+        for number, shape in enumerate(self.scene.shapes):
+            self._add_shape(shape, None if self._light_maps is None else self._light_maps[number])
         if self.scene.lights:
             name = self.file.use("KHR_lights_punctual")
             self.file.extensions[name] = {"lights": [self._light(light) for light in self.scene.lights]}
@@ -84,10 +94,10 @@ class _Writer:
 
     # Geometry
 
-    def _add_shape(self, shape: Shape) -> None:
+    def _add_shape(self, shape: Shape, light: LightMap | None) -> None:
         mesh = shape.geometry
         assert isinstance(mesh, Mesh)
-        material = self._material(shape)
+        material = self._material(shape, light)
         for matrix in shape.world_from_object:
             placed, at = mesh, matrix
             if _is_sheared(matrix):  # which glTF does not allow
@@ -160,7 +170,7 @@ class _Writer:
 
     # Materials
 
-    def _material(self, shape: Shape) -> int:
+    def _material(self, shape: Shape, light: LightMap | None) -> int:
         """The number of a shape's material, which has its light."""
         material = self.scene.materials[shape.material]
         # The back of a solid's surface is its inside, whatever the material says.
@@ -173,10 +183,12 @@ class _Writer:
                 else "it shines from its front alone, so its back is not there"
             )
             self.notes.add(text + ": both sides of a surface are alike in glTF", "shape", shape.name)
-        key = (shape.material, tuple(shape.emission), two_sided)
+        key = (shape.material, tuple(shape.emission), two_sided, None if light is None else id(light[0]))
         if key not in self._materials:
             self._materials[key] = len(self.file.materials)
             self.file.materials.append(self._made(material, shape.emission, two_sided))
+            if light is not None:
+                self.file.materials[-1].extensions[self.file.use("MOZ_lightmap")] = self._light_map(light)
             if material.name in self._names:
                 self.file.materials[-1].name += f" ({shape.name})"
             self._names.add(material.name)
@@ -295,6 +307,20 @@ class _Writer:
 
     def _note(self, material: Material, text: str) -> None:
         self.notes.add(text, "material", material.name)
+
+    def _light_map(self, light: LightMap) -> dict[str, Any]:
+        import pygltflib as gltf
+
+        picture, range_ = light
+        if id(picture) not in self._light_textures:
+            sampler = gltf.Sampler(
+                magFilter=_LINEAR, minFilter=_LINEAR, wrapS=_WRAPS["clamp"], wrapT=_WRAPS["clamp"]
+            )
+            self._light_textures[id(picture)] = len(self.file.textures)
+            self.file.samplers.append(sampler)
+            image = self.file.add_image("light", picture)
+            self.file.textures.append(gltf.Texture(name="light", sampler=len(self.file.samplers) - 1, source=image))
+        return {"index": self._light_textures[id(picture)], "texCoord": 1, "intensity": range_}
 
     # Textures
 

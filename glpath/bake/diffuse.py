@@ -1,0 +1,50 @@
+"""What is the same from everywhere of what surfaces send out: Lambert's part of reflection, emission, opacity."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.appearance import Appearance, texture_at
+from glpath.scene.model import Float64, Scene
+
+Int64 = NDArray[np.int64]
+
+
+def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64:
+    """(N, 7) of sides of triangles (N,) at barycentric coordinates (N, 2): reflectance, emission, opacity.
+
+    Under microfacets the base has what Fresnel's layer lets through of light from everywhere.
+    """
+    look = Appearance(scene)
+    opacity = look.opacity(triangle, b)
+    over = 1.0 / np.where(opacity > 0, opacity, 1.0)[:, None]
+    found = np.concatenate(
+        [look.reflectance(triangle, b) * over, look.emission(triangle, b) * over, opacity[:, None]], axis=1
+    )
+    shape_of = scene.triangle_shape[triangle]
+    for number in np.unique(shape_of):
+        own = np.flatnonzero(shape_of == number)
+        shape, material = scene.shapes[number], scene.materials[scene.shapes[number].material]
+        if material.roughness is not None:
+            metallic, clear = np.full(len(own), material.metallic), np.full(len(own), material.transmission)
+            for share, slot, channel in (
+                (metallic, material.surface_texture, 2),
+                (clear, material.transmission_texture, 0),
+            ):
+                if slot is not None:
+                    share *= texture_at(scene.textures[slot.texture], look.slot_uv(slot, triangle[own], b[own]))[
+                        :, channel
+                    ]
+            f0, f90 = material.dielectric
+            layer = float((f0 + (f90 - f0) / 21.0).max())
+            coat = material.clearcoat * (0.04 + 0.96 / 21.0)
+            glass = (1 - metallic) * clear
+            found[own, :3] *= ((1 - coat) * (1 - layer) * (1 - metallic) * (1 - clear))[:, None]
+            found[own, 6] *= 1 - glass
+        back = own[side[own] == 1]
+        if not material.two_sided:
+            found[back, :3] = 0.0
+        if not shape.emission_two_sided:
+            found[back, 3:6] = 0.0
+    return found

@@ -1,0 +1,223 @@
+"""Baked scenes as .glb: base colour times light, unlit; or materials as they are, with the light map beside."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.diffuse import reflected
+from glpath.bake.pages import pages_of
+from glpath.errors import SceneError, SceneWarning
+from glpath.files import write_bytes
+from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, write_exr
+from glpath.scene.export.geometry import listed
+from glpath.scene.export.glb import Glb
+from glpath.scene.export.gltf import write_gltf
+from glpath.scene.geometry import Mesh, Shape, Shapes
+from glpath.scene.material import Material
+from glpath.scene.model import Float64, Scene
+
+if TYPE_CHECKING:
+    from glpath.bake.atlas import Atlas
+    from glpath.bake.lightmap import Lightmap
+
+#: Samples of a texel of which its base colour is the mean, at the most.
+_COLOUR_SAMPLES = 5
+_CLAMP, _LINEAR, _MIPMAPPED = 33071, 9729, 9987
+
+
+def write_unlit(baked: Lightmap, path: Path, exposure: float | None) -> list[Path]:
+    """See `Lightmap.save`."""
+    import pygltflib as gltf
+
+    scene, atlas = baked.scene, baked.atlas
+    _warn_of_what_is_left_out(scene, path)
+    radiance, opacity = _radiance(baked)
+    if exposure is None:
+        exposure = scene.exposure
+    if exposure is None:
+        exposure = auto_exposure(radiance[baked.baked][:, None])
+    check_exposure(exposure)
+    colours = np.round(255 * encode_srgb(np.clip(radiance * 2.0**exposure, 0.0, 1.0))).astype(np.uint8)
+    alpha = np.round(255 * np.clip(opacity, 0.0, 1.0)).astype(np.uint8)
+    file = Glb(scene)
+    file.samplers.append(gltf.Sampler(magFilter=_LINEAR, minFilter=_MIPMAPPED, wrapS=_CLAMP, wrapT=_CLAMP))
+    for page in range(atlas.pages):
+        clear = bool((alpha[page] < 255).any())
+        image = np.concatenate([colours[page], alpha[page]], axis=-1) if clear else colours[page]
+        name = f"light {page}"
+        file.textures.append(gltf.Texture(name=name, sampler=0, source=file.add_image(name, image)))
+    materials: dict[tuple[int, str, float], int] = {}
+    for number, shape in enumerate(scene.shapes):
+        material = scene.materials[shape.material]
+        mode = "blend" if material.clear > 0 else material.alpha
+        primitives = []
+        for page, mesh in _parts(scene, atlas, number):
+            key = page, mode, material.cutoff
+            if key not in materials:
+                materials[key] = len(file.materials)
+                file.materials.append(_unlit(file, *key))
+            assert mesh.uv1 is not None
+            attributes = gltf.Attributes(
+                POSITION=file.add_array(mesh.vertices.astype(np.float32), bounds=True),
+                TEXCOORD_0=file.add_array((mesh.uv1 * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)),
+            )
+            indices = file.add_array(mesh.faces.astype(np.uint32).ravel(), indices=True)
+            primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=materials[key]))
+        if primitives:
+            file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
+    file.save(path, exposure_stops=exposure, scene_hash=baked.film.metadata.scene_hash, spp=baked.film.path_sets)
+    return [path]
+
+
+def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
+    """See `Lightmap.save`."""
+    scene, atlas = baked.scene, baked.atlas
+    ranges = [max(float(page.max()), 1e-9) for page in baked.irradiance]
+    pictures = [
+        np.round(255 * np.clip(page / range_, 0.0, 1.0)).astype(np.uint8)
+        for page, range_ in zip(baked.irradiance, ranges, strict=True)
+    ]
+    shapes, page_of = [], []
+    materials = [_with_first_uv(material) for material in scene.materials]
+    for number, shape in enumerate(scene.shapes):
+        moved = materials[shape.material] is not scene.materials[shape.material]
+        for side in range(2):
+            name = f"{shape.name} (back)" if side else shape.name
+            for page, mesh in _parts(scene, atlas, number, side, uv_set=1 if moved else 0):
+                emits = shape.emits and (not side or shape.emission_two_sided)
+                shapes.append(
+                    Shape(
+                        name, mesh, shape.material, emission=shape.emission if emits else np.zeros(3), kind="mesh"
+                    )
+                )
+                page_of.append(page)
+    one_sided = tuple(replace(material, two_sided=False) for material in materials)
+    made = replace(scene, shapes=Shapes(shapes), materials=one_sided, sky=None, ambient=np.zeros(3), lights=())
+    notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
+    for text in notes:
+        warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=4)
+    written = [path]
+    for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
+        stem = f"{path.stem}-{page}.lightmap"
+        said = {"quantity": "irradiance", "unit": "W m^-2", "primaries": "linear Rec. 709"}
+        write_exr(path.with_name(f"{stem}.exr"), light, said | {"texCoord": "1", "page": str(page)})
+        write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
+        about = said | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
+        about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
+        write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
+        written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]
+    return written
+
+
+def _parts(
+    scene: Scene, atlas: Atlas, number: int, side: int | None = None, uv_set: int | None = None
+) -> list[tuple[int, Mesh]]:
+    """Of a shape, in world space, a mesh for each page, whose second texture coordinates are the atlas's.
+
+    side   : one alone
+    uv_set : with all that the vertices have, of the scene's texture coordinates the first (0) or the second
+    """
+    shapes, attributes = scene.shapes, uv_set is not None
+    part = scene.shapes.ranges[number]
+    of_shape = (atlas.triangle >= part.start) & (atlas.triangle < part.stop)
+    if side is not None:
+        of_shape &= atlas.side == side
+    made = []
+    mesh = scene.shapes[number].geometry
+    assert isinstance(mesh, Mesh)
+    texture = mesh.uv1 if uv_set else mesh.uv
+    for page in np.unique(atlas.page[of_shape]):
+        faces = np.flatnonzero(of_shape & (atlas.page == page))
+        back = atlas.side[faces] == 1
+        uv = atlas.uv[faces] / atlas.size * [1.0, -1.0] + [0.0, 1.0]
+        vertices = scene.shapes.faces[atlas.triangle[faces]]
+        order = np.where(back[:, None], [2, 1, 0], [0, 1, 2])
+        row = np.arange(len(faces))[:, None]
+        corners = vertices[row, order].ravel()
+
+        def taken(values: Float64, wanted: bool, corners: NDArray[np.int32] = corners) -> Float64 | None:
+            return values[corners] if wanted else None
+
+        normals = taken(scene.shapes.vertex_normals, attributes and mesh.normals is not None)
+        if normals is not None:
+            normals = np.where(np.repeat(back, 3)[:, None], -normals, normals)
+        whole = Mesh(
+            scene.shapes.vertices[corners],
+            np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
+            uv=taken(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
+            normals=normals,
+            uv1=uv[row, order].reshape(-1, 2),
+            colours=taken(scene.shapes.vertex_colours, attributes and mesh.colours is not None),
+        )
+        made.append((int(page), whole.welded()))
+    return made
+
+
+def _radiance(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Pages of what surfaces send out, (P, h, w, 3), W sr^-1 m^-2, and of their opacity, (P, h, w, 1)."""
+    surfaces = baked.surfaces
+    texels, atlas = surfaces.texels, surfaces.atlas
+    samples = np.unique(np.linspace(0, len(texels.face) - 1, _COLOUR_SAMPLES).round().astype(int))
+    sums = np.zeros((len(texels.row), 7))
+    for sample in samples:
+        face = texels.face[sample]
+        sums += reflected(surfaces.scene, atlas.triangle[face], atlas.side[face], texels.b[sample])
+    nothing = np.zeros(len(texels.row), np.bool_)
+    pages, _ = pages_of(atlas, texels, sums / len(samples), nothing)
+    return pages[..., :3] * baked.irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
+
+
+def _unlit(file: Glb, page: int, mode: str, cutoff: float) -> Any:
+    import pygltflib as gltf
+
+    return gltf.Material(
+        name=f"baked light {page}" + ("" if mode == "opaque" else f" ({mode})"),
+        pbrMetallicRoughness=gltf.PbrMetallicRoughness(
+            baseColorFactor=[1, 1, 1, 1],
+            metallicFactor=0,
+            roughnessFactor=1,
+            baseColorTexture=gltf.TextureInfo(index=page),
+        ),
+        extensions={file.use("KHR_materials_unlit"): {}},
+        alphaMode=mode.upper(),
+        alphaCutoff=cutoff if mode == "mask" else None,
+    )
+
+
+def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
+    used = {shape.material for shape in scene.shapes}
+    names = [
+        material.name
+        for i, material in enumerate(scene.materials)
+        if i in used and (material.has_lobes or np.any(material.specular > 0)) and not material.unlit
+    ]
+    if names:
+        warnings.warn(
+            SceneWarning(
+                f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: the diffuse part alone is baked; "
+                "mirrors, highlights, metal and glass look different from everywhere."
+            ),
+            stacklevel=4,
+        )
+
+
+def _with_first_uv(material: Material) -> Material:
+    """The material where its textures use the first coordinates, as the second are the light's."""
+    sets = {slot.uv_set for slot in material.slots.values()}
+    if 1 not in sets:
+        return material
+    if 0 in sets:
+        raise SceneError(
+            f'the material "{material.name}" has textures on the first and on the second texture coordinates, so '
+            "that there is none left for its light.",
+            'Write it with materials "unlit".',
+        )
+    moved = {name: replace(slot, uv_set=0) for name, slot in material.slots.items()}
+    return replace(material, **moved)  # type: ignore[arg-type]

@@ -1,0 +1,388 @@
+"""Lightmaps: the light of all bounces at the texels of a scene's surfaces, for programs that have none.
+
+    glpath.lightmap("cornell-box", size=512, spp=64).save("baked.glb")
+
+Texels are points where paths start, rendered by the same engine, into the same film and by the same stop rules as a
+camera's picture: pi times what the film holds is their irradiance.
+
+Cost:     what a picture of as many pixels as there are texels costs, plus seconds for the atlas.
+Poor at:  what looks different from elsewhere: mirrors, highlights, metal and glass are no light of a texel. Normal
+          maps are not seen by the light; shadows are as sharp as texels are small.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed
+from glpath.bake.pages import pages_of
+from glpath.bake.seams import DARK, Seams
+from glpath.bake.sides import Sides
+from glpath.bake.texels import Texels, rasterised
+from glpath.denoise import denoised_lightmap, require_denoiser
+from glpath.errors import SceneError, UsageError
+from glpath.film import Film
+from glpath.image import luminance
+from glpath.integrators.settings import IntegratorSettings
+from glpath.rendering.options import MAX_SPP, check_word, settings_of
+from glpath.rendering.stopping import StopRules
+from glpath.scene import AnyScene, Scene, load_scene
+from glpath.scene.triangulate import path_traceable
+from glpath.sensors import PointSensor
+
+if TYPE_CHECKING:
+    from glpath.progress import Progress
+    from glpath.rendering.job import RenderJob
+
+Float32 = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+Uv = Literal["make", "keep"]
+Materials = Literal["unlit", "keep"]
+
+DEFAULT_SIZE = 1024
+#: What is behind a wall is taken for inside up to so many texels from it.
+_NEAR = 2.0
+_POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """The texels of a scene, before there is light on them.
+
+    scene  : in triangles, as it stands when the shutter opens
+    atlas  : where its surfaces are on the pages
+    texels : N of them, of which those that are inside other geometry are not rendered
+    inside : (N,) bool
+    """
+
+    scene: Scene
+    atlas: Atlas
+    texels: Texels
+    inside: Bools
+
+    @classmethod
+    def of(cls, scene: Scene, texels: float | None = None, size: int | None = None, uv: Uv = "make") -> Surfaces:
+        """See `lightmap` for the parameters. Raises UsageError and SceneError."""
+        check_density(texels, size, uv)
+        still = path_traceable(scene.at())
+        if not len(still.triangles):
+            raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
+        sides = Sides.of(still)
+        if uv == "keep":
+            atlas = kept(still, sides.lit, size or DEFAULT_SIZE)
+        else:
+            atlas = packed(still, sides.lit, texels, size or (None if texels else DEFAULT_SIZE))
+        found = rasterised(atlas)
+        if not len(found.row):
+            raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
+        return cls(still, atlas, *_outside(still, atlas, found, sides))
+
+    def sensor(self) -> PointSensor:
+        """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""
+        rendered = np.flatnonzero(~self.inside)
+        if not len(rendered):
+            raise SceneError(f"{self.scene.name}: all texels are inside other geometry.")
+        width = int(np.ceil(np.sqrt(len(rendered))))
+        height = -(-len(rendered) // width)
+        samples = len(self.texels.face)
+        tables = np.zeros((3, samples, height * width, 3), np.float32)
+        for s in range(samples):
+            tables[0, s, : len(rendered)] = self.texels.positions(self.scene, self.atlas, s)[rendered]
+            tables[1, s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s, smooth=False)[rendered]
+            tables[2, s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s)[rendered]
+        valid = np.arange(height * width) < len(rendered)
+        positions, normals, shading = tables.reshape(3, samples, height, width, 3)
+        smooth = {} if np.array_equal(normals, shading) else {"shading_normals": shading}
+        return PointSensor.of(positions, normals, valid.reshape(height, width), **smooth)
+
+    def pages(self, film: Film) -> tuple[Float32, Bools]:
+        """Irradiance (P, h, w, 3) of a film of the sensor, and where it was rendered, (P, h, w)."""
+        values = np.zeros((len(self.inside), 3))
+        rendered = ~self.inside
+        values[rendered] = np.pi * film.mean.reshape(-1, 3)[: rendered.sum()]
+        return pages_of(self.atlas, self.texels, values, self.inside)
+
+
+@dataclass(frozen=True, eq=False)
+class Lightmap:
+    """Light on surfaces.
+
+    surfaces   : where the texels are
+    film       : of the texels' receivers, as of any render: it merges, and a bake goes on with it
+    irradiance : (P, h, w, 3) float32, W m^-2, linear Rec. 709, row 0 at the top, of each page; gutters are filled
+    baked      : (P, h, w) bool, where it was rendered and not only continued
+    seams      : points where charts meet
+    """
+
+    surfaces: Surfaces
+    film: Film
+    irradiance: Float32
+    baked: Bools
+    seams: Seams
+
+    @classmethod
+    def of(cls, surfaces: Surfaces, film: Film, denoise: bool = False) -> Lightmap:
+        """The lightmap of a film of the texels; stitched at seams."""
+        pages, baked = surfaces.pages(film)
+        if denoise:
+            pages = np.stack([denoised_lightmap(page) for page in pages])
+        seams = Seams.of(surfaces.scene, surfaces.atlas)
+        return cls(surfaces, film, seams.stitched(pages, baked), baked, seams)
+
+    @property
+    def scene(self) -> Scene:
+        """In triangles."""
+        return self.surfaces.scene
+
+    @property
+    def atlas(self) -> Atlas:
+        return self.surfaces.atlas
+
+    def steps(self) -> NDArray[np.float64]:
+        """(K,) at points along seams, how far the luminances on both charts are apart, as a share of their mean.
+
+        Where that is darker than a twentieth of the mean of all texels, as a share of the latter.
+        """
+        a, b = luminance(self.seams.values(self.irradiance))
+        dark = DARK * float(luminance(self.irradiance[self.baked]).mean())
+        return np.asarray(np.abs(a - b) / np.maximum(0.5 * (a + b), max(dark, 1e-12)))
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        materials: Materials = "unlit",
+        exposure: float | None = None,
+        moz: bool = False,
+    ) -> list[Path]:
+        """Write the scene with its light as .glb; returns all files that were written.
+
+        path      : .glb
+        materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
+                    (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
+                    irradiance of page i, W m^-2, as baked-i.lightmap.exr, and as .png of eight bits, linear, whose
+                    range baked-i.lightmap.json says
+        exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or middle grey
+        moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
+
+        Raises UsageError for another suffix, and ImageError. Warns SceneWarning of what is left out.
+        """
+        from glpath.bake.files import write_kept, write_unlit
+
+        path = check_glb(path)
+        check_word("materials", materials, get_args(Materials))
+        if moz and materials != "keep":
+            raise UsageError('moz: MOZ_lightmap is light for materials that are kept; given with "unlit".')
+        if materials == "unlit":
+            return write_unlit(self, path, exposure)
+        return write_kept(self, path, moz)
+
+
+def lightmap(
+    scene: AnyScene,
+    *,
+    texels: float | None = None,
+    size: int | None = None,
+    uv: Uv = "make",
+    integrator: str | IntegratorSettings = "path",
+    spp: int | None = None,
+    first_path_set: int = 0,
+    parameters: Mapping[str, object] | None = None,
+    backend: str = "auto",
+    device: int | None = None,
+    require_gpu: bool = False,
+    time_limit: float | None = None,
+    noise: float | None = None,
+    film: Film | None = None,
+    on_step: Callable[[Film], None] | None = None,
+    denoise: bool = False,
+    progress: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+    **options: Any,
+) -> Lightmap:
+    """Bake the light on all surfaces of a scene that light gets to.
+
+    Parameters
+    ----------
+    scene   : what `load_scene` takes
+    texels  : per scene unit, on as many pages as that takes
+    size    : side of a page, texels; 1024. Without `texels` there is one page, on which charts are as large as fit
+    uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
+              0 to 1 and without overlaps
+    integrator, options : "path" or "gather" and their options, as of `glpath.render`; directions are "own"
+    film    : of an interrupted bake of the same scene with the same options, to go on with
+    denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
+
+    The others are those of `glpath.render`; `spp` counts samples of each texel.
+
+    Raises what `glpath.render` raises, and GlpathError where xatlas is missing.
+
+    Example
+    -------
+    >>> import glpath
+    >>> baked = glpath.lightmap("cornell-box", size=128, spp=16)
+    >>> baked.irradiance.shape
+    (1, 128, 128, 3)
+    >>> baked.save("baked.glb")
+    [PosixPath('baked.glb')]
+    """
+    from glpath.progress import reporting
+
+    bake = Bake.of(
+        load_scene(scene, parameters),
+        texels=texels,
+        size=size,
+        uv=uv,
+        integrator=integrator,
+        spp=spp,
+        first_path_set=first_path_set,
+        backend=backend,
+        device=device,
+        require_gpu=require_gpu,
+        time_limit=time_limit,
+        noise=noise,
+        film=film,
+        on_step=on_step,
+        denoise=denoise,
+        **options,
+    )
+    with reporting("auto" if progress else "none", sys.stderr) as show:
+
+        def tell(state: Progress) -> None:
+            if show is not None:
+                show(state)
+            if on_progress is not None:
+                on_progress(state)
+
+        return bake.lightmap(bake.render(tell))
+
+
+@dataclass(frozen=True, eq=False)
+class Bake:
+    """A bake before its render: all that can be wrong with it is found when it is made.
+
+    surfaces, job, scene : texels, and the job that renders them in that scene
+    machine : of `open_context`;  ends : of `glpath.rendering.run`
+    """
+
+    surfaces: Surfaces
+    job: RenderJob
+    scene: Scene
+    machine: dict[str, Any]
+    ends: dict[str, Any]
+    denoise: bool
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        *,
+        texels: float | None = None,
+        size: int | None = None,
+        uv: Uv = "make",
+        spp: int | None = None,
+        backend: str = "auto",
+        device: int | None = None,
+        require_gpu: bool = False,
+        time_limit: float | None = None,
+        noise: float | None = None,
+        film: Film | None = None,
+        on_step: Callable[[Film], None] | None = None,
+        denoise: bool = False,
+        **options: Any,
+    ) -> Bake:
+        """See `lightmap` for parameters and errors."""
+        from glpath.rendering.job import check_sensor, describe
+
+        if denoise:
+            require_denoiser()
+        check_density(texels, size, uv)
+        rules = StopRules(time_limit, noise)
+        given = {name: value for name, value in options.items() if name not in ("integrator", "first_path_set")}
+        # Before the work: any point will do.
+        check_sensor(settings_of(options.get("integrator", "path"), given), PointSensor.of(_POINT, _UP))
+        surfaces = Surfaces.of(scene, texels, size, uv)
+        spp = MAX_SPP if spp is None and rules else spp
+        job, seen = describe(surfaces.scene, sensor=surfaces.sensor(), spp=spp, **options)
+        machine = {"backend": backend, "device": device, "require_gpu": require_gpu}
+        ends = {"time_limit": time_limit, "noise": noise, "film": film, "on_step": on_step}
+        return cls(surfaces, job, seen, machine, ends, denoise)
+
+    def render(self, on_progress: Callable[[Progress], None] | None = None) -> Film:
+        """The film of the texels. Raises RenderInterrupted, with the film so far, and ContextError."""
+        from glpath.gl.context import open_context
+        from glpath.interactive import in_notebook
+        from glpath.rendering import run
+
+        context = open_context(**self.machine, probe_first=in_notebook())
+        return run(self.job, context, scene=self.scene, on_progress=on_progress, **self.ends)
+
+    def lightmap(self, film: Film) -> Lightmap:
+        """Of a film of the texels."""
+        return Lightmap.of(self.surfaces, film, self.denoise)
+
+
+def check_density(texels: float | None, size: int | None, uv: str) -> None:
+    """Raise UsageError for what no atlas can be made of."""
+    check_word("uv", uv, get_args(Uv))
+    if texels is not None and not (np.isfinite(texels) and texels > 0):
+        raise UsageError(f"texels is {texels}; must be a number above 0, texels per scene unit.")
+    if size is not None and not (isinstance(size, int) and 16 <= size <= MAX_SIZE):
+        raise UsageError(f"size is {size}; must be a whole number from 16 to {MAX_SIZE}, texels.")
+    if uv == "keep" and texels is not None:
+        raise UsageError(
+            "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",
+            "Give the size of the page.",
+        )
+
+
+def check_glb(path: str | Path) -> Path:
+    """`path`, if a baked scene can be written to a file of that name; else UsageError."""
+    path = Path(path)
+    if path.suffix.lower() != ".glb":
+        raise UsageError(f"{path}: a scene with its lightmap is written as .glb.", "For example -o baked.glb.")
+    return path
+
+
+def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[Texels, Bools]:
+    """Texels whose samples are all outside of other geometry, and (N,) those of which none is.
+
+    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are.
+    """
+    samples, count = texels.face.shape
+    middle = samples // 2
+
+    def inside(sample: int, which: NDArray[np.int64]) -> Bools:
+        face = texels.face[sample, which]
+        points = texels.positions(scene, atlas, sample)[which]
+        edges = atlas.uv[face, 1:] - atlas.uv[face, :1]
+        doubled = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+        size = np.sqrt(2 * scene.areas[atlas.triangle[face]] / np.maximum(doubled, 1e-12))
+        return sides.inside(atlas.triangle[face], atlas.side[face], points, _NEAR * size)
+
+    found = inside(middle, np.arange(count))
+    near = np.zeros((atlas.pages, atlas.size[1] + 2, atlas.size[0] + 2), np.bool_)
+    page, row, column = texels.index
+    hit = page[found], row[found] + 1, column[found] + 1
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            near[hit[0], hit[1] + down, hit[2] + right] = True
+    asked = np.flatnonzero(near[page, row + 1, column + 1])
+    if not len(asked):
+        return texels, np.zeros(count, np.bool_)
+    wrong = np.zeros((samples, count), np.bool_)
+    for sample in range(samples):
+        wrong[sample, asked] = inside(sample, asked)
+    # In the place of a sample that is inside comes the next one that is not.
+    source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
+    for step in range(1, samples):
+        still = np.take_along_axis(wrong, source, axis=0)
+        source = np.where(still, (np.arange(samples)[:, None] + step) % samples, source)
+    return texels.with_samples_of(source), np.asarray(wrong.all(axis=0))

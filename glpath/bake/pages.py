@@ -1,0 +1,66 @@
+"""Pages from values of texels: what is inside other geometry is filled, and gutters continue what is beside them.
+
+Cost:     a distance transform a page.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.atlas import Atlas
+from glpath.bake.texels import Texels
+from glpath.scene.model import Float64
+
+Float32 = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+_NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
+
+
+def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tuple[Float32, Bools]:
+    """Pages (P, h, w, C) of values (N, C), and (P, h, w) where they are baked and not only continued.
+
+    inside : (N,) texels that have no light of their own: they get the mean of neighbours of their chart, ring by
+             ring, so that no light comes from the other side of what they are under
+    """
+    width, height = atlas.size
+    pages = np.zeros((atlas.pages, height, width, values.shape[1]), np.float32)
+    pages[texels.index] = values
+    known = np.zeros(pages.shape[:3], np.bool_)
+    known[texels.index] = ~inside
+    baked = known.copy()
+    chart = np.full(pages.shape[:3], -1, np.int64)
+    chart[texels.index] = atlas.chart[texels.face[0]]
+    _fill_inside(pages, known, chart, texels, inside)
+    for page in range(atlas.pages):
+        _continue(pages[page], chart[page] >= 0)
+    return pages, baked
+
+
+def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels: Texels, inside: Bools) -> None:
+    page, row, column = (index[inside] for index in texels.index)
+    height, width = pages.shape[1:3]
+    while len(row):
+        sums, count = np.zeros((len(row), pages.shape[3])), np.zeros(len(row))
+        for down, right in _NEIGHBOURS:
+            r, c = np.clip(row + down, 0, height - 1), np.clip(column + right, 0, width - 1)
+            use = known[page, r, c] & (chart[page, r, c] == chart[page, row, column])
+            sums += np.where(use[:, None], pages[page, r, c], 0.0)
+            count += use
+        done = count > 0
+        if not done.any():
+            pages[page, row, column] = 0.0  # a chart that is inside as a whole: nobody sees it
+            return
+        pages[page[done], row[done], column[done]] = sums[done] / count[done, None]
+        known[page[done], row[done], column[done]] = True
+        page, row, column = page[~done], row[~done], column[~done]
+
+
+def _continue(page: Float32, filled: Bools) -> None:
+    """Give every other texel of a page (h, w, C) the value of the nearest."""
+    from scipy.ndimage import distance_transform_edt
+
+    if filled.any():
+        row, column = distance_transform_edt(~filled, return_distances=False, return_indices=True)
+        page[:] = page[row, column]

@@ -1,0 +1,280 @@
+"""Which sides of a scene's surfaces light can get to, and which points of them are inside other geometry.
+
+A side is dark where no chain of rays leads from it to a lamp, to the sky or to a punctual light: the inside of a
+solid, the outside of a room. Dark sides need no texels; and a point from which one sees nothing but dark sides is
+inside something, as the floor is under a box that stands on it.
+
+Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
+Poor at:  light that gets in by a hole which none of some hundred rays from a surface finds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import kernel
+from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
+from glpath.scene import Scene
+from glpath.scene.model import Float64
+
+Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: Walks from all sides together, and the fewest and most of one.
+_RAYS, _FEWEST, _MOST = 1 << 16, 4, 256
+#: Rays start so far before a surface, in the size of the scene.
+_BEFORE = 1e-6
+#: Rays of a point before it counts as inside.
+_LOOKS = 16
+#: Or beside a dark side: this share of its rays meets some within two texels.
+_BESIDE = 0.25
+#: Times that a point in the dark is joined with lamps, and the most punctual lights that are asked.
+_JOINS = 8
+#: Bounces of a walk from a side that looks for light, and the share of walks that slip through edges.
+_BOUNCES, _SLIPS = 8, 1e-3
+
+
+@kernel
+def _cast(rays, origins, directions, own, found, hits, distances):  # type: ignore[no-untyped-def]
+    for i in range(len(origins)):
+        hits[i] = nearest(rays, origins[i], directions[i], own[i], found)
+        distances[i] = found[0] if hits[i] >= 0 else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """The sides of a scene's triangles: 0 is the front, 1 the back.
+
+    lit  : (T, 2) bool, light can get there, and is sent on or shown
+    """
+
+    scene: Scene
+    lit: Bools
+    rays: Rays
+    surfaces: _Surfaces
+
+    @classmethod
+    def of(cls, scene: Scene) -> Sides:
+        """Of a scene in triangles."""
+        rays = rays_of(scene)
+        surfaces = _Surfaces.of(scene)
+        return cls(scene, _lit(scene, rays, surfaces), rays, surfaces)
+
+    def inside(self, triangle: Int64, side: Int64, points: Float64, near: Float64) -> Bools:
+        """(N,): whether points (N, 3) of sides of triangles are inside other geometry, or behind it.
+
+        near : (N,) scene units, as far as what is behind a thin wall counts as behind it
+        """
+        scene = self.scene
+        normals = self.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
+        origins = points + _BEFORE * _size(scene) * normals
+        count = len(points)
+        dark, close = np.zeros(count), np.zeros(count)
+        left = np.arange(count)
+        bright = _shines_from_everywhere(scene)
+        for look in range(_LOOKS):
+            directions = _hemisphere(normals[left], left, look)
+            hit, back, distance = _hit(self.surfaces, self.rays, origins[left], directions, triangle[left])
+            lit = np.where(hit >= 0, self.lit[hit, back], bright)
+            dark[left] += (hit >= 0) & ~lit
+            close[left] += (hit >= 0) & ~lit & (distance < near[left])
+            left = left[~lit]
+            if not len(left):
+                break
+        left = left[(dark[left] == _LOOKS) | (close[left] >= _BESIDE * _LOOKS)]
+        left = left[~self._joined(origins[left], normals[left], triangle[left])]
+        found = np.zeros(count, np.bool_)
+        found[left] = True
+        return found
+
+    def _joined(self, origins: Float64, normals: Float64, own: Int64) -> Bools:
+        """Whether something that shines is seen straight on."""
+        found = np.zeros(len(origins), np.bool_)
+        surfaces, random = self.surfaces, np.random.default_rng(1)
+        for _ in range(_JOINS if len(origins) else 0):
+            for towards, length, target in _shining_points(self.scene, surfaces, origins, random):
+                facing = np.einsum("ij,ij->i", towards, normals) > 0
+                hit, _, distance = _hit(self.surfaces, self.rays, origins, towards, own)
+                found |= facing & ((hit < 0) | (hit == target) | (distance > length))
+        return found
+
+
+def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces) -> Bools:
+    """(T, 2): by random walks from all over each connected piece of a mesh, both of whose sides are alike all over.
+
+    A walk ends where something that shines is met, or seen from there; a side is lit from a thousandth of its walks
+    on, as a few slip through where surfaces meet.
+    """
+    count = len(scene.triangles)
+    piece = _pieces(scene)
+    walks, ended = (np.zeros((int(piece.max()) + 1, 2)) for _ in range(2))
+    number = int(np.clip(_RAYS // (2 * count), _FEWEST, _MOST))
+    random = np.random.default_rng(0)
+    for side in range(2):
+        some = np.repeat(np.flatnonzero(surfaces.sends[:, side]), number)
+        points = _on(scene.triangles[some], random.random((len(some), 2)))
+        bright = _walk(scene, rays, surfaces, some, np.full(len(some), side), points, random)
+        np.add.at(walks[:, side], piece[some], 1)
+        np.add.at(ended[:, side], piece[some], bright)
+    lit = (ended > 1) & (ended >= _SLIPS * walks)
+    return np.asarray((lit[piece] & surfaces.sends) | surfaces.shines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surfaces:
+    """Of each side of each triangle (T, 2) bool: whether it shines, and whether it sends light on at all.
+
+    passes : (T,) whether light goes through
+    normals : (T, 3) float64, the scene's
+    lamps, chance : triangles that shine and how often each is taken, by area
+    """
+
+    shines: Bools
+    sends: Bools
+    passes: Bools
+    normals: Float64
+    lamps: Int64
+    chance: Float64
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Surfaces:
+        shape_of = scene.triangle_shape
+        materials = [scene.materials[shape.material] for shape in scene.shapes]
+        two_sided = np.array([material.two_sided for material in materials], np.bool_)[shape_of]
+        passes = np.array([m.clear > 0 or m.alpha != "opaque" for m in materials], np.bool_)[shape_of]
+        emits = np.array([shape.emits for shape in scene.shapes], np.bool_)[shape_of]
+        both = np.array([shape.emission_two_sided for shape in scene.shapes], np.bool_)[shape_of]
+        shines = np.stack([emits, emits & both], axis=1)
+        sends = np.stack([np.ones_like(emits), two_sided | passes | shines[:, 1]], axis=1)
+        lamps = np.flatnonzero(emits)
+        area = scene.areas[lamps]
+        return cls(shines, sends, passes, scene.normals, lamps, area / area.sum() if len(lamps) else area)
+
+
+def _walk(
+    scene: Scene,
+    rays: Rays,
+    surfaces: _Surfaces,
+    triangle: Int64,
+    side: Int64,
+    points: Float64,
+    random: np.random.Generator,
+) -> Bools:
+    """(N,): whether a random walk from points of sides of triangles comes to light."""
+    found = surfaces.shines[triangle, side].copy()
+    everywhere = _shines_from_everywhere(scene)
+    left = np.flatnonzero(~found)
+    triangle, side, points = triangle[left], side[left], points[left]
+    for _ in range(_BOUNCES):
+        if not len(left):
+            break
+        normals = surfaces.normals[triangle] * (1 - 2 * side)[:, None]
+        origins = points + _BEFORE * _size(scene) * normals
+        seen = np.zeros(len(left), np.bool_)
+        for towards, length, target in _shining_points(scene, surfaces, origins, random):
+            facing = np.einsum("ij,ij->i", towards, normals) > 0
+            hit, _, distance = _hit(surfaces, rays, origins, towards, triangle)
+            seen |= facing & ((hit < 0) | (hit == target) | (distance > length))
+        directions = _cosine(normals, random.random((len(left), 2)))
+        hit, back, distance = _hit(surfaces, rays, origins, directions, triangle)
+        seen |= np.where(hit < 0, everywhere, surfaces.shines[hit, back])
+        found[left[seen]] = True
+        on = ~seen & (hit >= 0) & surfaces.sends[hit, back]
+        points = origins[on] + distance[on, None] * directions[on]
+        through = surfaces.passes[hit[on]] & (random.random(on.sum()) < 0.5)
+        left, triangle, side = left[on], hit[on], np.where(through, 1 - back[on], back[on])
+    return found
+
+
+def _shining_points(
+    scene: Scene, surfaces: _Surfaces, origins: Float64, random: np.random.Generator
+) -> list[tuple[Float64, Float64, Int64]]:
+    """From each origin (N, 3) towards a point of some lamp, and to the punctual lights.
+
+    Of each the unit direction, the distance, and the triangle that is there, -1 for none.
+    """
+    none = np.full(len(origins), -1)
+    made = []
+    for light in scene.lights[:_JOINS]:
+        if light.kind == "directional":
+            made.append((np.tile(-light.direction, (len(origins), 1)), np.full(len(origins), np.inf), none))
+        else:
+            made.append((*_unit(light.position - origins), none))
+    if len(surfaces.lamps):
+        lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
+        made.append((*_unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins), lamp))
+    return made
+
+
+def _pieces(scene: Scene) -> Int64:
+    """(T,): the number of the piece of a shape that a triangle is of; what shares corners is one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    shape = np.broadcast_to(scene.triangle_shape[:, None, None], (len(scene.triangles), 3, 1))
+    corners = np.concatenate([scene.triangles, shape], axis=2)
+    _, which = np.unique(corners.reshape(-1, 4), axis=0, return_inverse=True)
+    which = which.reshape(-1, 3)
+    number = int(which.max()) + 1
+    ends = np.concatenate([which[:, :2], which[:, 1:]])
+    graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(number, number))
+    return np.asarray(connected_components(graph, directed=False)[1][which[:, 0]], np.int64)
+
+
+def _hit(
+    surfaces: _Surfaces, rays: Rays, origins: Float64, directions: Float64, own: Int64
+) -> tuple[Int64, Int64, Float64]:
+    """(N,) triangle (-1: none), the side that is met, and the distance."""
+    hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
+    _cast(
+        rays,
+        np.ascontiguousarray(origins),
+        np.ascontiguousarray(directions),
+        np.ascontiguousarray(own, np.int64),
+        np.empty(3),
+        hits,
+        distances,
+    )
+    back = np.einsum("ij,ij->i", surfaces.normals[hits], directions) > 0
+    return hits, back.astype(np.int64), distances
+
+
+def _shines_from_everywhere(scene: Scene) -> bool:
+    return scene.sky is not None or bool(np.any(scene.ambient > 0))
+
+
+def _size(scene: Scene) -> float:
+    low, high = scene.bounds
+    return float(np.linalg.norm(high - low))
+
+
+def _unit(vectors: Float64) -> tuple[Float64, Float64]:
+    length = np.linalg.norm(vectors, axis=1)
+    return vectors / np.maximum(length, np.finfo(float).tiny)[:, None], length
+
+
+def _on(triangles: Float64, uv: Float64) -> Float64:
+    """(N, 3): a point of each triangle (N, 3, 3), evenly."""
+    root = np.sqrt(uv[:, :1])
+    b1, b2 = root * (1 - uv[:, 1:]), root * uv[:, 1:]
+    return np.asarray(triangles[:, 0] * (1 - b1 - b2) + triangles[:, 1] * b1 + triangles[:, 2] * b2)
+
+
+def _hemisphere(normals: Float64, number: Int64, look: int) -> Float64:
+    """(N, 3): the direction of a look by the cosine about the normals, the first along them; turned by number."""
+    phi = (0.6180339887498949 * look + 0.7548776662466927 * number) % 1.0
+    return _cosine(normals, np.stack([np.full(len(number), look / _LOOKS), phi], axis=1))
+
+
+def _cosine(normals: Float64, uv: Float64) -> Float64:
+    """(N, 3) unit directions about unit normals, by the cosine, of points (N, 2) of the unit square."""
+    r, phi = np.sqrt(uv[:, :1]), 2 * np.pi * uv[:, 1:]
+    x, y, z = normals.T
+    sign = np.where(z >= 0, 1.0, -1.0)  # Duff et al. 2017, "Building an orthonormal basis, revisited"
+    a = -1.0 / (sign + z)
+    s = np.stack([1.0 + sign * x * x * a, sign * x * y * a, -sign * x], axis=1)
+    t = np.stack([x * y * a, sign + y * y * a, -y], axis=1)
+    return np.asarray(r * np.cos(phi) * s + r * np.sin(phi) * t + np.sqrt(1 - r * r) * normals)

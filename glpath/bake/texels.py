@@ -1,0 +1,216 @@
+"""The texels of an atlas: which triangle is where in each of them, by several samples.
+
+Every texel that a chart touches is one, however little (conservative rasterisation). Its samples lie in a lattice;
+those that are beside the chart are moved to the nearest place on it.
+
+Cost:     some 5 ns for a sample, a triangle and a texel that they share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.atlas import Atlas
+from glpath.kernels import kernel
+from glpath.scene import Scene
+from glpath.scene.model import Float64
+
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+
+#: Samples of a texel by the number of texels, the fewest first.
+SAMPLES = ((1 << 18, 13), (1 << 20, 7), (1 << 62, 5))
+_GENERATORS = {13: 5, 7: 3, 5: 2}
+#: Samples keep so far from edges, texels, so that none is in the wall that stands there.
+_INSET = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """N texels with S samples each.
+
+    page, row, column : (N,)
+    face    : (S, N) the number of a face of the atlas
+    b       : (S, N, 2) barycentric coordinates b1, b2 in its triangle
+    """
+
+    page: Int64
+    row: Int64
+    column: Int64
+    face: Int32
+    b: Float64
+
+    @property
+    def index(self) -> tuple[Int64, Int64, Int64]:
+        """Of arrays (pages, h, w)."""
+        return self.page, self.row, self.column
+
+    def positions(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
+        """(N, 3) in world space."""
+        return _mixed(scene.triangles[atlas.triangle[self.face[sample]]], self.b[sample])
+
+    def normals(self, scene: Scene, atlas: Atlas, sample: int, smooth: bool = True) -> Float64:
+        """(N, 3) unit, out of the side that is baked; the smooth ones of what is shaded smoothly, or the faces'."""
+        triangle = atlas.triangle[self.face[sample]]
+        facing = (1 - 2 * atlas.side[self.face[sample]])[:, None]
+        if not smooth:
+            return np.asarray(scene.normals[triangle] * facing)
+        shapes = scene.shapes
+        corners = shapes.vertex_normals[shapes.faces[triangle]]
+        mixed = _mixed(corners, self.b[sample])
+        length = np.linalg.norm(mixed, axis=1)
+        has = (np.abs(corners).sum(axis=2) > 0).all(axis=1) & (length > 1e-9)
+        found = np.where(has[:, None], mixed / np.maximum(length, 1e-9)[:, None], scene.normals[triangle])
+        return np.asarray(found * facing)
+
+    def with_samples_of(self, source: Int64) -> Texels:
+        """With other samples of the same texel in the place of some: source (S, N) is the number of each's."""
+        texel = np.arange(source.shape[1])
+        return replace(self, face=self.face[source, texel], b=self.b[source, texel])
+
+
+def rasterised(atlas: Atlas) -> Texels:
+    """All texels of an atlas, in the order of its pages and rows."""
+    width, height = atlas.size
+    area = float(_areas2(atlas.uv).sum())
+    count = next(samples for limit, samples in SAMPLES if 0.5 * area <= limit)
+    offsets = lattice(count)
+    made = []
+    for page in range(atlas.pages):
+        faces = np.flatnonzero((atlas.page == page) & (_areas2(atlas.uv) > 0))
+        best = np.full((height, width, count), np.inf, np.float32)
+        face = np.zeros((height, width, count), np.int32)
+        b = np.zeros((height, width, count, 2), np.float32)
+        _fill(np.ascontiguousarray(atlas.uv[faces]), offsets, best, face, b)
+        row, column = np.nonzero(np.isfinite(best[..., 0]))
+        made.append(
+            (np.full(len(row), page), row, column, faces[face[row, column].T], b[row, column].transpose(1, 0, 2))
+        )
+    page_of, row, column = (np.concatenate([part[i] for part in made]) for i in range(3))
+    face, b = (np.concatenate([part[i] for part in made], axis=1) for i in (3, 4))
+    return Texels(page_of, row, column, face.astype(np.int32), _inset(atlas.uv[face], b.astype(np.float64)))
+
+
+def lattice(count: int) -> Float64:
+    """(S, 2) float64 in the unit square: one point in each row and column of S x S, far from each other."""
+    i = np.arange(count)
+    return np.stack([(i + 0.5) / count, (i * _GENERATORS[count] % count + 0.5) / count], axis=1)
+
+
+def covering(atlas: Atlas) -> tuple[int, int] | None:
+    """Two faces that are at one place of a page, by the middles of texels; None where there are none."""
+    width, height = atlas.size
+    first = np.full((height, width), -1, np.int32)
+    found = np.zeros(2, np.int32)
+    return (int(found[0]), int(found[1])) if _twice(atlas.uv, first, found) else None
+
+
+def _areas2(uv: Float64) -> Float64:
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+
+
+def _mixed(corners: Float64, b: Float64) -> Float64:
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(corners[:, 0] + b[:, :1] * edges[:, 0] + b[:, 1:] * edges[:, 1])
+
+
+def _inset(uv: Float64, b: Float64) -> Float64:
+    """Barycentric coordinates (S, N, 2) that keep from the edges of triangles with corners (S, N, 3, 2), texels."""
+    opposite = np.linalg.norm(np.roll(uv, -1, axis=2) - np.roll(uv, 1, axis=2), axis=3)
+    a, c = uv[..., 1, :] - uv[..., 0, :], uv[..., 2, :] - uv[..., 0, :]
+    doubled = np.abs(a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0])
+    least = np.minimum(_INSET * opposite / np.maximum(doubled, 1e-12)[..., None], 0.3)
+    all_ = np.concatenate([1 - b.sum(axis=2, keepdims=True), b], axis=2)
+    free = 1 - least.sum(axis=2, keepdims=True)
+    # Towards the middle, as far as it takes: what is given to one corner the others lose in their shares.
+    above = np.maximum(all_ - least, 0.0)
+    share = above / np.maximum(above.sum(axis=2, keepdims=True), 1e-12)
+    near = (all_ < least).any(axis=2, keepdims=True)
+    return np.asarray(np.where(near, least + free * share, all_)[..., 1:])
+
+
+@kernel
+def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def]
+    """For all samples of the texels that faces (F, 3, 2) touch: the nearest face and where in it.
+
+    best : (h, w, S) squared distance, texels; infinite before
+    """
+    height, width, count = best.shape
+    for f in range(len(uv)):
+        x0, y0, x1, y1, x2, y2 = uv[f, 0, 0], uv[f, 0, 1], uv[f, 1, 0], uv[f, 1, 1], uv[f, 2, 0], uv[f, 2, 1]
+        doubled = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if doubled == 0:
+            continue
+        sign = 1.0 if doubled > 0 else -1.0
+        left = max(int(np.floor(min(x0, x1, x2))), 0)
+        right = min(int(np.ceil(max(x0, x1, x2))), width)
+        top = max(int(np.floor(min(y0, y1, y2))), 0)
+        bottom = min(int(np.ceil(max(y0, y1, y2))), height)
+        # Edge i is opposite to corner i; positive inside.
+        ax0, ay0 = sign * (y1 - y2), sign * (x2 - x1)
+        ax1, ay1 = sign * (y2 - y0), sign * (x0 - x2)
+        ax2, ay2 = sign * (y0 - y1), sign * (x1 - x0)
+        reach0, reach1, reach2 = (
+            0.5 * (abs(ax0) + abs(ay0)),
+            0.5 * (abs(ax1) + abs(ay1)),
+            0.5 * (abs(ax2) + abs(ay2)),
+        )
+        for row in range(top, bottom):
+            for column in range(left, right):
+                cx, cy = column + 0.5, row + 0.5
+                if (
+                    ax0 * (cx - x1) + ay0 * (cy - y1) + reach0 <= 0
+                    or ax1 * (cx - x2) + ay1 * (cy - y2) + reach1 <= 0
+                    or ax2 * (cx - x0) + ay2 * (cy - y0) + reach2 <= 0
+                ):
+                    continue
+                for s in range(count):
+                    px, py = column + offsets[s, 0], row + offsets[s, 1]
+                    e0 = (ax0 * (px - x1) + ay0 * (py - y1)) / (sign * doubled)
+                    e1 = (ax1 * (px - x2) + ay1 * (py - y2)) / (sign * doubled)
+                    e2 = (ax2 * (px - x0) + ay2 * (py - y0)) / (sign * doubled)
+                    if e0 >= 0 and e1 >= 0 and e2 >= 0:
+                        best[row, column, s] = 0.0
+                        face[row, column, s] = f
+                        barycentrics[row, column, s, 0], barycentrics[row, column, s, 1] = e1, e2
+                        continue
+                    for i in range(3):
+                        j, k = (i + 1) % 3, (i + 2) % 3
+                        dx, dy = uv[f, k, 0] - uv[f, j, 0], uv[f, k, 1] - uv[f, j, 1]
+                        length = dx * dx + dy * dy
+                        t = ((px - uv[f, j, 0]) * dx + (py - uv[f, j, 1]) * dy) / length if length > 0 else 0.0
+                        t = min(max(t, 0.0), 1.0)
+                        qx, qy = uv[f, j, 0] + t * dx - px, uv[f, j, 1] + t * dy - py
+                        distance = qx * qx + qy * qy
+                        if distance < best[row, column, s]:
+                            best[row, column, s] = distance
+                            face[row, column, s] = f
+                            # Corner i has nothing, j what is left of t, k has t.
+                            barycentrics[row, column, s, 0] = 0.0 if i == 1 else (t if k == 1 else 1 - t)
+                            barycentrics[row, column, s, 1] = 0.0 if i == 2 else (t if k == 2 else 1 - t)
+
+
+@kernel
+def _twice(uv, first, found):  # type: ignore[no-untyped-def]
+    """Whether the middle of a texel is well within two faces, which `found` then has."""
+    height, width = first.shape
+    for f in range(len(uv)):
+        x0, y0, x1, y1, x2, y2 = uv[f, 0, 0], uv[f, 0, 1], uv[f, 1, 0], uv[f, 1, 1], uv[f, 2, 0], uv[f, 2, 1]
+        doubled = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if doubled == 0:
+            continue
+        for row in range(max(int(min(y0, y1, y2)), 0), min(int(max(y0, y1, y2)) + 1, height)):
+            for column in range(max(int(min(x0, x1, x2)), 0), min(int(max(x0, x1, x2)) + 1, width)):
+                px, py = column + 0.5, row + 0.5
+                e1 = ((px - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) / doubled
+                e2 = ((x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)) / doubled
+                if e1 > 1e-4 and e2 > 1e-4 and e1 + e2 < 1 - 1e-4:
+                    if first[row, column] >= 0:
+                        found[0], found[1] = first[row, column], f
+                        return True
+                    first[row, column] = f
+    return False

@@ -1,0 +1,237 @@
+"""`glpath lightmap`: the light on a scene's surfaces, in pictures on them, as glTF."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.options import FOR_ALL, ProgressOption, QuietOption, option_values, with_integrator_options
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
+from glpath.cli.unattended import (
+    CheckpointOption,
+    NoiseOption,
+    ResumeOption,
+    TimeLimitOption,
+    keep_after_failure,
+    leave,
+    prepared,
+    seconds,
+)
+from glpath.cli.values import check_choice
+from glpath.cli.values import exposure as read_exposure
+from glpath.errors import GlpathError, UsageError
+from glpath.files import check_writable, save_all
+from glpath.film_metadata import RULES
+from glpath.progress import MODES, duration, percent, reporting
+from glpath.terminal import say
+
+if TYPE_CHECKING:
+    from glpath.bake.lightmap import Lightmap
+    from glpath.film import Film
+
+_ATLAS, _OUTPUT = "Atlas", "Output"
+_INTEGRATORS = ("path", "gather")
+_MATERIALS = ("unlit", "keep")
+_UV = ("make", "keep")
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    app.command(
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with its checkpoint "
+        "written (start it again with --resume), 130 interrupted (what there is, is written)."
+    )(with_integrator_options(lightmap))
+
+
+def lightmap(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.glb", help="Where the baked scene goes.")],
+    texels: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N", help="Texels per scene unit, on as many pages as it takes.", rich_help_panel=_ATLAS
+        ),
+    ] = None,
+    size: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Side of a page in texels, by default 1024; without --texels there is one page.",
+            rich_help_panel=_ATLAS,
+        ),
+    ] = None,
+    uv: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_UV),
+            help="Second texture coordinates: made by xatlas (pip install 'glpath[bake]'), or the file's, within 0 "
+            "to 1 and without overlaps.",
+            rich_help_panel=_ATLAS,
+            autocompletion=words(_UV),
+        ),
+    ] = "make",
+    materials: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_MATERIALS),
+            help="unlit: base colour times light, which every viewer shows (KHR_materials_unlit). keep: materials "
+            "as they are, TEXCOORD_1, and irradiance beside the file: baked-0.lightmap.exr in W m^-2, and .png "
+            "whose range baked-0.lightmap.json says.",
+            rich_help_panel=_OUTPUT,
+            autocompletion=words(_MATERIALS),
+        ),
+    ] = "unlit",
+    moz: Annotated[
+        bool,
+        typer.Option(
+            "--moz-lightmap",
+            help="With --materials keep: the light in the file, too, as MOZ_lightmap.",
+            rich_help_panel=_OUTPUT,
+        ),
+    ] = False,
+    exposure: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STOPS|auto",
+            help="Brightness of unlit: 1 doubles it; default as the scene says, or else auto: log-average "
+            "luminance to middle grey.",
+            show_default=False,
+            rich_help_panel=_OUTPUT,
+        ),
+    ] = None,
+    denoise: Annotated[
+        bool,
+        typer.Option(
+            "--denoise",
+            help="By Open Image Denoise's filter for lightmaps (pip install 'glpath[denoise]').",
+            rich_help_panel=_OUTPUT,
+        ),
+    ] = False,
+    spp: Annotated[
+        int | None, typer.Option(help="Samples per texel; default as of render.", rich_help_panel=FOR_ALL)
+    ] = None,
+    integrator: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_INTEGRATORS),
+            help="By paths alone, or from a radiosity solution.",
+            rich_help_panel=FOR_ALL,
+            autocompletion=words(_INTEGRATORS),
+        ),
+    ] = "path",
+    checkpoint: CheckpointOption = None,
+    resume: ResumeOption = False,
+    time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
+    parameters: Parameters = None,
+    progress: ProgressOption = "auto",
+    quiet: QuietOption = False,
+    **options: Any,
+) -> None:
+    """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
+
+    All bounces and every kind of light, by the engines of `glpath render`. Sides of surfaces that no light gets to
+    have no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights, metal and
+    glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
+    """
+    from glpath.bake.lightmap import check_density, check_glb
+
+    check_glb(out)
+    for option, found, allowed in (
+        ("--progress", progress, MODES),
+        ("--materials", materials, _MATERIALS),
+        ("--uv", uv, _UV),
+        ("--integrator", integrator, _INTEGRATORS),
+    ):
+        check_choice(option, found, allowed)
+    check_density(texels, size, uv)
+    if moz and materials != "keep":
+        raise UsageError("--moz-lightmap: is light for materials that are kept.", "Add --materials keep.")
+    if materials == "keep" and exposure is not None:
+        raise UsageError("--exposure: irradiance is written as it is.", "Leave it out, or --materials keep.")
+    if spp is not None and spp < 1:
+        raise UsageError(f"--spp {spp}: must be at least 1.")
+    if noise is not None and not 0 < noise < math.inf:
+        raise UsageError(f"--noise {noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+    if checkpoint is not None or resume:
+        go_on_later()
+    stops = read_exposure(exposure)
+    given = {
+        "texels": texels, "size": size, "uv": uv, "integrator": integrator, "spp": spp, "noise": noise,
+        "time_limit": None if time_limit is None else seconds("--time-limit", time_limit),
+        **option_values(integrator, options),
+    }  # fmt: skip
+    loaded = read_scene(scene, parameters)
+    check_writable(out)
+    keeper, begun = prepared([out], checkpoint, resume)
+    mode = "none" if quiet and progress == "auto" else progress
+    if keeper is not None:
+        given |= {"film": begun, "on_step": keeper}
+    try:
+        baked = _baked(loaded, {name: value for name, value in given.items() if value is not None}, denoise, mode)
+    except GlpathError as error:
+        keep_after_failure(keeper, error)
+        raise
+    complete = baked.film.metadata.stop_rule in RULES
+    if keeper is not None and by_scheduler() and not complete:
+        raise leave(keeper, baked.film)
+    written: list[Path] = []
+
+    def save(path: Path) -> None:
+        written.extend(baked.save(path, materials=materials, exposure=stops, moz=moz))  # type: ignore[arg-type]
+
+    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+    _, failure = save_all({out: save}, {"film.npz": baked.film.save}, kept)
+    if failure is not None:
+        raise failure
+    if keeper is not None:
+        if complete:
+            keeper.remove()
+        else:
+            keeper.write(baked.film)
+    if not quiet and progress != "json":
+        for line in _summary(baked):
+            say(line, err=True)
+        for path in written:
+            say(f"wrote {path}", err=True)
+    if arrived():
+        say(f"glpath: interrupted: light of {baked.film.path_sets} path sets is in {out}", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _baked(scene: Any, given: dict[str, Any], denoise: bool, mode: str) -> Lightmap:
+    """The lightmap, or what there is of it when a signal ends the render; KeyboardInterrupt before there is any."""
+    from glpath.bake.lightmap import Bake
+    from glpath.rendering import RenderInterrupted
+
+    bake = Bake.of(scene, denoise=denoise, **given)
+    try:
+        with reporting(mode, sys.stderr) as report:
+            film: Film = result_of(lambda: bake.render(on_progress=report))
+    except RenderInterrupted as stop:
+        interrupted()
+        if stop.film is None or not stop.film.path_sets:
+            raise KeyboardInterrupt from None
+        film = stop.film
+    return bake.lightmap(film)
+
+
+def _summary(baked: Lightmap) -> Iterator[str]:
+    atlas, film = baked.atlas, baked.film
+    texels, inside = len(baked.surfaces.inside), int(baked.surfaces.inside.sum())
+    density = f", {atlas.texels:.3g} texels per scene unit" if atlas.texels else ""
+    pages = f"{atlas.pages} page{'s' * (atlas.pages > 1)}"
+    yield f"{pages} of {atlas.size[0]} x {atlas.size[1]}, {int(atlas.chart.max()) + 1:,} charts{density}"
+    yield f"  {texels:,} texels, {inside:,} of them inside other geometry"
+    error = film.relative_error()
+    told = "" if error is None else f", error about {percent(error)}"
+    yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{told}"
+    if len(baked.seams):
+        yield f"  largest step across a seam {percent(float(baked.steps().max()))}"

@@ -1,0 +1,326 @@
+"""Lightmaps: texels against brute force, light against closed forms, files by what others read in them."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+import pytest
+from typer.testing import CliRunner
+
+import glpath
+from glpath.bake.atlas import Atlas
+from glpath.bake.lightmap import Lightmap, Surfaces
+from glpath.bake.pages import pages_of
+from glpath.bake.seams import Seams
+from glpath.bake.sides import Sides
+from glpath.bake.texels import Texels, lattice, rasterised
+from glpath.cli.main import app
+from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.film import Film
+from glpath.image import read_image
+from glpath.scene import Scene, load_scene
+
+pytest.importorskip("xatlas")
+
+CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
+BLACK = {"black": {"reflectance": 0}, "grey": {"reflectance": 0.5}}
+#: A lamp of 1.2 x 0.8 that shines down from a height of 2.
+LAMP: dict[str, Any] = {
+    "name": "lamp",
+    "type": "quad",
+    "corners": [[-0.6, 0.4, 2], [0.6, 0.4, 2], [0.6, -0.4, 2], [-0.6, -0.4, 2]],
+    "emission": {"radiance": [10, 5, 2]},
+    "material": "black",
+}
+FLOOR: dict[str, Any] = {
+    "name": "floor",
+    "type": "quad",
+    "corners": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
+    "material": "black",
+}
+
+
+def scene_of(*shapes: dict[str, Any], **parts: Any) -> Scene:
+    return load_scene({"camera": CAMERA, "materials": BLACK, "shapes": list(shapes), **parts})
+
+
+def box(name: str, low: list[float], high: list[float], **more: Any) -> dict[str, Any]:
+    return {"name": name, "type": "box", "min": low, "max": high, "material": "grey", **more}
+
+
+def closed_form(points: np.ndarray) -> np.ndarray:
+    """Irradiance of the lamp on points (..., 3) that face up, over its radiance: Lambert's formula for polygons."""
+    to = np.array(LAMP["corners"], float) - points[..., None, :]
+    to /= np.linalg.norm(to, axis=-1, keepdims=True)
+    following = np.roll(to, -1, axis=-2)
+    across = np.cross(to, following)
+    angle = np.arccos(np.sum(to * following, axis=-1))
+    return np.abs(0.5 * np.sum(angle * across[..., 2] / np.linalg.norm(across, axis=-1), axis=-1))
+
+
+def of_shape(surfaces: Surfaces, name: str) -> np.ndarray:
+    """(N,): which texels are a shape's."""
+    scene, atlas = surfaces.scene, surfaces.atlas
+    number = [shape.name for shape in scene.shapes].index(name)
+    return scene.triangle_shape[atlas.triangle[surfaces.texels.face[0]]] == number
+
+
+def positions(surfaces: Surfaces) -> np.ndarray:
+    """(S, N, 3) of all samples."""
+    texels = surfaces.texels
+    return np.stack([texels.positions(surfaces.scene, surfaces.atlas, s) for s in range(len(texels.face))])
+
+
+def quietly(baked: Lightmap, path: Path, **options: Any) -> list[Path]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return baked.save(path, **options)
+
+
+# Texels
+
+
+def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:
+    random = np.random.default_rng(5)
+    uv = random.uniform(2, 30, (3, 3, 2))
+    zeros = np.zeros(3, np.int64)
+    atlas = Atlas(np.arange(3), zeros, zeros, zeros, uv, (32, 32), 1, 1.0)
+    found = rasterised(atlas)
+    touched = {tuple(at) for at in np.stack([found.row, found.column], axis=1).tolist()}
+    # By brute force: points all over the triangles, each of which is in some texel.
+    b = random.dirichlet((1, 1, 1), 60_000)
+    all_over = np.einsum("pc,fcx->fpx", b, uv).reshape(-1, 2)
+    missed = {(int(y), int(x)) for x, y in all_over} - touched
+    assert not missed
+    edges = uv[found.face, 1:] - uv[found.face, :1]
+    at = uv[found.face, 0] + np.einsum("snc,sncx->snx", found.b, edges)
+    nearest = np.array([np.min(np.linalg.norm(all_over - place, axis=1)) for place in at[:, ::40].reshape(-1, 2)])
+    assert nearest.max() < 0.2  # on a triangle
+    middle = np.stack([found.column, found.row], axis=1) + 0.5
+    assert np.abs(at - middle).max() < 1.2  # and no farther than the far corner of a texel that is just touched
+    corner = np.stack([found.column, found.row], axis=1)
+    in_lattice = np.abs(at - corner - lattice(len(at))[:, None]).max(axis=(0, 2)) < 0.06
+    assert in_lattice.sum() > 150, "of texels that are covered as a whole no sample is moved but off edges"
+
+
+def test_what_no_light_gets_to_is_a_dark_side() -> None:
+    room = box("room", [-1, -1, 0], [1, 1, 2.5])
+    block = box("block", [-0.5, -0.5, 0], [0.2, 0.2, 0.6])
+    scene = scene_of(room, block, LAMP)
+    lit = Sides.of(scene).lit
+    of = {shape.name: lit[part] for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)}
+    assert of["room"].tolist() == [[False, True]] * 12, "a box's fronts are outside"
+    assert of["block"].tolist() == [[True, False]] * 12
+    assert of["lamp"][:, 0].all()
+    # A window lets the sky in, and a pane in it the light through.
+    assert Sides.of(replace(scene, sky=load_scene("cornell-box").sky)).lit.tolist() == lit.tolist()
+
+
+def test_texels_under_a_block_are_inside_and_get_the_light_beside_it() -> None:
+    block = box("block", [-0.5, -0.5, 0], [0.2, 0.3, 0.6])
+    surfaces = Surfaces.of(scene_of(FLOOR, block, LAMP), size=128)
+    floor = of_shape(surfaces, "floor")
+    place = positions(surfaces)
+    under = (place[..., 0] > -0.5) & (place[..., 0] < 0.2) & (place[..., 1] > -0.5) & (place[..., 1] < 0.3)
+    under = under & (place[..., 2] < 0.01)
+    inside = surfaces.inside[floor]
+    expected = under[:, floor].all(axis=0)
+    assert (inside == expected).mean() > 0.99
+    assert not under[:, floor & ~surfaces.inside].any(), "no sample in the dark is part of a texel in the light"
+    values = np.where(surfaces.inside, 0.0, 1.0)[:, None] * np.ones(3)
+    pages, baked = pages_of(surfaces.atlas, surfaces.texels, values, surfaces.inside)
+    assert pages[surfaces.texels.index][floor].min() == 1.0
+    assert not baked[surfaces.texels.index][surfaces.inside].any()
+
+
+def test_what_is_under_a_wall_gets_light_of_its_own_side() -> None:
+    column = np.arange(20)
+    texels = Texels(*np.zeros((2, 20), np.int64), column, np.zeros((1, 20), np.int32), np.zeros((1, 20, 2)))
+    atlas = Atlas(*np.zeros((4, 1), np.int64), np.zeros((1, 3, 2)), (20, 1), 1, 1.0)
+    values = np.where(column < 10, 5.0, 0.0)[:, None] * np.ones(3)
+    inside = (column >= 8) & (column < 12)
+    pages, _ = pages_of(atlas, texels, np.where(inside[:, None], 99.0, values), inside)
+    assert pages[0, 0, :, 0].tolist() == [5.0] * 10 + [0.0] * 10
+
+
+# Light
+
+
+@pytest.fixture(scope="module")
+def lit_floor() -> Lightmap:
+    return glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=256, max_depth=1)
+
+
+def test_under_a_lamp_every_texel_is_within_a_percent_of_the_closed_form(lit_floor: Lightmap) -> None:
+    surfaces = lit_floor.surfaces
+    floor = of_shape(surfaces, "floor")
+    expected = closed_form(positions(surfaces)[:, floor]).mean(axis=0)[:, None] * [10, 5, 2]
+    found = lit_floor.irradiance[surfaces.texels.index][floor]
+    assert len(found) > 500
+    np.testing.assert_allclose(found, expected, rtol=0.01)
+
+
+def test_a_furnace_is_flat() -> None:
+    """White surfaces in a white world, as long as paths that end are in it as well."""
+    parts = {"materials": {"grey": {"reflectance": 1}}, "sky": {"zenith": 1, "horizon": 1}, "ambient": 1}
+    ball = {"type": "sphere", "center": [0.4, 0, 0.5], "radius": 0.5, "subdivisions": 2, "material": "grey"}
+    floor = FLOOR | {"material": "grey"}
+    scene = load_scene({"camera": CAMERA, "shapes": [floor, ball, box("block", [-1, -1, 0], [0, 0, 1])], **parts})
+    with pytest.warns(SceneWarning, match="reflects all light"):
+        flat = glpath.lightmap(scene, size=96, spp=4, max_depth=1)
+    # Nothing is chosen at random here: charts, gutters and seams leave it as it is.
+    np.testing.assert_allclose(flat.irradiance, np.pi, rtol=1e-5)
+    with pytest.warns(SceneWarning, match="reflects all light"):
+        sampled = glpath.lightmap(scene, size=96, spp=16, max_depth=4)
+    assert sampled.irradiance[sampled.baked].mean() == pytest.approx(np.pi, rel=0.01)
+
+
+def test_across_the_seams_of_a_ball_light_goes_on() -> None:
+    ball = {"type": "sphere", "center": [0, 0, 0.8], "radius": 0.5, "subdivisions": 2, "material": "grey"}
+    baked = glpath.lightmap(scene_of(ball, FLOOR, LAMP), size=128, spp=32)
+    assert len(baked.seams) > 100
+    before, _ = baked.surfaces.pages(baked.film)
+    a, b = baked.seams.values(before).mean(axis=-1)
+    lit = 0.5 * (a + b) > 0.05 * before.mean()
+    assert np.quantile(np.abs(a - b)[lit] / (0.5 * (a + b))[lit], 0.9) > 0.02
+    assert np.quantile(baked.steps(), 0.98) < 0.02
+    assert np.quantile(baked.steps()[0.5 * (a + b) > 0.2 * before.mean()], 0.99) < 0.02
+    texels = baked.surfaces.texels.index
+    assert abs(baked.irradiance[texels].mean() / before[texels].mean() - 1) < 0.005
+
+
+def test_a_seam_is_where_the_surface_is_smooth_and_the_page_is_not() -> None:
+    surfaces = Surfaces.of(scene_of(box("block", [0, 0, 0], [1, 1, 1]), LAMP), size=64)
+    assert len(Seams.of(surfaces.scene, surfaces.atlas)) == 0, "edges of a cube are edges"
+
+
+def test_a_bake_goes_on_to_the_same_bits(lit_floor: Lightmap) -> None:
+    first = glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=128, max_depth=1)
+    whole = glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=256, max_depth=1, film=first.film)
+    assert np.array_equal(whole.irradiance, lit_floor.irradiance)
+    with pytest.raises(UsageError, match="points"):
+        glpath.lightmap(scene_of(FLOOR, LAMP), size=64, spp=256, max_depth=1, film=first.film)
+
+
+# Files
+
+
+def test_unlit_is_base_colour_times_light(lit_floor: Lightmap, tmp_path: Path) -> None:
+    floor = FLOOR | {"material": "grey"}
+    baked = glpath.lightmap(scene_of(floor, LAMP), size=48, spp=16)
+    quietly(baked, tmp_path / "a.glb", exposure=-1.0)
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    assert document.extensionsUsed == ["KHR_materials_unlit"]
+    (tmp_path / "a.png").write_bytes(_image(document, 0))
+    shown = read_image(tmp_path / "a.png")
+    texels = baked.surfaces.texels.index[1:]
+    light = baked.irradiance[0][texels]
+    floor_texels = of_shape(baked.surfaces, "floor")
+    expected = np.clip(0.5 * light / np.pi * 0.5, 0, 1)
+    np.testing.assert_allclose(shown[texels][floor_texels], expected[floor_texels], atol=0.006)
+    assert (shown[texels][of_shape(baked.surfaces, "lamp")] > 0.9)[:, :3].all(axis=1).mean() > 0.4
+
+
+def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_path: Path) -> None:
+    written = quietly(lit_floor, tmp_path / "a.glb", materials="keep", moz=True)
+    assert [path.name for path in written] == ["a.glb", *(f"a-0.lightmap.{s}" for s in ("exr", "png", "json"))]
+    np.testing.assert_array_equal(read_image(tmp_path / "a-0.lightmap.exr"), lit_floor.irradiance[0])
+    about = json.loads((tmp_path / "a-0.lightmap.json").read_text())
+    assert about["unit"] == "W m^-2"
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    light = document.materials[0].extensions["MOZ_lightmap"]
+    assert light["texCoord"] == 1
+    assert light["intensity"] == pytest.approx(about["range"]) == pytest.approx(lit_floor.irradiance.max())
+    # The file's second coordinates are where the light of a place is: read again, and kept.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # of MOZ_lightmap, which is not used
+        read = load_scene(tmp_path / "a.glb")
+    again = Surfaces.of(read, size=48, uv="keep")
+    found = lit_floor.irradiance[again.texels.index]
+    for name in ("floor", "lamp"):
+        which = of_shape(again, name)
+        assert which.sum() == of_shape(lit_floor.surfaces, name).sum()
+    floor = of_shape(again, "floor")
+    height = again.scene.bounds[1] - again.scene.bounds[0]
+    assert height[1] == pytest.approx(2.0), "y is up in glTF"
+    place = positions(again)[:, floor][..., [0, 2, 1]] * [1, -1, 1]
+    expected = closed_form(place).mean(axis=0)[:, None] * [10, 5, 2]
+    np.testing.assert_allclose(found[floor], expected, rtol=0.02)
+
+
+def _image(document: pygltflib.GLTF2, number: int) -> bytes:
+    view = document.bufferViews[document.images[number].bufferView]
+    blob = document.binary_blob()
+    return blob[view.byteOffset : view.byteOffset + view.byteLength]
+
+
+# Refusals
+
+
+def with_uv1(uv1: list[list[float]], apart: float = 0.5) -> Scene:
+    scene = scene_of(FLOOR, LAMP)
+    made = []
+    for i, shape in enumerate(scene.shapes):
+        mesh = replace(shape.geometry, uv1=np.add(uv1, (0.0, apart * i)))
+        made.append(replace(shape, geometry=mesh))
+    return replace(scene, shapes=tuple(made))
+
+
+GOOD = [[0.1, 0.1], [0.4, 0.1], [0.4, 0.4], [0.1, 0.4]]
+
+
+def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
+    surfaces = Surfaces.of(with_uv1(GOOD), size=40, uv="keep")
+    rows = surfaces.texels.row[of_shape(surfaces, "floor")]
+    assert (rows.min(), rows.max()) == (24, 35), "v runs upwards"
+    with pytest.raises(SceneError, match="not within 0 to 1"):
+        Surfaces.of(with_uv1([[0.1, 0.1], [1.4, 0.1], [1.4, 0.4], [0.1, 0.4]]), size=40, uv="keep")
+    with pytest.raises(SceneError, match='"floor" and "lamp" overlap'):
+        Surfaces.of(with_uv1(GOOD, apart=0.1), size=40, uv="keep")
+    with pytest.raises(SceneError, match="no second texture coordinates"):
+        Surfaces.of(scene_of(FLOOR, LAMP), size=40, uv="keep")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["-o", "a.png"], "written as .glb"),
+        (["-o", "a.glb", "--texels", "0"], "above 0"),
+        (["-o", "a.glb", "--size", "8"], "from 16 to"),
+        (["-o", "a.glb", "--uv", "mine"], "make, keep"),
+        (["-o", "a.glb", "--materials", "all"], "unlit, keep"),
+        (["-o", "a.glb", "--moz-lightmap"], "--materials keep"),
+        (["-o", "a.glb", "--materials", "keep", "--exposure", "1"], "irradiance is written as it is"),
+        (["-o", "a.glb", "--directions", "pair"], "own"),
+        (["-o", "a.glb", "--integrator", "classic"], "path, gather"),
+        (["-o", "a.glb", "--uv", "keep", "--texels", "4"], "kept"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments: list[str], says: str, tmp_path: Path) -> None:
+    arguments[1] = str(tmp_path / arguments[1])
+    done = CliRunner().invoke(app, ["lightmap", "cornell-box", *arguments])
+    assert done.exit_code == 2
+    assert says in " ".join(done.output.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_bakes_and_goes_on(tmp_path: Path) -> None:
+    out = tmp_path / "a.glb"
+    asked = ["lightmap", "cornell-box", "-o", str(out), "--size", "64", "-q", "--spp"]
+    assert CliRunner().invoke(app, [*asked, "4"]).exit_code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.glb"]
+    whole = out.read_bytes()
+    kept = tmp_path / "a.checkpoint.npz"
+    bake = glpath.lightmap("cornell-box", size=64, spp=2)
+    bake.film.save(kept)
+    assert Film.load(kept).path_sets == 2
+    done = CliRunner().invoke(app, [*asked, "4", "--resume"])
+    assert done.exit_code == 0, done.output
+    assert out.read_bytes() == whole
+    assert not kept.exists()

@@ -1,0 +1,65 @@
+"""Baked scenes as others see them: three.js from the scene's camera, and the Khronos validator."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pygltflib
+import pytest
+import three_js
+from scipy.ndimage import binary_dilation
+from test_export import judged
+
+import glpath
+
+pytest.importorskip("xatlas")
+
+
+@pytest.fixture(scope="module")
+def baked() -> glpath.Lightmap:
+    return glpath.lightmap("cornell-box", size=256, spp=48)
+
+
+@pytest.fixture(scope="module")
+def three() -> Iterator[three_js.Viewer]:
+    with three_js.viewer() as viewer:
+        yield viewer
+
+
+class TestInThree:
+    pytestmark = three_js.marks()
+
+    def test_the_baked_box_is_our_own_picture(
+        self, baked: glpath.Lightmap, three: three_js.Viewer, tmp_path: Path
+    ) -> None:
+        baked.save(tmp_path / "a.glb")
+        stops = pygltflib.GLTF2().load(tmp_path / "a.glb").extras["exposure_stops"]
+        seen = three.picture(tmp_path / "a.glb", 128, 128)
+        own = glpath.render("cornell-box", spp=48, resolution=(128, 128)).mean * 2.0**stops
+        # Where the edge of the lamp crosses a pixel, the mean of what is cut is not the cut of the mean.
+        lamp = binary_dilation(own.max(axis=2) > 3, iterations=2)
+        assert lamp.sum() < 500
+        seen, own = (np.where(lamp[..., None], 0, np.clip(image, 0, 1)) for image in (seen, own))
+        print(seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1)
+        assert abs(seen.mean() / own.mean() - 1) < 0.01
+        # By blocks, so that noise is no matter: the same place has the same light.
+        blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
+        assert np.median(np.abs(blocks[0] - blocks[1])) < 0.01
+        assert np.abs(blocks[0] - blocks[1]).mean() < 0.02
+
+
+@pytest.mark.evidence
+def test_the_validator_finds_nothing(baked: glpath.Lightmap, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glpath.SceneWarning)
+        baked.save(tmp_path / "a.glb")
+        baked.save(tmp_path / "b.glb", materials="keep")
+        baked.save(tmp_path / "c.glb", materials="keep", moz=True)
+    assert judged(tmp_path / "a.glb") == []
+    assert judged(tmp_path / "b.glb") == []
+    # An extension of Mozilla's is none that it knows, and what it uses it takes for unused: hints, no errors.
+    assert json.dumps(judged(tmp_path / "c.glb")).count("UNSUPPORTED") == 0
