@@ -182,7 +182,8 @@ class Lab:
             )
         )
         arrays = {name: np.array(given[name]) for name in ("position", "target", "up")}
-        return glpath.scene.Camera(**given | arrays | {"resolution": tuple(given["resolution"])})
+        pairs = {name: tuple(given[name]) for name in ("resolution", "shutter", "motion")}  # JSON has but lists
+        return glpath.scene.Camera(**given | arrays | pairs)
 
 
 @pytest.fixture(scope="module")
