@@ -271,6 +271,32 @@ def test_instances_in_mitsuba_are_the_triangles_that_they_make(tmp_path: Path) -
 
 
 @pytest.mark.evidence
+def test_what_is_half_there_shines_by_half_in_mitsuba_too(tmp_path: Path) -> None:
+    """A veil of radiance 1 over a wall of radiance 0.4; the half that is not there shows the wall."""
+    data = {"camera": {"position": [0, 0, 3], "target": [0, 0, 0], "fov": 20}, "film": {"resolution": [8, 8]}}
+    corners = np.array([[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]])
+    wall: dict[str, Any] = {"type": "quad", "corners": corners - [0, 0, 1], "emission": {"radiance": 0.4}}
+    veil: dict[str, Any] = {"type": "quad", "corners": corners, "material": "veil", "emission": {"radiance": 1.0}}
+    for alpha, opacity, expected in (("blend", 0.5, 0.7), ("mask", 0.6, 1.0), ("mask", 0.3, 0.4)):
+        it = {"type": "principled", "reflectance": 0, "specular": 0, "alpha": alpha, "opacity": opacity}
+        scene = glpath.load_scene(data | {"shapes": [wall, veil], "materials": {"veil": it}})
+        assert quietly(scene, tmp_path / "a.xml") == []
+        by_file, _ = pictures(scene, tmp_path / "a.xml")
+        assert by_file.mean() == pytest.approx(expected, abs=0.05)
+        assert glpath.render(scene, spp=64).mean.mean() == pytest.approx(expected, abs=0.05)
+    materials = tuple(replace(m, texture=TextureSlot(0)) if m.name == "veil" else m for m in scene.materials)
+    image = np.full((2, 2, 4), 128, np.uint8)
+    leafy = replace(scene, materials=materials, textures=(Texture("leaf", image),))
+    assert any("whatever its alpha" in text for text in quietly(leafy, tmp_path / "a.xml"))
+
+
+def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> None:
+    white = Material("glazed", np.ones(3), roughness=1.0, specular_colour=np.full(3, 25.0))
+    scene = replace(glpath.load_scene("furnace"), materials=(white,) * len(glpath.load_scene("furnace").materials))
+    assert any("reflects 0.08, not 1," in text for text in quietly(scene, tmp_path / "a.xml"))
+
+
+@pytest.mark.evidence
 @pytest.mark.parametrize(
     "kind", ["point", "spot", "directional", "sky", "environment", "sun", "plain sky", "smooth", "textured"]
 )

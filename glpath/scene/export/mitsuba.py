@@ -245,6 +245,10 @@ class _Surface:
                 "angles than Lambert's"
             )
             reflected, _ = material.dielectric
+            if reflected.mean() > 0.08:
+                self._note(
+                    f"of light from ahead it reflects 0.08, not {reflected.mean():.3g}, without becoming a metal"
+                )
             made["specular"] = float(np.clip(reflected.mean() / 0.08, 0.0, 1.0))
         if material.anisotropy > 0:
             self._note("brushed metal is about as rough along the brush and across, at most ten to one")
@@ -370,7 +374,7 @@ def _shapes(
     assert isinstance(shape.geometry, Mesh)
     material = scene.materials[shape.material]
     coloured = shape.geometry.colours is not None
-    if shape.emits and material.alpha != "opaque":
+    if shape.emits and _opacity_everywhere(scene, shape) is None:
         surfaces.notes.add("it shines all over, whatever its alpha", "material", material.name)
     if shape.emits and shape.emission_two_sided:
         apart = in_world(shape).unshared()
@@ -429,10 +433,28 @@ def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: _Surfaces, bsdf: Plu
 
 def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
     slot = scene.materials[shape.material].emission_texture
+    opacity = _opacity_everywhere(scene, shape)
+    # Of what a mask lets through, Mitsuba takes the light all the same.
+    emission = shape.emission if opacity is None else shape.emission * opacity
     if slot is None:
-        return rgb(shape.emission)
+        return rgb(emission)
     texture = scene.textures[slot.texture]
-    return bitmap(texture, slot, texture.linear()[..., :3] * shape.emission, raw=False, note=notes.add)
+    return bitmap(texture, slot, texture.linear()[..., :3] * emission, raw=False, note=notes.add)
+
+
+def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
+    """The opacity that a shape has all over; None where it differs from place to place."""
+    material = scene.materials[shape.material]
+    if material.alpha == "opaque":
+        return 1.0
+    slot = material.texture
+    assert isinstance(shape.geometry, Mesh)
+    colours = shape.geometry.colours
+    if slot is not None and scene.textures[slot.texture].linear().shape[2] == 4:
+        return None
+    if colours is not None and np.any(colours[:, 3] != 1):
+        return None
+    return float(material.opacity >= material.cutoff) if material.alpha == "mask" else material.opacity
 
 
 def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
