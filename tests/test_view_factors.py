@@ -126,6 +126,17 @@ def test_what_points_find_is_within_the_error_that_is_reported() -> None:
     assert 1e-5 < worst < 0.05  # few points, and still a part of what is allowed
 
 
+def test_a_street_canyon_sees_the_sky_of_the_crossed_strings() -> None:
+    """Faces a thousand times as long as they are apart."""
+    h, length = 4.0, 5000.0
+    road = [[0, 0, 0], [1, 0, 0], [1, length, 0], [0, length, 0]]
+    left = [[0, 0, 0], [0, length, 0], [0, length, h], [0, 0, h]]
+    right = [[1, 0, 0], [1, 0, h], [1, length, h], [1, length, 0]]
+    sky = glpath.view_factors(np.array([road, left, right])).enclosure
+    across = np.hypot(1, h)
+    assert sky == pytest.approx([across - h, *[(1 + h - across) / (2 * h)] * 2], rel=2e-3)
+
+
 def test_groups_are_sums_of_faces() -> None:
     vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 3, inward=True, triangles=True)
     each = glpath.view_factors((vertices, faces))

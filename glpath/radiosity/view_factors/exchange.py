@@ -26,6 +26,10 @@ _DEEPEST = 24
 #: Distance of the centres, in sums of the radii, below which polygons are close. It must be above 1.
 _CLOSE = 1.1
 
+#: Of what the error may be, what the contour integral is asked for: along an edge far longer than the polygons are
+#: apart, two halves may agree before any point has come near.
+_NEAR = 0.2
+
 #: Gauss points of an edge, 0 to 1, and their weights.
 _G1, _G2 = 0.06943184420297371, 0.33000947820757187
 _W1, _W2 = 0.17392742256872693, 0.32607257743127307
@@ -93,9 +97,9 @@ def exchange(a, n, b, m, na, nb, floor, relative, work):  # type: ignore[no-unty
         if off <= tolerance:
             return max(_by_points(a, n, b, m, na, nb, work.rule_8, work), 0.0), off
     if radius_a <= radius_b:
-        found, off = near_exchange(a, n, b, m, tolerance, work.halves)
+        found, off = near_exchange(a, n, b, m, _NEAR * floor, work.halves)
     else:
-        found, off = near_exchange(b, m, a, n, tolerance, work.halves)
+        found, off = near_exchange(b, m, a, n, _NEAR * floor, work.halves)
     return max(found, 0.0), off
 
 
