@@ -53,6 +53,14 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True)(function)))
 
 
+def inner_sum(function: Callable[..., Any]) -> Any:
+    """As `inner_kernel`, for a loop whose terms do not depend on each other: it adds them up in any order, many
+    at a time, so that the last bits of the sum depend on the processor."""
+    if _PLAIN:
+        return function
+    return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True, fastmath={"reassoc"})(function)))
+
+
 def kernel_part(function: Callable[..., Any]) -> Any:
     """As `inner_kernel`, for what is called at one place: it is compiled as if it stood there."""
     return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))

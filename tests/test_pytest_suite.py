@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from image_suite import GREY, Run
+from image_suite import GREY, LOADED, Run
 
 from glpath.compare import read_picture
 from glpath.image import write_png
@@ -360,15 +363,42 @@ def test_an_error_is_said_once_with_the_line_of_the_test(run: Run, suite, call: 
 # ---- README
 
 
-def test_the_example_of_the_readme_is_true(run: Run, suite, pytester: pytest.Pytester) -> None:
+def readme_suite(suite, pytester: pytest.Pytester) -> str:
+    """The example of README's section on image tests as the suite, with its ini-file; returns the section."""
     pytest.importorskip("matplotlib.pyplot")  # pytester unloads what a run of its own has loaded
     section = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Image tests")[2].partition("\n## ")[0]
     code, ini = (re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL)[1] for kind in ("python", "ini"))
     suite("import matplotlib\nmatplotlib.use('Agg')\n" + code)
     pytester.makeini(ini)
+    return section
+
+
+def test_the_example_of_the_readme_is_true(run: Run, suite, pytester: pytest.Pytester) -> None:
+    section = readme_suite(suite, pytester)
     first = run()
-    first.assert_outcomes(passed=4)
-    assert sum(name.endswith(".png") for name in files_of(pytester.path / "shots/test_a")) == 4
-    run("--strict-markers", "--glpath-unused=fail", "--glpath-update=none").assert_outcomes(passed=4)
+    first.assert_outcomes(passed=5)
+    assert sum(name.endswith(".png") for name in files_of(pytester.path / "shots/test_a")) == 5
+    run("--strict-markers", "--glpath-unused=fail", "--glpath-update=none").assert_outcomes(passed=5)
     said = set(re.findall(r"--glpath-[a-z-]+", section))
     assert said <= set(re.findall(r"--glpath-[a-z-]+", run("--help").stdout.str()))
+
+
+def test_the_picture_of_another_processor_passes_and_one_that_has_moved_does_not(
+    run: Run, suite, pytester: pytest.Pytester
+) -> None:
+    """README's triangle, by llvmpipe as for a processor without SSE, where some levels are others; and turned by as
+    much as moves its corners by half a pixel."""
+    readme_suite(suite, pytester)
+    run("-k", "triangle").assert_outcomes(passed=1)
+    again = [sys.executable, "-m", "pytest", *LOADED, "-q", "-p", "no:cacheprovider", "-k", "triangle", "test_a.py"]
+    other = {**os.environ, "GALLIUM_OVERRIDE_CPU_CAPS": "nosse"}
+    ended = subprocess.run(
+        [*again, "--glpath-update=none"], cwd=pytester.path, env=other, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stdout
+    assert "1 passed" in ended.stdout
+    test = pytester.path / "test_a.py"
+    test.write_text(test.read_text().replace("0.3 + 2.0", "0.317 + 2.0"))
+    moved = run("-k", "triangle", "--glpath-update=none")
+    moved.assert_outcomes(failed=1)
+    moved.stdout.fnmatch_lines(["*test_triangle differs from its baseline (fuzzy)"])

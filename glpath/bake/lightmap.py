@@ -150,8 +150,8 @@ class Lightmap:
 
         Where that is darker than a twentieth of the mean of all texels, as a share of the latter.
         """
-        a, b = luminance(self.seams.values(self.irradiance))
-        dark = DARK * float(luminance(self.irradiance[self.baked]).mean())
+        a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
+        dark = DARK * float(luminance(self.irradiance[self.baked].astype(np.float64)).mean())
         return np.asarray(np.abs(a - b) / np.maximum(0.5 * (a + b), max(dark, 1e-12)))
 
     def save(

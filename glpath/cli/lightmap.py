@@ -6,12 +6,13 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from glpath.cli.completion import words
 from glpath.cli.options import FOR_ALL, ProgressOption, QuietOption, option_values, with_integrator_options
+from glpath.cli.outcome import leave_for_later
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
 from glpath.cli.unattended import (
@@ -19,9 +20,8 @@ from glpath.cli.unattended import (
     NoiseOption,
     ResumeOption,
     TimeLimitOption,
+    checkpointed,
     keep_after_failure,
-    leave,
-    prepared,
     seconds,
 )
 from glpath.cli.values import check_choice
@@ -33,7 +33,7 @@ from glpath.progress import MODES, duration, percent, reporting
 from glpath.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.bake.lightmap import Lightmap
+    from glpath.bake.lightmap import Lightmap, Materials
     from glpath.film import Film
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
@@ -170,32 +170,33 @@ def lightmap(
     }  # fmt: skip
     loaded = read_scene(scene, parameters)
     check_writable(out)
-    keeper, begun = prepared([out], checkpoint, resume)
     mode = "none" if quiet and progress == "auto" else progress
-    if keeper is not None:
-        given |= {"film": begun, "on_step": keeper}
-    try:
-        baked = _baked(loaded, {name: value for name, value in given.items() if value is not None}, denoise, mode)
-    except GlpathError as error:
-        keep_after_failure(keeper, error)
-        raise
-    complete = baked.film.metadata.stop_rule in RULES
-    if keeper is not None and by_scheduler() and not complete:
-        raise leave(keeper, baked.film)
-    written: list[Path] = []
+    with checkpointed([out], checkpoint, resume) as (keeper, begun):
+        if keeper is not None:
+            given |= {"film": begun, "on_step": keeper}
+        try:
+            baked = _baked(loaded, {name: v for name, v in given.items() if v is not None}, denoise, mode)
+        except GlpathError as error:
+            keep_after_failure(keeper, error)
+            raise
+        complete = baked.film.metadata.stop_rule in RULES
+        if keeper is not None and by_scheduler() and not complete:
+            raise leave_for_later(keeper, baked.film)
+        written: list[Path] = []
 
-    def save(path: Path) -> None:
-        written.extend(baked.save(path, materials=materials, exposure=stops, moz=moz))  # type: ignore[arg-type]
+        def save(path: Path) -> None:
+            kind = cast("Materials", materials)
+            written.extend(baked.save(path, materials=kind, exposure=stops, moz=moz))
 
-    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-    _, failure = save_all({out: save}, {"film.npz": baked.film.save}, kept)
-    if failure is not None:
-        raise failure
-    if keeper is not None:
-        if complete:
-            keeper.remove()
-        else:
-            keeper.write(baked.film)
+        kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+        _, failure = save_all({out: save}, {"film.npz": baked.film.save}, kept)
+        if failure is not None:
+            raise failure
+        if keeper is not None:
+            if complete:
+                keeper.remove()
+            else:
+                keeper.write(baked.film)
     if not quiet and progress != "json":
         for line in _summary(baked):
             say(line, err=True)

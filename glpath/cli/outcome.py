@@ -65,7 +65,7 @@ class Outcome:
         """
         complete = film.metadata.stop_rule in RULES
         if keeper is not None and by_scheduler() and not complete:
-            end = _leave_for_later(keeper, film)
+            end = leave_for_later(keeper, film)
             if self.stats is not None:
                 write_stats(self.stats, film, keeper, before, [])
             raise end
@@ -109,7 +109,7 @@ class Outcome:
             raise typer.Exit(WITHOUT_CHECKPOINT)
 
 
-def _leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
+def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
     """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
     if not film.path_sets:
         say("glpath: ended by a signal before the first path set was done; start it again", err=True)

@@ -134,6 +134,8 @@ def _summary(found: ViewFactors) -> Iterator[str]:
     sums = found.row_sums
     worst = found.error.max()
     yield f"  row sums {sums.min():.6f} to {sums.max():.6f}; error of a row, estimated: {worst:.1e} at most"
+    if "reciprocity" not in s.get("enforced", ()):
+        yield "  reciprocity: exact but for rounding, as each pair is computed once"
     if "enforced" in s:
         before, after = s["before"], s["after"]
         for name in s["enforced"]:

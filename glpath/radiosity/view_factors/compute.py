@@ -161,7 +161,7 @@ class _Run:
         self.reported = -math.inf
         self.parts: list[_Part] = []
         self.task = _TASK
-        self.bytes = 0
+        self.bytes = self.granted = 0
 
     def compiling(self, text: str) -> None:
         self._report(text, 0, 0, True)
@@ -215,12 +215,14 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            present = self._factors() * 20
-            require_memory(
-                self.bytes - present,
-                f"view_factors: a matrix of about {2 * self._factors() / share:,.0f} factors",
-                "Put faces together (groups), compute parts of the scene apart, or take a larger machine.",
-            )
+            if self.bytes > 1.1 * self.granted:  # to ask takes longer than some rows do
+                present = self._factors() * 20
+                require_memory(
+                    self.bytes - present,
+                    f"view_factors: a matrix of about {2 * self._factors() / share:,.0f} factors",
+                    "Put faces together (groups), compute parts of the scene apart, or take a larger machine.",
+                )
+                self.granted = self.bytes
 
     def _factors(self) -> int:
         return sum(len(part.i) for part in self.parts)

@@ -88,7 +88,7 @@ def triangle_area(polygon, k):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def quadrature(polygon, n, rule, points):  # type: ignore[no-untyped-def]
-    """Points (m, 4), the last number their weight, that integrate over a polygon; returns how many they are.
+    """Points (4, m), the last row their weights, that integrate over a polygon; returns how many they are.
 
     rule : (r, 4) float64 of a triangle: barycentric coordinates and weights that add up to 1
     """
@@ -97,9 +97,9 @@ def quadrature(polygon, n, rule, points):  # type: ignore[no-untyped-def]
         area = triangle_area(polygon, k)
         for r in range(len(rule)):
             for j in range(3):
-                points[m, j] = (
+                points[j, m] = (
                     rule[r, 0] * polygon[0, j] + rule[r, 1] * polygon[k, j] + rule[r, 2] * polygon[k + 1, j]
                 )
-            points[m, 3] = rule[r, 3] * area
+            points[3, m] = rule[r, 3] * area
             m += 1
     return m

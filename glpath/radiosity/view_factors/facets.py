@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,7 @@ def merged(
     labels = list(labels)
     eps = ROUNDING * size
     sides: dict[tuple[int, int], int] = {}
+    lengths: dict[tuple[int, int], float] = {}
     for number, shape in enumerate(shapes):
         assert shape is not None
         for edge in _edges(shape):
@@ -83,15 +85,24 @@ def merged(
         for number in range(len(shapes)):
             # One grows as far as it goes before the next begins, or a grid of squares would end in pinwheels.
             while (shape := shapes[number]) is not None:
-                edges = sorted(
-                    _edges(shape), key=lambda edge: -round(_distance2(points[edge[0]], points[edge[1]]), 12)
-                )
-                for a, b in edges:
+                neighbours = []
+                for a, b in _edges(shape):
                     other = sides.get((b, a), number)
-                    two = shapes[other]
-                    if other == number or two is None or labels[other] != labels[number]:
+                    if (
+                        other == number
+                        or labels[other] != labels[number]
+                        or _dot(normals[number], normals[other]) < 1 - 1e-9
+                    ):
                         continue
-                    union = _union(points, shape, two, a, b, normals[number], normals[other], eps)
+                    if (a, b) not in lengths:
+                        lengths[a, b] = round(_distance2(points[a], points[b]), 12)
+                    neighbours.append((-lengths[a, b], a, b, other))
+                neighbours.sort(key=itemgetter(0))
+                for _, a, b, other in neighbours:
+                    two = shapes[other]
+                    if two is None:
+                        continue
+                    union = _union(points, shape, two, a, b, normals[number], eps)
                     if union is not None:
                         break
                 else:
@@ -111,12 +122,9 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
     return list(zip(outline, [*outline[1:], outline[0]], strict=True))
 
 
-def _union(
-    points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, normal_two: Any, eps: float
-) -> list[int] | None:
-    """Two polygons that share the edge from a to b of the first as one; None where that is not flat and convex."""
-    if _dot(normal, normal_two) < 1 - 1e-9:
-        return None
+def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, eps: float) -> list[int] | None:
+    """Two polygons of one normal that share the edge from a to b of the first as one; None where that is not flat
+    and convex."""
     origin = points[a]
     if any(abs(_dot(normal, _minus(points[v], origin))) > eps for v in two):
         return None

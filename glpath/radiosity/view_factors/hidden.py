@@ -63,29 +63,18 @@ def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-unt
 
 
 @inner_kernel
-def pyramids(x, y, z, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The planes of each occluder's pyramid from a point, normals inward; how many occluders are not edge-on."""
-    count = 0
-    pyramid, sides = work.pyramid, work.sides
-    for o in range(shades):
-        p = work.shade_plane[o]
-        h = height(planes, p, x, y, z)
-        if abs(h) <= work.eps:
-            continue
-        sign = 1.0 if h > 0 else -1.0
-        n = work.shade_count[o]
-        for k in range(n):
-            j = k + 1 if k + 1 < n else 0
-            ax, ay, az = work.shades[o, k, 0] - x, work.shades[o, k, 1] - y, work.shades[o, k, 2] - z
-            bx, by, bz = work.shades[o, j, 0] - x, work.shades[o, j, 1] - y, work.shades[o, j, 2] - z
-            # Counter-clockwise from the front, so clockwise seen from a point before it.
-            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            length = np.sqrt(cx * cx + cy * cy + cz * cz)
-            scale = -sign / length if length > 0 else 0.0
-            pyramid[count, k, 0], pyramid[count, k, 1], pyramid[count, k, 2] = cx * scale, cy * scale, cz * scale
-        sides[count] = n
-        count += 1
-    return count
+def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
+    """Plane k of the pyramid from a point over occluder o, its normal inward."""
+    n = work.shade_count[o]
+    j = k + 1 if k + 1 < n else 0
+    ax, ay, az = work.shades[o, k, 0] - x, work.shades[o, k, 1] - y, work.shades[o, k, 2] - z
+    bx, by, bz = work.shades[o, j, 0] - x, work.shades[o, j, 1] - y, work.shades[o, j, 2] - z
+    # Counter-clockwise from the front, so clockwise seen from a point before it.
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    length = np.sqrt(cx * cx + cy * cy + cz * cz)
+    scale = -work.fronts[o] / length if length > 0 else 0.0
+    work.pyramid[o, k, 0], work.pyramid[o, k, 1], work.pyramid[o, k, 2] = cx * scale, cy * scale, cz * scale
+    work.made[o] = k + 1
 
 
 @inner_kernel
@@ -111,18 +100,29 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
         parts[0, k, 0], parts[0, k, 1], parts[0, k, 2] = b[k, 0] - x, b[k, 1] - y, b[k, 2] - z
     corners[0], following[0] = m, 0
     whole = lambert(parts, 0, m, nx, ny, nz)
-    count = pyramids(x, y, z, shades, planes, work)
-    pyramid, sides = work.pyramid, work.sides
+    # Planes are made when they are asked for: most occluders are beside what is looked at, and the first says so.
+    pyramid, made, fronts = work.pyramid, work.made, work.fronts
+    for o in range(shades):
+        h = height(planes, work.shade_plane[o], x, y, z)
+        fronts[o] = 0.0 if abs(h) <= work.eps else 1.0 if h > 0 else -1.0
+        made[o] = 0
     seen = 0.0
+    in_one = True
     top = 1
     while top:
         top -= 1
         n, o = corners[top], following[top]
         alive = True
-        while alive and o < count:
+        while alive and o < shades:
+            if fronts[o] == 0:  # edge-on
+                o += 1
+                continue
             # Outside of one plane: the pyramid leaves it alone. Inside of all: nothing of it is seen.
             outside, inside = False, True
-            for e in range(sides[o]):
+            sides = work.shade_count[o]
+            for e in range(sides):
+                if e == made[o]:
+                    _make_side(x, y, z, o, e, work)
                 px, py, pz = pyramid[o, e, 0], pyramid[o, e, 1], pyramid[o, e, 2]
                 lowest, highest = 0.0, 0.0
                 for k in range(n):
@@ -139,16 +139,17 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             if inside:
                 alive = False
                 break
-            if top + sides[o] + 2 >= PARTS:
+            if top + sides + 2 >= PARTS:
                 break  # too many pieces: the rest counts as seen
             # Cut: what lies outside of a side goes on the stack, the remainder to the next side.
-            rest = top + sides[o] + 1
+            in_one = False
+            rest = top + sides + 1
             for k in range(n):
                 for j in range(3):
                     parts[rest, k, j] = parts[top, k, j]
             left = n
             put = top
-            for e in range(sides[o]):
+            for e in range(sides):
                 px, py, pz = pyramid[o, e, 0], pyramid[o, e, 1], pyramid[o, e, 2]
                 out, within = 0, 0
                 last = left - 1
@@ -186,7 +187,7 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             top = put
             alive = False
         if alive:
-            seen += lambert(parts, top, n, nx, ny, nz)
+            seen += whole if in_one else lambert(parts, top, n, nx, ny, nz)
     return seen / (2 * np.pi), whole / (2 * np.pi)
 
 

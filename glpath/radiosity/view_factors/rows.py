@@ -16,7 +16,7 @@ from glpath.bvh_nodes import Bvh
 from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
-from glpath.radiosity.view_factors.exchange import FAR, FEW, MIDDLE, MORE, far_exchange, near_exchange
+from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8, exchange
 from glpath.radiosity.view_factors.hidden import COARSE, PARTS, hides_all, seen_share
 
 Float64 = NDArray[np.float64]
@@ -26,6 +26,8 @@ Int64 = NDArray[np.int64]
 #: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of a row's errors
 #: then add up to less than that of the row, as the factors do to 1.
 _SHARE = 0.2
+#: Of the error wanted of a row, what is allowed where nothing stands between.
+_EXACT = 0.05
 #: Occluders between two polygons beyond which the larger one is halved, how often, and those that count then.
 _FEW_SHADES, DEEPEST, MOST_SHADES = 6, 14, 256
 
@@ -96,8 +98,10 @@ class Work(NamedTuple):
     points_a: Float64
     points_b: Float64
     halves: Float64
-    few: Float64
-    more: Float64
+    rule_2: Float64
+    rule_4: Float64
+    rule_6: Float64
+    rule_8: Float64
     pairs: Int64
     pending: Int64
     lists: Int32
@@ -111,7 +115,8 @@ class Work(NamedTuple):
     shade_count: Int64
     shade_plane: Int64
     pyramid: Float64
-    sides: Int64
+    made: Int64
+    fronts: Float64
     parts: Float64
     part_corners: Int64
     following: Int64
@@ -121,7 +126,7 @@ class Work(NamedTuple):
     @classmethod
     def of(cls, eps: float, occluders: int, depth: int) -> Work:
         shaft, near, extent = empty_shaft()
-        points = 6 * ROOM
+        points = len(RULE_8) * ROOM
         return cls(
             eps=eps,
             a=np.empty((DEEPEST + 2, ROOM, 3)),
@@ -130,11 +135,13 @@ class Work(NamedTuple):
             box=np.empty((8, 3)),
             centre_a=np.empty(3),
             centre_b=np.empty(3),
-            points_a=np.empty((points, 4)),
-            points_b=np.empty((points, 4)),
+            points_a=np.empty((4, points)),
+            points_b=np.empty((4, points)),
             halves=np.empty((64, 3)),
-            few=FEW,
-            more=MORE,
+            rule_2=RULE_2,
+            rule_4=RULE_4,
+            rule_6=RULE_6,
+            rule_8=RULE_8,
             pairs=np.empty((DEEPEST + 2, 5), np.int64),
             pending=np.empty((2 * depth + 4, 3), np.int64),
             lists=np.empty((depth + DEEPEST + 4) * occluders, np.int32),
@@ -148,7 +155,8 @@ class Work(NamedTuple):
             shade_count=np.empty(MOST_SHADES, np.int64),
             shade_plane=np.empty(MOST_SHADES, np.int64),
             pyramid=np.empty((MOST_SHADES, ROOM, 3)),
-            sides=np.empty(MOST_SHADES, np.int64),
+            made=np.empty(MOST_SHADES, np.int64),
+            fronts=np.empty(MOST_SHADES),
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
             part_corners=np.empty(PARTS + 2, np.int64),
             following=np.empty(PARTS + 2, np.int64),
@@ -235,30 +243,6 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _unhidden(a, n, b, m, i, j, facets, tolerance, work):  # type: ignore[no-untyped-def]
-    """Exchange area of polygons a[:n] and b[:m], of facets i and j, without occluders, and its error, estimated.
-
-    tolerance : of what is near and has no other; what is far is good to 1e-5
-    """
-    _, radius_a = measure(a, n, work.centre_a)
-    _, radius_b = measure(b, m, work.centre_b)
-    square = 0.0
-    for k in range(3):
-        square += (work.centre_a[k] - work.centre_b[k]) ** 2
-    apart = np.sqrt(square) / (radius_a + radius_b)
-    if apart >= MIDDLE:
-        na, nb = facets.planes[i], facets.planes[j]
-        rule = work.few if apart >= FAR else work.more
-        whole = max(far_exchange(a, n, b, m, na, nb, rule, work.points_a, work.points_b), 0.0)
-        return whole, 1e-5 * whole
-    if radius_a <= radius_b:
-        whole, off = near_exchange(a, n, b, m, tolerance, work.halves)
-    else:
-        whole, off = near_exchange(b, m, a, n, tolerance, work.halves)
-    return max(whole, 0.0), off
-
-
-@inner_kernel
 def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
     """Exchange area of facets i and j, and an estimate of its error; candidates are work.lists[begin:end].
 
@@ -298,7 +282,8 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
                 counts[HIDDEN] += 1
             continue
         part = max(tolerance, 0.0) * 0.7**depth
-        whole, wrong = _unhidden(a, n, b, m, i, j, facets, max(0.01 * floor, 0.1 * part), work)
+        allowed = max(_EXACT * floor, 0.1 * part)
+        whole, wrong = exchange(a, n, b, m, facets.planes[i], facets.planes[j], allowed, _EXACT * error, work)
         if put == end:
             if depth == 0:
                 counts[FREE] += 1
