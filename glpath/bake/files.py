@@ -6,7 +6,7 @@ import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ _COLOUR_SAMPLES = 5
 _CLAMP, _LINEAR, _MIPMAPPED = 33071, 9729, 9987
 
 
-def write_unlit(baked: Lightmap, path: Path, exposure: float | None) -> list[Path]:
+def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] | None) -> list[Path]:
     """See `Lightmap.save`."""
     import pygltflib as gltf
 
@@ -41,7 +41,7 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | None) -> list[Pat
     radiance, opacity = _radiance(baked)
     if exposure is None:
         exposure = scene.exposure
-    if exposure is None:
+    if exposure is None or exposure == "auto":
         exposure = auto_exposure(radiance[baked.baked][:, None])
     check_exposure(exposure)
     colours = np.round(255 * encode_srgb(np.clip(radiance * 2.0**exposure, 0.0, 1.0))).astype(np.uint8)

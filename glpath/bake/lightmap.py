@@ -159,7 +159,7 @@ class Lightmap:
         path: str | Path,
         *,
         materials: Materials = "unlit",
-        exposure: float | None = None,
+        exposure: float | Literal["auto"] | None = None,
         moz: bool = False,
     ) -> list[Path]:
         """Write the scene with its light as .glb; returns all files that were written.
@@ -169,7 +169,8 @@ class Lightmap:
                     (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
                     irradiance of page i, W m^-2, as baked-i.lightmap.exr, and as .png of eight bits, linear, whose
                     range baked-i.lightmap.json says
-        exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or middle grey
+        exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or "auto"; "auto":
+                    middle grey
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
 
         Raises UsageError for another suffix, and ImageError. Warns SceneWarning of what is left out.

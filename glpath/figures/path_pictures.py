@@ -104,10 +104,12 @@ def solved(say: Say, scene: Scene, scale: float, seed: int = 0) -> tuple[Radiosi
     particles = max(32768, round(min(1.0, 10 * scale) * (_BOX_PARTICLES if box else _ROOM_PARTICLES)))
     say(f"Monte Carlo radiosity of {scene.name}, {particles} particles")
     start = time.perf_counter()
+    largest = float(np.linalg.norm(np.ptp(scene.bounds, axis=0)))
     solution = solve_radiosity(
         scene,
         method="monte-carlo",
-        patches=BOX_ELEMENTS if box else len(scene.triangles),
+        patches=BOX_ELEMENTS if box else None,
+        size=None if box else largest,
         particles=particles,
         seed=seed,
     )
