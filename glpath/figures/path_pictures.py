@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from glpath.compare import relative_mse
 from glpath.experiments.references import at_one_size
 from glpath.experiments.verdict import Condition
