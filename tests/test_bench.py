@@ -77,6 +77,7 @@ def test_list_names_every_bench() -> None:
         "shaft-options",
         "viewfactors",
         "measure",
+        "lightmap",
         "jobs",
         "start-up",
     ]
@@ -115,7 +116,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, t-buffer, shaft, shaft-options, "
-            "viewfactors, measure, jobs, start-up",
+            "viewfactors, measure, lightmap, jobs, start-up",
         ),
         (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, textures, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),

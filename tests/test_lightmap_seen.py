@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,6 +51,24 @@ class TestInThree:
         blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
         assert np.median(np.abs(blocks[0] - blocks[1])) < 0.01
         assert np.abs(blocks[0] - blocks[1]).mean() < 0.02
+
+    def test_the_lines_of_the_readme_show_kept_materials_in_their_light(
+        self, baked: glpath.Lightmap, three: three_js.Viewer, tmp_path: Path
+    ) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            baked.save(tmp_path / "kept.glb", materials="keep")
+        readme = Path(__file__).parent.parent.joinpath("README.md").read_text("utf-8")
+        (lines,) = (block for block in re.findall(r"```js\n(.*?)```", readme, re.DOTALL) if "lightMap:" in block)
+        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines)
+        own = glpath.render("cornell-box", spp=48, resolution=(128, 128)).mean
+        lamp = binary_dilation(own.max(axis=2) > 2, iterations=2)
+        assert lamp.sum() < 1500
+        seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, own))
+        print(lamp.sum(), seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1)
+        assert abs(seen.mean() / own.mean() - 1) < 0.01
+        blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
+        assert np.abs(blocks[0] - blocks[1]).mean() < 0.02 * own.mean()
 
 
 @pytest.mark.evidence

@@ -63,7 +63,9 @@ function base(old) {
     side: old.side, alphaTest: old.alphaTest, transparent: old.transparent, opacity: old.opacity })
 }
 
-window.picture = async (url, width, height, samples, show, name) => {
+const AsyncFunction = (async () => {}).constructor
+
+window.picture = async (url, width, height, samples, show, name, lines) => {
   const gltf = await new GLTFLoader().loadAsync(url)
   const cameras = gltf.cameras.filter(each => name === null || each.name === name || each.userData.name === name)
   if (!cameras.length) throw new Error(`no such camera; there are: ${gltf.cameras.map(each => each.name)}`)
@@ -71,7 +73,9 @@ window.picture = async (url, width, height, samples, show, name) => {
   if (camera.isPerspectiveCamera) camera.aspect = width / height
   else camera.left = -(camera.right = camera.top * width / height)
   camera.updateProjectionMatrix()
-  const scene = gltf.scene
+  gltf.scene.updateMatrixWorld()
+  const scene = lines === null ? gltf.scene
+    : await new AsyncFunction('THREE', 'GLTFLoader', `${lines}\nreturn scene`)(THREE, GLTFLoader)
   if (show !== 'light')
     scene.traverse(one => { if (one.isMesh) one.material = show === 'position' ? POSITION : base(one.material) })
   const [w, h] = [width * samples, height * samples]
@@ -109,15 +113,23 @@ class Viewer:
         show: str = "light",
         camera: str | None = None,
         samples: int = 4,
+        lines: str | None = None,
     ) -> np.ndarray:
         """(height, width, 3) float32, row 0 at the top: the file from its first camera, or the one of that name.
 
         show : "light"; "base colour", of all materials, unlit; "position", in the world, NaN where no surface is
                (with samples = 1, at the centres of pixels)
+        lines : of a page that make a `scene` of 'baked.glb' and files beside it that are called alike, which are
+                this file and those beside it; from the first camera of the file
         """
         assert show in ("light", "base colour", "position")
-        name = f"{len(self._files)}.glb"
-        self._files[name] = Path(glb)
+        number, glb = len(self._files), Path(glb)
+        name = f"{number}.glb"
+        self._files[name] = glb
+        if lines is not None:
+            for each in glb.parent.glob(f"{glb.stem}[-.]*"):
+                self._files[f"{number}/baked{each.name.removeprefix(glb.stem)}"] = each
+            lines = lines.replace("'baked", f"'/models/{number}/baked")
         answer = self.driver.execute_async_script(
             "const given = [...arguments], done = given.pop();"
             "window.picture(...given).then(done, error => done({ error: String(error) }))",
@@ -127,6 +139,7 @@ class Viewer:
             samples,
             show,
             camera,
+            lines,
         )
         assert isinstance(answer, str), f"{glb}: three.js: {answer}"
         pixels = np.frombuffer(base64.b64decode(answer), "<f4").reshape(height, samples, width, samples, 4)[

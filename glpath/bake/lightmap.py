@@ -79,10 +79,15 @@ class Surfaces:
             atlas = kept(still, sides.lit, size or DEFAULT_SIZE)
         else:
             atlas = packed(still, sides.lit, texels, size or (None if texels else DEFAULT_SIZE))
+        return cls.on(still, atlas, sides)
+
+    @classmethod
+    def on(cls, scene: Scene, atlas: Atlas, sides: Sides) -> Surfaces:
+        """Of an atlas that there is, of a scene in triangles. Raises SceneError."""
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
-        return cls(still, atlas, *_outside(still, atlas, found, sides))
+        return cls(scene, atlas, *_outside(scene, atlas, found, sides))
 
     def sensor(self) -> PointSensor:
         """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""

@@ -1,4 +1,4 @@
-"""Cycles, Blender's path tracer, as a peer: the same triangles, camera, depth and pixel filter.
+"""Cycles, Blender's path tracer, as a peer: the same triangles, depth, and camera and pixel filter or atlas.
 
 It is a process of its own (`cycles_worker`), as Blender's module `bpy` wants a Python and a numpy of its own; see
 `other_python` for how to install it.
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from glpath.bake.lightmap import Surfaces
 from glpath.errors import GlpathError
 from glpath.experiments import other_python
 from glpath.film import read_image
@@ -57,11 +58,48 @@ def write_scene(scene: Scene, max_depth: int, path: Path) -> None:
         "clip": (1e-4 * diagonal, far),
         "world_from_camera": world_from_camera,
     }
-    for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
-        material = scene.materials[shape.material]
-        light = [*material.reflectance, material.two_sided, *shape.emission, shape.emission_two_sided]
-        arrays |= {f"corners{i}": scene.triangles[part], f"light{i}": np.array(light, float)}
+    lights = _lights(scene)
+    for i, part in enumerate(scene.shapes.ranges):
+        arrays |= {f"corners{i}": scene.triangles[part], f"light{i}": lights[i]}
     np.savez(path, **arrays)  # type: ignore[arg-type]
+
+
+def write_bake(surfaces: Surfaces, max_depth: int, path: Path) -> None:
+    """What `cycles_worker` reads to bake the same texels: the scene of one page as arrays.
+
+    size, bounces; of the F triangles that have texels: corners (F, 3, 3), uv (F, 3, 2) from 0 to 1, upwards,
+    light_of (F,): index in lights (S, 8), see `write_scene`; and what has none as shapes of `write_scene`
+    """
+    scene, atlas = surfaces.scene, surfaces.atlas
+    if atlas.pages != 1 or np.any(atlas.side):
+        raise GlpathError("Cycles bakes one page of front sides here.", "Give the size of the page.")
+    lights = _lights(scene)
+    shape_of = np.repeat(np.arange(len(lights)), [part.stop - part.start for part in scene.shapes.ranges])
+    without = np.setdiff1d(np.arange(len(scene.triangles)), atlas.triangle)
+    rest = [without[shape_of[without] == i] for i in range(len(lights))]
+    arrays: dict[str, object] = {
+        "size": atlas.size[0],
+        "bounces": max_depth - 1,
+        "corners": scene.triangles[atlas.triangle],
+        "uv": atlas.uv / atlas.size * [1.0, -1.0] + [0.0, 1.0],
+        "light_of": shape_of[atlas.triangle],
+        "lights": lights,
+        "shapes": sum(len(some) > 0 for some in rest),
+    }
+    for i, (some, light) in enumerate((some, lights[j]) for j, some in enumerate(rest) if len(some)):
+        arrays |= {f"corners{i}": scene.triangles[some], f"light{i}": light}
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+
+
+def _lights(scene: Scene) -> Float64:
+    """(S, 8), of shapes: see `write_scene`."""
+    return np.array(
+        [
+            [*(m := scene.materials[s.material]).reflectance, m.two_sided, *s.emission, s.emission_two_sided]
+            for s in scene.shapes
+        ],
+        float,
+    )
 
 
 class Cycles:
@@ -69,7 +107,9 @@ class Cycles:
 
     def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
         self._process = process
-        self._out = folder / "picture.exr"
+        self._folder = folder
+        #: Of its process, after the last picture.
+        self.peak_bytes = 0
         self.version = self._answer()["version"]
         self.settings = CANDIDATES[0]
 
@@ -85,13 +125,31 @@ class Cycles:
                 costs[turn, i] = seconds * error(image)
         self.settings = CANDIDATES[int(np.argmin(np.median(costs, axis=0)))]
 
+    def tune_bake(self, noise2: Callable[[Float64, Float64], float], spp: int = 4) -> None:
+        """As `tune`, for bakes; noise2: of two pages with other seeds, falling as 1 / spp."""
+        costs = []
+        for self.settings in CANDIDATES:
+            (seconds, one), (more, other) = self.bake(spp, 1), self.bake(spp, 2)
+            costs.append(min(seconds, more) * noise2(one, other))
+        self.settings = CANDIDATES[int(np.argmin(costs))]
+
     def render(self, spp: int, seed: int) -> tuple[float, Float64]:
+        out = self._folder / "picture.exr"
+        return self._made(spp, seed, out), read_image(out)
+
+    def bake(self, spp: int, seed: int) -> tuple[float, Float64]:
+        """Seconds, and irradiance (size, size, 3), row 0 at the top; where no texel is: 0. Of `write_bake`."""
+        out = self._folder / "page.npy"
+        return self._made(spp, seed, out), np.pi * np.load(out)[::-1].astype(float)
+
+    def _made(self, spp: int, seed: int, out: Path) -> float:
         assert self._process.stdin is not None, "opened with a pipe"
-        asked = {"spp": spp, "seed": seed, "out": str(self._out), "settings": self.settings}
+        asked = {"spp": spp, "seed": seed, "out": str(out), "settings": self.settings}
         self._process.stdin.write(json.dumps(asked) + "\n")
         self._process.stdin.flush()
-        seconds = float(self._answer()["seconds"])
-        return seconds, read_image(self._out)
+        answer = self._answer()
+        self.peak_bytes = int(answer["peak_bytes"])
+        return float(answer["seconds"])
 
     def _answer(self) -> dict[str, str]:
         assert self._process.stdout is not None, "opened with a pipe"
@@ -103,12 +161,18 @@ class Cycles:
 
 
 @contextmanager
-def cycles(scene: Scene, max_depth: int) -> Iterator[Cycles]:
-    """Cycles with a comparable scene, warm. Raises GlpathError where it is absent or fails."""
+def cycles(scene: Scene | Surfaces, max_depth: int) -> Iterator[Cycles]:
+    """Cycles with a comparable scene to render, or surfaces to bake, warm.
+
+    Raises GlpathError where it is absent or fails.
+    """
     version()
     with tempfile.TemporaryDirectory() as folder:
         described = Path(folder, "scene.npz")
-        write_scene(scene, max_depth, described)
+        if isinstance(scene, Surfaces):
+            write_bake(scene, max_depth, described)
+        else:
+            write_scene(scene, max_depth, described)
         with subprocess.Popen(
             [other_python.python(), str(_WORKER), str(described)],
             stdin=subprocess.PIPE,
@@ -118,7 +182,7 @@ def cycles(scene: Scene, max_depth: int) -> Iterator[Cycles]:
         ) as process:
             try:
                 program = Cycles(process, Path(folder))
-                program.render(1, 0)
+                (program.bake if isinstance(scene, Surfaces) else program.render)(1, 0)
                 yield program
             finally:
                 process.kill()

@@ -2,9 +2,10 @@
 
     python cycles_worker.py SCENE.npz
 
-SCENE.npz is what `cycles_peer.write_scene` writes. Then each line of standard input is a picture to make, {"spp":
-64, "seed": 1, "out": "a.exr", "settings": {}}, and each line of standard output its answer, {"seconds": 1.5}. The
-first answer, before any picture, is Blender's version. Nothing of glpath is imported here.
+SCENE.npz is what `cycles_peer.write_scene` or `write_bake` writes. Then each line of standard input is a picture to
+make, {"spp": 64, "seed": 1, "out": "a.exr", "settings": {}}, and each line of standard output its answer,
+{"seconds": 1.5, "peak_bytes": 4e8}. Of a bake the picture is an .npy of (size, size, 3), irradiance over pi, row 0
+at the bottom. The first answer, before any picture, is Blender's version. Nothing of glpath is imported here.
 
 Cycles at its best for a given error: its path tracer on all cores with Embree, next event estimation, and nothing
 that makes the mean another one (clamping, light threshold, limits for kinds of bounces, denoiser, adaptive
@@ -28,7 +29,9 @@ def main() -> None:
     os.dup2(2, 1)  # Blender writes what it does to standard output
     import bpy
 
-    scene = make_scene(bpy, np.load(sys.argv[1]))
+    described = np.load(sys.argv[1])
+    scene = make_scene(bpy, described)
+    image = _add_baked(bpy, scene, described) if "size" in described else None
     print(json.dumps({"version": bpy.app.version_string}), file=answers, flush=True)
     for line in sys.stdin:
         asked = json.loads(line)
@@ -37,8 +40,21 @@ def main() -> None:
         for name, value in asked["settings"].items():
             setattr(scene.cycles, name, value)
         start = time.perf_counter()
-        bpy.ops.render.render(write_still=True)
-        print(json.dumps({"seconds": time.perf_counter() - start}), file=answers, flush=True)
+        if image is None:
+            bpy.ops.render.render(write_still=True)
+        else:
+            bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, margin=0, use_clear=True)
+        answer = {"seconds": time.perf_counter() - start, "peak_bytes": _peak_bytes()}
+        if image is not None:
+            pixels = np.empty(4 * image.size[0] * image.size[1], np.float32)
+            image.pixels.foreach_get(pixels)
+            np.save(asked["out"], pixels.reshape(image.size[1], image.size[0], 4)[..., :3])
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+def _peak_bytes() -> int:
+    with open("/proc/self/status") as status:
+        return next(1024 * int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
 
 
 def make_scene(bpy: Any, described: Any) -> Any:
@@ -47,13 +63,14 @@ def make_scene(bpy: Any, described: Any) -> Any:
     scene = bpy.context.scene
     for i in range(int(described["shapes"])):
         _add_mesh(bpy, scene, f"shape{i}", described[f"corners{i}"], described[f"light{i}"])
-    _add_camera(bpy, scene, described)
+    if "fov" in described:
+        _add_camera(bpy, scene, described)
+        scene.render.resolution_x, scene.render.resolution_y = map(int, described["resolution"])
     scene.world = None  # a new one would be grey
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.use_persistent_data = True
     render.use_compositing = render.use_sequencer = False
-    render.resolution_x, render.resolution_y = map(int, described["resolution"])
     render.resolution_percentage = 100
     render.image_settings.file_format = "OPEN_EXR"
     render.image_settings.color_mode = "RGB"
@@ -74,6 +91,31 @@ def _add_mesh(bpy: Any, scene: Any, name: str, corners: Any, light: Any) -> None
     mesh.from_pydata(corners.reshape(-1, 3).tolist(), [], np.arange(3 * len(corners)).reshape(-1, 3).tolist())
     mesh.materials.append(_material(bpy, name, light))
     scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+
+
+def _add_baked(bpy: Any, scene: Any, described: Any) -> Any:
+    """One mesh of all that is baked, selected; returns the picture that it is baked to.
+
+    One, as Cycles synchronises the scene again for each object.
+    """
+    size = int(described["size"])
+    image = bpy.data.images.new("light", size, size, float_buffer=True, is_data=True)
+    corners = described["corners"]
+    mesh = bpy.data.meshes.new("baked")
+    mesh.from_pydata(corners.reshape(-1, 3).tolist(), [], np.arange(3 * len(corners)).reshape(-1, 3).tolist())
+    for i, light in enumerate(described["lights"]):
+        material = _material(bpy, f"baked{i}", light)
+        node = material.node_tree.nodes.new("ShaderNodeTexImage")
+        node.image = image
+        material.node_tree.nodes.active = node
+        mesh.materials.append(material)
+    mesh.polygons.foreach_set("material_index", described["light_of"].astype(np.int32))
+    mesh.uv_layers.new(name="light").data.foreach_set("uv", described["uv"].astype(np.float32).ravel())
+    one = bpy.data.objects.new("baked", mesh)
+    scene.collection.objects.link(one)
+    one.select_set(True)
+    bpy.context.view_layer.objects.active = one
+    return image
 
 
 def _material(bpy: Any, name: str, light: Any) -> Any:

@@ -62,6 +62,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
         ("--scale",),
     ),
+    "lightmap": (
+        "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
+        ("--scale",),
+    ),
     "jobs": (
         "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
         ("--rounds", "--scale"),
@@ -110,7 +114,7 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, t-buffer, textures, shafts, viewfactors, measure, jobs: below 1, less work; 1.",
+            help="gather, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: below 1, less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -203,6 +207,10 @@ def _measure(
         from glpath.bench.measure import bench_measure
 
         return bench_measure(scale, progress)
+    if name == "lightmap":
+        from glpath.bench.lightmap import bench_lightmap
+
+        return bench_lightmap(scale, progress)
     if name == "jobs":
         from glpath.bench.jobs import bench_jobs
 
