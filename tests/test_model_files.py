@@ -22,6 +22,7 @@ from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.image import decode_srgb
 from glpath.rendering.job import RenderJob
 from glpath.scene import Material, Scene, check_scene, scene_cameras, scene_parameters
+from glpath.scene.formats.values import nearby_files
 
 CAMERA_AND_LIGHT = {
     "cameras": [
@@ -187,6 +188,29 @@ def test_a_mesh_file_has_no_parameters(tmp_path: Path) -> None:
 def test_a_model_without_triangles_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"empty.gltf: has no triangles"):
         load_scene(gltf(tmp_path / "empty.gltf", nodes=[{}]))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("points.obj", "v 0 0 0\nv 1 0 0\n", "has no triangles"),
+        ("cut.ply", "ply\nformat", "cannot be read as PLY: "),
+        ("wide.obj", "v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n", "reaches beyond 1e+15 scene units"),
+    ],
+)
+def test_an_error_about_a_mesh_file_by_itself_names_it_once(
+    tmp_path: Path, name: str, content: str, message: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(SceneError) as error:
+        load_scene(tmp_path / name)
+    assert str(error.value).startswith(f"{tmp_path / name}: {message}")
+    assert str(error.value).count(name) == 1
+
+
+def test_where_no_file_of_a_kind_lies_the_kind_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.gltf").touch()
+    assert nearby_files("Files", tmp_path / "wood.png", {".png"}) == f"Files in {tmp_path}: none of .png."
 
 
 def test_what_trimesh_reads_is_what_is_read_here(tmp_path: Path) -> None:

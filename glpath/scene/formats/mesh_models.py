@@ -11,7 +11,7 @@ import numpy as np
 from glpath.scene.formats.from_trimesh import coloured, surface_of_colours
 from glpath.scene.formats.gltf import Model
 from glpath.scene.formats.gltf.surfaces import Surface
-from glpath.scene.formats.meshes import MeshFile, mesh_of_loaded, read_mesh_file
+from glpath.scene.formats.meshes import MeshFile, mesh_of_loaded, read_mesh_file, which
 from glpath.scene.formats.mtl import Library
 from glpath.scene.formats.pictures import Pictures, UnusableError
 from glpath.scene.formats.values import LARGEST
@@ -53,8 +53,9 @@ class _Reader:
         ):  # which trimesh hands out from the last to the first
             number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
+                told = which(self.path, self.place)
                 raise self.place.error(
-                    f"names {self.path}, which reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                    f"{told}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Choose a larger unit of length.",
                 )
             if plain is not None and number >= 0:

@@ -32,6 +32,7 @@ from glpath.scene.tessellate import split_faces
 FORMATS = (".obj", ".ply", ".stl")
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
+_TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
 #: What describes the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
@@ -196,16 +197,22 @@ def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
     except SceneError:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
+        reason = f"{type(error).__name__}: {error}".rstrip(" .!")
         raise place.error(
-            f"names {path}, which cannot be read as {path.suffix[1:].upper()}: {type(error).__name__}: {error}.",
+            f"{which(path, place)}cannot be read as {path.suffix[1:].upper()}: {reason}.",
             "Open the file in another program to see whether it is whole, and write it anew.",
         ) from error
     if not file.meshes:
         raise place.error(
-            f"names {path}, in which no triangle was found.",
-            "The file is empty, broken, of another format than its suffix says, or holds points only.",
+            f"{which(path, place)}has no triangles.",
+            "The file is empty, broken, of another format than its suffix says, or holds points or lines only.",
         )
     return file
+
+
+def which(path: Path, place: Place) -> str:
+    """How a sentence about a file begins where `place` names it: with its name, but not of a model by itself."""
+    return "" if place == Place(str(path)) else f"names {path}, which "
 
 
 def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
@@ -259,6 +266,9 @@ def _parse(path: Path, colours: bool) -> MeshFile:
         content = plain.text
         options = {"resolver": obj.NamesOnly(len(plain.materials))}
     elif suffix == ".ply":
+        header, end, _ = content.partition(b"end_header")
+        if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
+            return MeshFile([])
         content, texture = _plain_ply(content, colours)
         options = {"skip_materials": True}
     loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)

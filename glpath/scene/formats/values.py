@@ -66,4 +66,5 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
     nearest = difflib.get_close_matches(path.name, others, 8, 0)
-    return f"{kind} in {path.parent}: {', '.join(nearest) or 'none'}."
+    kinds = ", ".join(filter(None, formats))
+    return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."
