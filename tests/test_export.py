@@ -290,6 +290,18 @@ def test_what_is_half_there_shines_by_half_in_mitsuba_too(tmp_path: Path) -> Non
     assert any("whatever its alpha" in text for text in quietly(leafy, tmp_path / "a.xml"))
 
 
+def test_a_pane_reflects_as_much_as_its_weight_says() -> None:
+    """By a two-sided sheet's 2 F / (1 + F) at normal incidence; nothing of it where it reflects nothing."""
+    scene = glpath.load_scene("furnace")
+    for weight, reflected in ((1.0, 0.04), (0.5, 0.02), (0.0, 0.0)):
+        pane = Material("pane", np.ones(3), roughness=0.0, transmission=1.0, specular_weight=weight)
+        made = described(replace(scene, materials=(pane,) * len(scene.materials)), 4)
+        index = made.plugins["pane"]["int_ior"]
+        once = ((index - 1.0) / (index + 1.0)) ** 2
+        assert 2.0 * once / (1.0 + once) == pytest.approx(reflected, abs=1e-12)
+        assert any("its pane reflects" in text for text in made.differences) is (weight > 0)
+
+
 def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> None:
     white = Material("glazed", np.ones(3), roughness=1.0, specular_colour=np.full(3, 25.0))
     scene = replace(glpath.load_scene("furnace"), materials=(white,) * len(glpath.load_scene("furnace").materials))
