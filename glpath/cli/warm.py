@@ -36,7 +36,9 @@ def compile_all() -> None:
 
     began = time.perf_counter()
     scene = load_scene(_SCENE)
-    compile_shaders(scene, compile_kernels(scene))
+    solution = compile_kernels(scene)
+    compile_shaders(scene, solution)
+    compile_lightmap(scene, solution)
     say(f"All kernels and shaders are compiled, in {duration(time.perf_counter() - began)}.", err=True)
 
 
@@ -69,3 +71,19 @@ def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
         say(f"render, {', '.join(options.values())}", err=True)
         given: dict[str, Any] = {"radiosity": solution} if options["integrator"] == "gather" else {}
         render(scene, spp=2, **options, **given)
+
+
+def compile_lightmap(scene: Scene, solution: RadiositySolution) -> None:
+    """Those of an atlas's texels, and the engines' shaders for paths that start there; nothing without xatlas."""
+    from glpath.bake.atlas import require_xatlas
+    from glpath.bake.lightmap import lightmap
+    from glpath.errors import GlpathError
+
+    try:
+        require_xatlas()
+    except GlpathError as missing:
+        say(f"without lightmaps: {missing}", err=True)
+        return
+    say("lightmap, path, gather", err=True)
+    lightmap(scene, size=64, spp=1)
+    lightmap(scene, size=64, spp=1, integrator="gather", radiosity=solution)
