@@ -535,10 +535,12 @@ const validator = require('gltf-validator'), fs = require('fs');
 validator.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1]))).then(
     report => console.log(JSON.stringify(report.issues.messages.filter(each => each.severity < 2))));
 """
+#: Tangents of normal maps and brushes are those that every reader makes by the same rule (MikkTSpace).
+ALLOWED = {"MESH_PRIMITIVE_GENERATED_TANGENT_SPACE"}
 
 
 def judged(path: Path) -> list[Any]:
-    """Errors and warnings of the Khronos validator."""
+    """Errors and warnings of the Khronos validator, but for what is ALLOWED."""
     if shutil.which("node") is None:
         pytest.skip("needs node")
     if npm.package("gltf-validator") is None:
@@ -547,7 +549,7 @@ def judged(path: Path) -> list[Any]:
     done = subprocess.run(
         ["node", "-e", VALIDATE, str(path)], env=environment, capture_output=True, text=True, check=True
     )
-    found: list[Any] = json.loads(done.stdout)
+    found: list[Any] = [each for each in json.loads(done.stdout) if each["code"] not in ALLOWED]
     return found
 
 
@@ -561,9 +563,7 @@ def test_the_validator_finds_nothing_in_a_shipped_scene(name: str, tmp_path: Pat
 @pytest.mark.evidence
 def test_the_validator_finds_nothing_in_all_that_there_is(tmp_path: Path) -> None:
     quietly(everything(), tmp_path / "a.glb")
-    # Tangents of bump maps and brushes are those that every reader makes by the same rule (MikkTSpace).
-    codes = {each["code"] for each in judged(tmp_path / "a.glb")}
-    assert codes == {"MESH_PRIMITIVE_GENERATED_TANGENT_SPACE"}
+    assert judged(tmp_path / "a.glb") == []
 
 
 @pytest.mark.evidence
