@@ -86,6 +86,14 @@ def quietly(baked: Lightmap, path: Path, **options: Any) -> list[Path]:
 # Texels
 
 
+def test_many_charts_fit_a_small_page_by_narrower_gutters() -> None:
+    """Of the furniture of `room` there are 1,797, whose gutters of four texels alone do not fit."""
+    surfaces = Surfaces.of(glpath.load_scene("room"), size=512)
+    assert surfaces.atlas.chart.max() > 1000
+    assert surfaces.atlas.size == (512, 512)
+    assert len(surfaces.inside) > 0.2 * 512**2
+
+
 def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:
     random = np.random.default_rng(5)
     uv = random.uniform(2, 30, (3, 3, 2))

@@ -26,6 +26,8 @@ Int64 = NDArray[np.int64]
 MAX_SIZE = 8192
 #: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
 PADDING = 4
+# What a single look-up needs, where charts are so many that wider gutters leave them less than this of a page.
+_LEAST_PADDING, _COVERED = 2, 1 / 3
 #: A page that is as large as it has to be is of a power of two between these.
 _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
 #: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit.
@@ -110,12 +112,19 @@ def _parts(scene: Scene, shown: NDArray[np.bool_]) -> list[tuple[Int64, int]]:
 def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int) -> Atlas:
     """On one page, with as many texels a scene unit as fit."""
     area = sum(float(scene.areas[triangles].sum()) for triangles, _ in parts)
-    texels = math.sqrt(_FILLED * size * size / area)
-    for _ in range(_TRIALS):
-        atlas = _packed(xatlas, scene, parts, texels, None)
-        if max(atlas.size) <= size:
-            return replace(atlas, size=(size, size))
-        texels *= min(_STEP, size / max(atlas.size))
+    found: Atlas | None = None
+    for padding in (PADDING, _LEAST_PADDING):
+        texels = math.sqrt(_FILLED * size * size / area)
+        for _ in range(_TRIALS):
+            atlas = _packed(xatlas, scene, parts, texels, None, padding)
+            if max(atlas.size) <= size:
+                found = replace(atlas, size=(size, size))
+                break
+            texels *= min(_STEP, size / max(atlas.size))
+        if found is not None and found.texels**2 * area >= _COVERED * size * size:
+            break
+    if found is not None:
+        return found
     raise UsageError(
         f"a page of {size} x {size} texels is too small: {int(atlas.chart.max()) + 1} charts with their gutters do "
         "not fit.",
@@ -123,7 +132,14 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int
     )
 
 
-def _packed(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], texels: float, size: int | None) -> Atlas:
+def _packed(
+    xatlas: Any,
+    scene: Scene,
+    parts: list[tuple[Int64, int]],
+    texels: float,
+    size: int | None,
+    padding: int = PADDING,
+) -> Atlas:
     """On pages of a size; None: on one that is as large as it has to be."""
     atlas = xatlas.Atlas()
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
@@ -133,7 +149,7 @@ def _packed(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], texels: f
         faces = faces.reshape(-1, 3)
         atlas.add_mesh(points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32))
     pack = xatlas.PackOptions()
-    pack.texels_per_unit, pack.padding = texels * extent, PADDING
+    pack.texels_per_unit, pack.padding = texels * extent, padding
     pack.resolution = 0 if size is None else size
     atlas.generate(pack_options=pack)
     made: list[tuple[Any, ...]] = []
