@@ -28,7 +28,9 @@ def holds_by_its_rule(report) -> bool:
     for condition in rule.split(", "):
         left, relation, right = condition.split()
         bound = measured[right] if right in measured else float(right)
-        verdicts.append(RELATIONS[relation](measured[left], bound))
+        # What could not be measured, null in JSON, keeps no condition.
+        found = float("nan") if measured[left] is None else measured[left]
+        verdicts.append(RELATIONS[relation](found, bound))
     return all(verdicts)
 
 
