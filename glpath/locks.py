@@ -26,7 +26,7 @@ import struct
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
 from glpath.files import reason_of
@@ -163,6 +163,21 @@ class Lock:
             f"Wait until that ends, or end it{end}; or name another output. Once it has ended, however that was, "
             f"{self._file} keeps nobody out.",
         )
+
+
+class Locked:
+    """What has a file for itself while a `with` block runs, by its `_lock`."""
+
+    _lock: Lock
+
+    def __enter__(self) -> Self:
+        self._lock.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lock.__exit__(kind, error, trace)
 
 
 def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:

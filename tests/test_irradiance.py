@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +17,11 @@ import glpath
 from glpath.cli.main import app
 from glpath.cli.point_files import grid_of, read_points
 from glpath.image import read_eight_bits
+from glpath.integrators.settings import PathTraceSettings
 from glpath.noise import standard_error
+from glpath.rendering import RenderJob
 from glpath.scene import load_scene
+from glpath.sensors import PointSensor
 
 BOX = "cornell-box-36"
 POINTS = [[0.0, 0.5, 0.1], [0.2, 0.3, 0.2], [-0.3, 0.5, 0.0]]
@@ -236,3 +243,30 @@ def test_a_normal_is_given_once(tmp_path: Path) -> None:
     path.write_text("0,0,0,0,0,1\n")
     with pytest.raises(glpath.UsageError, match="beside the normals"):
         read_points(path, (0.0, 1.0, 0.0))
+
+
+def test_what_was_measured_when_a_signal_comes_is_written(tmp_path: Path) -> None:
+    """Ctrl-C, in a process of its own, once there are path sets."""
+    command = [sys.executable, "-m", "glpath", "measure", "cornell-box-36", "--plane", "y=0.5"]
+    more = ["--spp", "20000", "--progress", "json", "-o", str(tmp_path / "lux.csv")]
+    process = subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("{") and json.loads(line).get("done", 0) > 0:
+            break
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "interrupted: what" in told
+    assert len((tmp_path / "lux.csv").read_text().splitlines()) > 100
+
+
+def test_all_bounces_are_measured_by_themselves() -> None:
+    """The 5 vertices of a picture's default are not enough; what is asked for counts."""
+    sensor = PointSensor.of(np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]]))
+    for asked, depth, roulette in (({}, 64, 4), ({"max_depth": 2}, 2, None)):
+        settings = RenderJob.of(BOX, sensor=sensor, **asked).integrator
+        assert isinstance(settings, PathTraceSettings)
+        assert (settings.max_depth, settings.roulette) == (depth, roulette)
+    found = [glpath.irradiance(BOX, POINTS, [0.0, 1.0, 0.0], spp=2048, **a).values for a in ({}, {"max_depth": 5})]
+    assert found[0].mean() > 1.003 * found[1].mean()

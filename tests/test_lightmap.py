@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.bake.atlas import Atlas
-from glpath.bake.lightmap import Lightmap, Surfaces
+from glpath.bake.lightmap import Bake, Lightmap, Surfaces
 from glpath.bake.pages import pages_of
 from glpath.bake.seams import Seams
 from glpath.bake.sides import Sides
@@ -24,6 +24,7 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film import Film
 from glpath.image import read_image
+from glpath.integrators.settings import PathTraceSettings
 from glpath.scene import Scene, load_scene
 
 pytest.importorskip("xatlas")
@@ -332,3 +333,11 @@ def test_the_command_bakes_and_goes_on(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert out.read_bytes() == whole
     assert not kept.exists()
+
+
+def test_a_lightmap_has_all_bounces_by_itself() -> None:
+    """As points have; a picture's 5 vertices are not enough."""
+    bake = Bake.of(glpath.load_scene("cornell-box"), size=64)
+    settings = bake.job.integrator
+    assert isinstance(settings, PathTraceSettings)
+    assert (settings.max_depth, settings.roulette) == (64, 4)

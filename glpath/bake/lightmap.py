@@ -12,7 +12,6 @@ Poor at:  what looks different from elsewhere: mirrors, highlights, metal and gl
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +28,12 @@ from glpath.bake.texels import Texels, rasterised
 from glpath.denoise import denoised_lightmap, require_denoiser
 from glpath.errors import SceneError, UsageError
 from glpath.film import Film
+from glpath.gl.context import open_context
 from glpath.image import luminance
 from glpath.integrators.settings import IntegratorSettings
+from glpath.interactive import in_notebook
+from glpath.rendering.calls import reporting_to, run
+from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Scene, load_scene
@@ -39,7 +42,6 @@ from glpath.sensors import PointSensor
 
 if TYPE_CHECKING:
     from glpath.progress import Progress
-    from glpath.rendering.job import RenderJob
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -222,7 +224,8 @@ def lightmap(
     size    : side of a page, texels; 1024. Without `texels` there is one page, on which charts are as large as fit
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
-    integrator, options : "path" or "gather" and their options, as of `glpath.render`; directions are "own"
+    integrator, options : "path" or "gather" and their options, as of `glpath.render`; directions are "own". By
+              "path" `max_depth` is 64 and `roulette` 4 by themselves, for the light of all bounces
     film    : of an interrupted bake of the same scene with the same options, to go on with
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
 
@@ -239,50 +242,44 @@ def lightmap(
     >>> baked.save("baked.glb")
     [PosixPath('baked.glb')]
     """
-    from glpath.progress import reporting
-
+    rules = StopRules(time_limit, noise)
     bake = Bake.of(
         load_scene(scene, parameters),
         texels=texels,
         size=size,
         uv=uv,
-        integrator=integrator,
-        spp=spp,
-        first_path_set=first_path_set,
-        backend=backend,
-        device=device,
-        require_gpu=require_gpu,
-        time_limit=time_limit,
-        noise=noise,
-        film=film,
-        on_step=on_step,
         denoise=denoise,
+        integrator=integrator,
+        spp=MAX_SPP if spp is None and rules else spp,
+        first_path_set=first_path_set,
         **options,
     )
-    with reporting("auto" if progress else "none", sys.stderr) as show:
-
-        def tell(state: Progress) -> None:
-            if show is not None:
-                show(state)
-            if on_progress is not None:
-                on_progress(state)
-
-        return bake.lightmap(bake.render(tell))
+    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    with reporting_to(progress, on_progress) as report:
+        made = run(
+            bake.job,
+            context,
+            scene=bake.scene,
+            time_limit=time_limit,
+            noise=noise,
+            film=film,
+            on_step=on_step,
+            on_progress=report,
+        )
+    return bake.lightmap(made)
 
 
 @dataclass(frozen=True, eq=False)
 class Bake:
     """A bake before its render: all that can be wrong with it is found when it is made.
 
-    surfaces, job, scene : texels, and the job that renders them in that scene
-    machine : of `open_context`;  ends : of `glpath.rendering.run`
+    surfaces   : the texels
+    job, scene : that render them, for `glpath.rendering.run`
     """
 
     surfaces: Surfaces
     job: RenderJob
     scene: Scene
-    machine: dict[str, Any]
-    ends: dict[str, Any]
     denoise: bool
 
     @classmethod
@@ -293,42 +290,28 @@ class Bake:
         texels: float | None = None,
         size: int | None = None,
         uv: Uv = "make",
-        spp: int | None = None,
-        backend: str = "auto",
-        device: int | None = None,
-        require_gpu: bool = False,
-        time_limit: float | None = None,
-        noise: float | None = None,
-        film: Film | None = None,
-        on_step: Callable[[Film], None] | None = None,
         denoise: bool = False,
+        integrator: str | IntegratorSettings = "path",
+        spp: int | None = None,
+        first_path_set: int = 0,
         **options: Any,
     ) -> Bake:
         """See `lightmap` for parameters and errors."""
-        from glpath.rendering.job import check_sensor, describe
-
         if denoise:
             require_denoiser()
         check_density(texels, size, uv)
-        rules = StopRules(time_limit, noise)
-        given = {name: value for name, value in options.items() if name not in ("integrator", "first_path_set")}
         # Before the work: any point will do.
-        check_sensor(settings_of(options.get("integrator", "path"), given), PointSensor.of(_POINT, _UP))
+        check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
         surfaces = Surfaces.of(scene, texels, size, uv)
-        spp = MAX_SPP if spp is None and rules else spp
-        job, seen = describe(surfaces.scene, sensor=surfaces.sensor(), spp=spp, **options)
-        machine = {"backend": backend, "device": device, "require_gpu": require_gpu}
-        ends = {"time_limit": time_limit, "noise": noise, "film": film, "on_step": on_step}
-        return cls(surfaces, job, seen, machine, ends, denoise)
-
-    def render(self, on_progress: Callable[[Progress], None] | None = None) -> Film:
-        """The film of the texels. Raises RenderInterrupted, with the film so far, and ContextError."""
-        from glpath.gl.context import open_context
-        from glpath.interactive import in_notebook
-        from glpath.rendering import run
-
-        context = open_context(**self.machine, probe_first=in_notebook())
-        return run(self.job, context, scene=self.scene, on_progress=on_progress, **self.ends)
+        job, seen = describe(
+            surfaces.scene,
+            integrator=integrator,
+            spp=spp,
+            first_path_set=first_path_set,
+            sensor=surfaces.sensor(),
+            **options,
+        )
+        return cls(surfaces, job, seen, denoise)
 
     def lightmap(self, film: Film) -> Lightmap:
         """Of a film of the texels."""

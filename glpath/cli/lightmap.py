@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -11,25 +9,38 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.options import FOR_ALL, ProgressOption, QuietOption, option_values, with_integrator_options
-from glpath.cli.outcome import leave_for_later
+from glpath.cli.options import (
+    FOR_ALL,
+    BackendOption,
+    DeviceOption,
+    ProgressOption,
+    QuietOption,
+    RequireGpuOption,
+    option_values,
+    with_integrator_options,
+)
+from glpath.cli.outcome import leave_for_later, without_checkpoint
+from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
 from glpath.cli.unattended import (
+    DEFAULT_HANG_LIMIT,
     CheckpointOption,
+    HangLimitOption,
     NoiseOption,
     ResumeOption,
     TimeLimitOption,
     checkpointed,
-    keep_after_failure,
     seconds,
+    stop_rules,
 )
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import UsageError
 from glpath.files import check_writable, save_all
 from glpath.film_metadata import RULES
-from glpath.progress import MODES, duration, percent, reporting
+from glpath.progress import MODES, duration, percent
+from glpath.rendering.options import MAX_SPP
 from glpath.terminal import say
 
 if TYPE_CHECKING:
@@ -45,8 +56,9 @@ _UV = ("make", "keep")
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     app.command(
-        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with its checkpoint "
-        "written (start it again with --resume), 130 interrupted (what there is, is written)."
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
+        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
+        "130 interrupted (what there is, is written)."
     )(with_integrator_options(lightmap))
 
 
@@ -130,7 +142,11 @@ def lightmap(
     resume: ResumeOption = False,
     time_limit: TimeLimitOption = None,
     noise: NoiseOption = None,
+    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    require_gpu: RequireGpuOption = False,
     progress: ProgressOption = "auto",
     quiet: QuietOption = False,
     **options: Any,
@@ -158,30 +174,37 @@ def lightmap(
         raise UsageError("--exposure: irradiance is written as it is.", "Leave it out, or --materials keep.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    if noise is not None and not 0 < noise < math.inf:
-        raise UsageError(f"--noise {noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+    rules = stop_rules(time_limit, noise)
+    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     if checkpoint is not None or resume:
         go_on_later()
     stops = read_exposure(exposure)
     given = {
-        "texels": texels, "size": size, "uv": uv, "integrator": integrator, "spp": spp, "noise": noise,
-        "time_limit": None if time_limit is None else seconds("--time-limit", time_limit),
-        **option_values(integrator, options),
+        "texels": texels, "size": size, "uv": uv, "denoise": denoise, "integrator": integrator,
+        "spp": MAX_SPP if spp is None and rules else spp, **option_values(integrator, options),
     }  # fmt: skip
     loaded = read_scene(scene, parameters)
     check_writable(out)
-    mode = "none" if quiet and progress == "auto" else progress
+    if quiet and progress == "auto":
+        progress = "none"
     with checkpointed([out], checkpoint, resume) as (keeper, begun):
-        if keeper is not None:
-            given |= {"film": begun, "on_step": keeper}
-        try:
-            baked = _baked(loaded, {name: v for name, v in given.items() if v is not None}, denoise, mode)
-        except GlpathError as error:
-            keep_after_failure(keeper, error)
-            raise
-        complete = baked.film.metadata.stop_rule in RULES
+        from glpath.bake.lightmap import Bake
+        from glpath.gl.context import open_context
+        from glpath.rendering import run
+
+        bake = Bake.of(loaded, **{name: value for name, value in given.items() if value is not None})
+
+        def start(more: dict[str, Any]) -> Film:
+            return run(bake.job, open_context(backend, device, require_gpu), scene=bake.scene, **more)
+
+        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
+        film, failure = film_of(start, {**rules, **going_on}, progress, keeper, silence)
+        complete = film.metadata.stop_rule in RULES
         if keeper is not None and by_scheduler() and not complete:
-            raise leave_for_later(keeper, baked.film)
+            raise leave_for_later(keeper, film)
+        if not film.path_sets:
+            raise KeyboardInterrupt
+        baked = bake.lightmap(film)
         written: list[Path] = []
 
         def save(path: Path) -> None:
@@ -189,39 +212,25 @@ def lightmap(
             written.extend(baked.save(path, materials=kind, exposure=stops, moz=moz))
 
         kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-        _, failure = save_all({out: save}, {"film.npz": baked.film.save}, kept)
-        if failure is not None:
-            raise failure
+        _, unsaved = save_all({out: save}, {"film.npz": film.save}, kept)
+        failure = failure or unsaved
         if keeper is not None:
-            if complete:
+            if complete and failure is None:
                 keeper.remove()
             else:
-                keeper.write(baked.film)
+                keeper.write(film)
+    if failure is not None:
+        raise failure
     if not quiet and progress != "json":
         for line in _summary(baked):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)
     if arrived():
-        say(f"glpath: interrupted: light of {baked.film.path_sets} path sets is in {out}", err=True)
+        say(f"glpath: interrupted: light of {film.path_sets} path sets is in {out}", err=True)
         raise typer.Exit(INTERRUPTED)
-
-
-def _baked(scene: Any, given: dict[str, Any], denoise: bool, mode: str) -> Lightmap:
-    """The lightmap, or what there is of it when a signal ends the render; KeyboardInterrupt before there is any."""
-    from glpath.bake.lightmap import Bake
-    from glpath.rendering import RenderInterrupted
-
-    bake = Bake.of(scene, denoise=denoise, **given)
-    try:
-        with reporting(mode, sys.stderr) as report:
-            film: Film = result_of(lambda: bake.render(on_progress=report))
-    except RenderInterrupted as stop:
-        interrupted()
-        if stop.film is None or not stop.film.path_sets:
-            raise KeyboardInterrupt from None
-        film = stop.film
-    return bake.lightmap(film)
+    if keeper is not None and keeper.failure is not None:
+        raise without_checkpoint(keeper)
 
 
 def _summary(baked: Lightmap) -> Iterator[str]:

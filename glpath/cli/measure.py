@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -14,35 +12,49 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.options import (
-    OUTPUT,
+    BackendOption,
+    DeviceOption,
     ProgressOption,
+    QuietOption,
+    RequireGpuOption,
     option_values,
     with_integrator_options,
 )
+from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import result_of
-from glpath.cli.unattended import NoiseOption, TimeLimitOption, seconds
+from glpath.cli.signals import INTERRUPTED, arrived
+from glpath.cli.unattended import (
+    DEFAULT_HANG_LIMIT,
+    HangLimitOption,
+    NoiseOption,
+    TimeLimitOption,
+    seconds,
+    stop_rules,
+)
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
-from glpath.progress import MODES, duration, reporting
+from glpath.progress import MODES, duration
 from glpath.terminal import say
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
+    from glpath.film import Film
     from glpath.integrators.settings import Integrator
     from glpath.rendering.points import Irradiance
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
 _OPTIONS = ("max_depth", "seed", "sampling", "guide", "ambient", "roulette", "radiosity")
-_POINTS, _LIGHT, _MACHINE = "Points", "Light", "Machine"
+_POINTS, _LIGHT = "Points", "Light"
 
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    app.command()(with_integrator_options(measure, _OPTIONS))
+    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written).")(
+        with_integrator_options(measure, _OPTIONS)
+    )
 
 
 def measure(
@@ -118,17 +130,13 @@ def measure(
     ] = None,
     noise: NoiseOption = None,
     time_limit: TimeLimitOption = None,
+    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
-    device: Annotated[
-        int | None, typer.Option(metavar="N", help="A device of `glpath devices`.", rich_help_panel=_MACHINE)
-    ] = None,
-    require_gpu: Annotated[
-        bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
-    ] = False,
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    require_gpu: RequireGpuOption = False,
     progress: ProgressOption = "auto",
-    quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT)
-    ] = False,
+    quiet: QuietOption = False,
     **options: Any,
 ) -> None:
     """Irradiance and illuminance at points, with standard errors; of all also mean, minimum and uniformity.
@@ -155,12 +163,12 @@ def measure(
             raise UsageError(
                 f"{option}: belongs to {'--points' if option == '--normal' else '--plane'}.", "Leave it out."
             )
-    for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
-        if count is not None and count < low:
-            raise UsageError(f"{option} {count}: must be at least {low}.")
-    for option, number in (("--noise", noise), ("--lumens-per-watt", lumens_per_watt)):
-        if number is not None and not 0 < number < math.inf:
-            raise UsageError(f"{option} {number:g}: must be above 0.")
+    if spp is not None and spp < 1:
+        raise UsageError(f"--spp {spp}: must be at least 1.")
+    if not 0 < lumens_per_watt < math.inf:
+        raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
+    rules = stop_rules(time_limit, noise)
+    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     pictures = [path for path in out if path.suffix.lower() == ".png"]
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
@@ -177,28 +185,23 @@ def measure(
         at = read_points(points, vector("--normal", normal))
     for path in out:
         check_writable(path)
-    limit = None if time_limit is None else seconds("--time-limit", time_limit)
-    mode = "none" if quiet and progress == "auto" else progress
+    if quiet and progress == "auto":
+        progress = "none"
 
-    def compute() -> Irradiance:
+    def start(more: dict[str, Any]) -> Film:
         from glpath.rendering.points import irradiance
 
-        with reporting(mode, sys.stderr) if mode != "none" else nullcontext() as report:
-            return irradiance(
-                loaded,
-                at.points,
-                at.normals,
-                integrator=cast("Integrator", integrator),
-                spp=spp,
-                noise=noise,
-                time_limit=limit,
-                device=device,
-                require_gpu=require_gpu,
-                on_progress=report,
-                **options,
-            )
+        return irradiance(
+            loaded, at.points, at.normals, integrator=cast("Integrator", integrator), spp=spp, **options, **more
+        ).film
 
-    found = result_of(compute)
+    asked: dict[str, Any] = {**rules, "backend": backend, "device": device, "require_gpu": require_gpu}
+    film, _ = film_of(start, asked, progress, None, silence)
+    if not film.path_sets:
+        raise KeyboardInterrupt
+    from glpath.rendering.points import Irradiance
+
+    found = Irradiance(film, len(at.points))
     saves: dict[Path, Save] = {}
     for path in out:
         if path in pictures:
@@ -218,6 +221,9 @@ def measure(
         for path in out:
             if not is_stream(path):
                 say(f"wrote {path}", err=True)
+    if arrived():
+        say(f"glpath: interrupted: what {film.path_sets} paths of each point found is written", err=True)
+        raise typer.Exit(INTERRUPTED)
 
 
 def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:

@@ -105,8 +105,13 @@ class Outcome:
             _say_interrupted(film, self.spp, written, keeper)
             raise typer.Exit(INTERRUPTED)
         if keeper is not None and keeper.failure is not None and keeper.path not in written:
-            say(f"glpath: done, but the last checkpoint was not written: {keeper.failure}", err=True)
-            raise typer.Exit(WITHOUT_CHECKPOINT)
+            raise without_checkpoint(keeper)
+
+
+def without_checkpoint(checkpoint: Checkpoint) -> typer.Exit:
+    """All is written, but the last checkpoint."""
+    say(f"glpath: done, but the last checkpoint was not written: {checkpoint.failure}", err=True)
+    return typer.Exit(WITHOUT_CHECKPOINT)
 
 
 def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:

@@ -18,18 +18,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 from glpath.errors import ImageError, UsageError
 from glpath.files import is_stream, reason_of, remove_parts
 from glpath.film import Film
-from glpath.locks import Lock
+from glpath.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
 
 
 @dataclass
-class Checkpoint:
+class Checkpoint(Locked):
     """Where the film goes, and how often. To be called with the film after every step.
 
     As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it.
@@ -55,15 +54,6 @@ class Checkpoint:
     def __post_init__(self) -> None:
         self.path = Path(self.path)
         self._lock = Lock(self.path, "a render that goes on with it")
-
-    def __enter__(self) -> Checkpoint:
-        self._lock.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._lock.__exit__(kind, error, trace)
 
     def load(self) -> Film | None:
         """The film to go on with; None where there is none yet. Raises ImageError for a file that is no film."""

@@ -264,8 +264,11 @@ def describe(
 ) -> tuple[RenderJob, Scene]:
     """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
 
-    sensor : points, in place of the scene's camera
+    sensor : points, in place of the scene's camera. What is measured there has the light of all bounces, where
+             no `max_depth` is asked for
     """
+    if sensor is not None and integrator == "path" and options.get("max_depth") is None:
+        options = _ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
     settings = settings_of(integrator, options)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
@@ -287,6 +290,8 @@ def describe(
     return RenderJob(source, settings, starts, window, path_sets), loaded
 
 
+# Of "path": they go on as long as they carry light.
+_ALL_BOUNCES = {"max_depth": 64, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 

@@ -7,7 +7,6 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.image import luminance
@@ -23,10 +22,9 @@ from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.interactive import in_notebook
 from glpath.noise import standard_error
 from glpath.progress import Progress
-from glpath.rendering.calls import reporting_to
+from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import describe
 from glpath.rendering.options import MAX_SPP, with_options
-from glpath.rendering.session import Session
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, load_scene
 from glpath.sensors import PointSensor
@@ -35,9 +33,6 @@ Float64 = NDArray[np.float64]
 
 #: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
 LUMENS_PER_WATT = 179.0
-
-# Paths of "path" that go on as long as they carry light: what a meter shows has all bounces.
-_DEEP = {"max_depth": 64, "roulette": 4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +125,6 @@ def irradiance(
     ((1, 3), (1, 3), (1,))
     """
     rules = StopRules(time_limit, noise)
-    if integrator == "path":
-        options = _DEEP | {name: value for name, value in options.items() if value is not None}
     loaded = load_scene(scene, parameters)
     job, loaded = describe(
         loaded,
@@ -141,13 +134,19 @@ def irradiance(
         sensor=_in_rows(*_points(points, normals), loaded.camera.shutter),
         **options,
     )
-    session = Session(job, loaded, stacklevel=2)
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with session, reporting_to(progress, on_progress) as report:
-        film = session.render(job, loaded, context, on_progress=report, rules=rules, film=film, on_step=on_step)
-    for text in session.remarks(film):
-        warnings.warn(text, SceneWarning, stacklevel=2)
-    return Irradiance(film, len(np.asarray(points)))
+    with reporting_to(progress, on_progress) as report:
+        found = run(
+            job,
+            context,
+            scene=loaded,
+            time_limit=time_limit,
+            noise=noise,
+            film=film,
+            on_step=on_step,
+            on_progress=report,
+        )
+    return Irradiance(found, len(np.asarray(points)))
 
 
 def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:

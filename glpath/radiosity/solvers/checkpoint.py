@@ -18,7 +18,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError
 from glpath.files import reason_of, remove_parts, whole_file
-from glpath.locks import Lock
+from glpath.locks import Lock, Locked
 from glpath.npz import open_npz
 from glpath.versions import versions
 
@@ -48,7 +47,7 @@ class Solver(Protocol):
 
 
 @dataclass
-class SolverCheckpoint:
+class SolverCheckpoint(Locked):
     """Where the state goes, and how often.
 
     As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it;
@@ -71,15 +70,6 @@ class SolverCheckpoint:
     def __post_init__(self) -> None:
         self.path = Path(self.path)
         self._lock = Lock(self.path, "a solver that goes on with it")
-
-    def __enter__(self) -> SolverCheckpoint:
-        self._lock.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._lock.__exit__(kind, error, trace)
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
         """Go on with the file where there is one; whether there was.
