@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glpath.bench import cycles_peer, lightmap
-from glpath.bench.lightmap import Bakes, bench_lightmap, compared, weights
+from glpath.bench.lightmap import LEVEL, Bakes, bench_lightmap, compared, weights
 from glpath.errors import GlpathError
 from glpath.experiments import other_python
 
@@ -27,7 +27,7 @@ def played(level: float, noise: float, seconds_each: float, seed: int) -> Bakes:
     return bakes
 
 
-def test_times_are_to_the_error_that_cycles_has() -> None:
+def test_times_are_to_an_error_that_is_the_same_for_all() -> None:
     where = np.ones((64, 64), bool)
     programs = {
         "path": played(2.0, 1.0, 0.1, 1),
@@ -35,12 +35,14 @@ def test_times_are_to_the_error_that_cycles_has() -> None:
         "cycles": played(2.0, 1.0, 1.0, 3),
     }
     numbers, rows = compared(programs, where)
-    # Relative to the light and a tenth of its mean; noise of one over the root of 16.
-    assert numbers["error"] == pytest.approx(0.25 / 2.2, rel=0.05)
-    assert numbers["cycles_s"] == pytest.approx(17, rel=0.01)
-    assert numbers["path_s"] == pytest.approx(1 + 1.6, rel=0.05)
-    assert numbers["gather_s"] == pytest.approx(1 + 0.4, rel=0.05)
-    assert numbers["vs_cycles"] == pytest.approx(17 / 1.4, rel=0.05)
+    # Relative to the light and a tenth of its mean; noise of one over the root of the samples.
+    samples = (1 / 2.2 / LEVEL) ** 2
+    assert numbers["cycles_s"] == pytest.approx(1 + samples, rel=0.05)
+    assert numbers["path_s"] == pytest.approx(1 + 0.1 * samples, rel=0.05)
+    assert numbers["gather_s"] == pytest.approx(1 + 0.025 * samples, rel=0.05)
+    assert numbers["vs_cycles"] == pytest.approx((1 + samples) / (1 + 0.025 * samples), rel=0.05)
+    assert rows[0]["noise"] == pytest.approx(0.25 / 2.2, rel=0.05)
+    assert rows[2]["s to 20%"] == pytest.approx(1 + samples / 4, rel=0.05)
     assert [row["program"] for row in rows] == ["path", "gather", "cycles"]
 
 
@@ -58,7 +60,7 @@ def test_what_is_systematic_takes_longer_or_never_gets_there() -> None:
     programs["gather"] = played(3.0, 0.1, 0.1, 2)
     numbers, _ = compared(programs, where)
     assert np.isnan(numbers["gather_s"])
-    assert numbers["vs_cycles"] == pytest.approx(17 / 2.6, rel=0.05), "by path tracing alone"
+    assert numbers["vs_cycles"] == pytest.approx(numbers["cycles_s"] / numbers["path_s"]), "by path tracing alone"
 
 
 def test_weights_make_errors_relative_and_leave_gutters_out() -> None:
@@ -73,7 +75,7 @@ def test_a_small_bench_without_cycles_measures_and_claims_nothing(monkeypatch: p
         raise GlpathError(f"{name} is not installed for {interpreter}; it is needed only as a peer.")
 
     monkeypatch.setattr(other_python, "find_package", nothing)
-    monkeypatch.setattr(lightmap, "SIZES", {512: (8, 32)})
+    monkeypatch.setattr(lightmap, "SIZES", {512: {"path": (8, 32), "gather": (8, 32)}})
     report = bench_lightmap(0.125)
     assert report.holds is None
     assert report.faults == []
@@ -90,7 +92,7 @@ def test_cycles_bakes_the_same_light(monkeypatch: pytest.MonkeyPatch) -> None:
         cycles_peer.version()
     except GlpathError as error:
         pytest.skip(str(error))
-    monkeypatch.setattr(lightmap, "SIZES", {1024: (4, 16)})
+    monkeypatch.setattr(lightmap, "SIZES", {1024: {"path": (4, 16), "gather": (4, 16), "cycles": (4, 64)}})
     report = bench_lightmap(0.125)
     assert report.measured["cycles_off_1024"] < 0.02
     (row,) = [row for row in report.rows if row["program"] == "cycles"]
