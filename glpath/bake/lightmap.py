@@ -99,15 +99,15 @@ class Surfaces:
         width = int(np.ceil(np.sqrt(len(rendered))))
         height = -(-len(rendered) // width)
         samples = len(self.texels.face)
-        tables = np.zeros((3, samples, height * width, 3), np.float32)
+        positions, normals, shading = np.zeros((3, samples, height * width, 3), np.float32)
         for s in range(samples):
-            tables[0, s, : len(rendered)] = self.texels.positions(self.scene, self.atlas, s)[rendered]
-            tables[1, s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s, smooth=False)[rendered]
-            tables[2, s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s)[rendered]
-        valid = np.arange(height * width) < len(rendered)
-        positions, normals, shading = tables.reshape(3, samples, height, width, 3)
-        smooth = {} if np.array_equal(normals, shading) else {"shading_normals": shading}
-        return PointSensor.of(positions, normals, valid.reshape(height, width), **smooth)
+            positions[s, : len(rendered)] = self.texels.positions(self.scene, self.atlas, s)[rendered]
+            normals[s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s, smooth=False)[rendered]
+            shading[s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s)[rendered]
+        valid = (np.arange(height * width) < len(rendered)).reshape(height, width)
+        shape = (samples, height, width, 3)
+        smooth = {} if np.array_equal(normals, shading) else {"shading_normals": shading.reshape(shape)}
+        return PointSensor.of(positions.reshape(shape), normals.reshape(shape), valid, **smooth)
 
     def pages(self, film: Film) -> tuple[Float32, Bools]:
         """Irradiance (P, h, w, 3) of a film of the sensor, and where it was rendered, (P, h, w)."""

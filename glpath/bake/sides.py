@@ -10,6 +10,8 @@ Poor at:  light that gets in by a hole which none of some hundred rays from a su
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,12 +35,14 @@ _LOOKS = 16
 _BESIDE = 0.25
 #: Times that a point in the dark is joined with lamps, and the most punctual lights that are asked.
 _JOINS = 8
+#: Rays that a thread takes at a time.
+_TOGETHER = 1 << 14
 #: Bounces of a walk from a side that looks for light, and the share of walks that slip through edges.
 _BOUNCES, _SLIPS = 8, 1e-3
 
 
 @kernel
-def _cast(rays, origins, directions, own, found, hits, distances):  # type: ignore[no-untyped-def]
+def _cast(rays, origins, directions, own, hits, distances, found):  # type: ignore[no-untyped-def]
     for i in range(len(origins)):
         hits[i] = nearest(rays, origins[i], directions[i], own[i], found)
         distances[i] = found[0] if hits[i] >= 0 else np.inf
@@ -229,15 +233,19 @@ def _hit(
 ) -> tuple[Int64, Int64, Float64]:
     """(N,) triangle (-1: none), the side that is met, and the distance."""
     hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
-    _cast(
-        rays,
+    arrays = (
         np.ascontiguousarray(origins),
         np.ascontiguousarray(directions),
         np.ascontiguousarray(own, np.int64),
-        np.empty(3),
         hits,
         distances,
     )
+
+    def part(first: int) -> None:
+        _cast(rays, *(array[first : first + _TOGETHER] for array in arrays), np.empty(3))
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        list(pool.map(part, range(0, len(origins), _TOGETHER)))
     back = np.einsum("ij,ij->i", surfaces.normals[hits], directions) > 0
     return hits, back.astype(np.int64), distances
 

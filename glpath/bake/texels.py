@@ -18,6 +18,7 @@ from glpath.kernels import kernel
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 
+Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
@@ -34,14 +35,14 @@ class Texels:
 
     page, row, column : (N,)
     face    : (S, N) the number of a face of the atlas
-    b       : (S, N, 2) barycentric coordinates b1, b2 in its triangle
+    b       : (S, N, 2) float32 barycentric coordinates b1, b2 in its triangle
     """
 
     page: Int64
     row: Int64
     column: Int64
     face: Int32
-    b: Float64
+    b: Float32
 
     @property
     def index(self) -> tuple[Int64, Int64, Int64]:
@@ -50,21 +51,30 @@ class Texels:
 
     def positions(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
         """(N, 3) in world space."""
-        return _mixed(scene.triangles[atlas.triangle[self.face[sample]]], self.b[sample])
+        return self._mixed(scene.triangles[atlas.triangle], sample)
 
     def normals(self, scene: Scene, atlas: Atlas, sample: int, smooth: bool = True) -> Float64:
         """(N, 3) unit, out of the side that is baked; the smooth ones of what is shaded smoothly, or the faces'."""
-        triangle = atlas.triangle[self.face[sample]]
-        facing = (1 - 2 * atlas.side[self.face[sample]])[:, None]
+        facing = (1 - 2 * atlas.side)[:, None]
+        plain = scene.normals[atlas.triangle] * facing
         if not smooth:
-            return np.asarray(scene.normals[triangle] * facing)
+            return np.asarray(plain[self.face[sample]])
         shapes = scene.shapes
-        corners = shapes.vertex_normals[shapes.faces[triangle]]
-        mixed = _mixed(corners, self.b[sample])
-        length = np.linalg.norm(mixed, axis=1)
-        has = (np.abs(corners).sum(axis=2) > 0).all(axis=1) & (length > 1e-9)
-        found = np.where(has[:, None], mixed / np.maximum(length, 1e-9)[:, None], scene.normals[triangle])
-        return np.asarray(found * facing)
+        corners = shapes.vertex_normals[shapes.faces[atlas.triangle]] * facing[:, None]
+        flat = ~(np.abs(corners).sum(axis=2) > 0).all(axis=1)
+        corners[flat] = plain[flat, None]
+        mixed = self._mixed(corners, sample)
+        length = np.sqrt(np.einsum("ij,ij->i", mixed, mixed))[:, None]
+        gone = length[:, 0] <= 1e-9
+        mixed /= np.maximum(length, 1e-9)
+        mixed[gone] = plain[self.face[sample, gone]]
+        return mixed
+
+    def _mixed(self, corners: Float64, sample: int) -> Float64:
+        """(N, 3), by the barycentric coordinates of what corners of faces (F, 3, 3) have."""
+        mixed = np.empty((self.face.shape[1], 3))
+        _mix(np.ascontiguousarray(corners), self.face[sample], self.b[sample], mixed)
+        return mixed
 
     def with_samples_of(self, source: Int64) -> Texels:
         """With other samples of the same texel in the place of some: source (S, N) is the number of each's."""
@@ -91,7 +101,9 @@ def rasterised(atlas: Atlas) -> Texels:
         )
     page_of, row, column = (np.concatenate([part[i] for part in made]) for i in range(3))
     face, b = (np.concatenate([part[i] for part in made], axis=1) for i in (3, 4))
-    return Texels(page_of, row, column, face.astype(np.int32), _inset(atlas.uv[face], b.astype(np.float64)))
+    face, b = np.ascontiguousarray(face, np.int32), np.ascontiguousarray(b)
+    _inset(atlas.uv, face, b)
+    return Texels(page_of, row, column, face, b)
 
 
 def lattice(count: int) -> Float64:
@@ -113,24 +125,35 @@ def _areas2(uv: Float64) -> Float64:
     return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def _mixed(corners: Float64, b: Float64) -> Float64:
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(corners[:, 0] + b[:, :1] * edges[:, 0] + b[:, 1:] * edges[:, 1])
+@kernel
+def _mix(corners, face, b, mixed):  # type: ignore[no-untyped-def]
+    for i in range(len(face)):
+        f, b1, b2 = face[i], np.float64(b[i, 0]), np.float64(b[i, 1])
+        for k in range(3):
+            first = corners[f, 0, k]
+            mixed[i, k] = first + b1 * (corners[f, 1, k] - first) + b2 * (corners[f, 2, k] - first)
 
 
-def _inset(uv: Float64, b: Float64) -> Float64:
-    """Barycentric coordinates (S, N, 2) that keep from the edges of triangles with corners (S, N, 3, 2), texels."""
-    opposite = np.linalg.norm(np.roll(uv, -1, axis=2) - np.roll(uv, 1, axis=2), axis=3)
-    a, c = uv[..., 1, :] - uv[..., 0, :], uv[..., 2, :] - uv[..., 0, :]
-    doubled = np.abs(a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0])
-    least = np.minimum(_INSET * opposite / np.maximum(doubled, 1e-12)[..., None], 0.3)
-    all_ = np.concatenate([1 - b.sum(axis=2, keepdims=True), b], axis=2)
-    free = 1 - least.sum(axis=2, keepdims=True)
-    # Towards the middle, as far as it takes: what is given to one corner the others lose in their shares.
-    above = np.maximum(all_ - least, 0.0)
-    share = above / np.maximum(above.sum(axis=2, keepdims=True), 1e-12)
-    near = (all_ < least).any(axis=2, keepdims=True)
-    return np.asarray(np.where(near, least + free * share, all_)[..., 1:])
+@kernel
+def _inset(uv, face, b):  # type: ignore[no-untyped-def]
+    """Move barycentric coordinates (S, N, 2), in faces (S, N) of uv (F, 3, 2), away from edges by `_INSET`."""
+    for s in range(face.shape[0]):
+        for i in range(face.shape[1]):
+            f = face[s, i]
+            x1, y1 = uv[f, 1, 0] - uv[f, 0, 0], uv[f, 1, 1] - uv[f, 0, 1]
+            x2, y2 = uv[f, 2, 0] - uv[f, 0, 0], uv[f, 2, 1] - uv[f, 0, 1]
+            doubled = max(abs(x1 * y2 - y1 * x2), 1e-12)
+            least0 = min(_INSET * np.hypot(x2 - x1, y2 - y1) / doubled, 0.3)
+            least1 = min(_INSET * np.hypot(x2, y2) / doubled, 0.3)
+            least2 = min(_INSET * np.hypot(x1, y1) / doubled, 0.3)
+            b1, b2 = np.float64(b[s, i, 0]), np.float64(b[s, i, 1])
+            b0 = 1 - b1 - b2
+            if b0 >= least0 and b1 >= least1 and b2 >= least2:
+                continue
+            # Towards the middle, as far as it takes: what is given to one corner the others lose in their shares.
+            above0, above1, above2 = max(b0 - least0, 0.0), max(b1 - least1, 0.0), max(b2 - least2, 0.0)
+            free = (1 - least0 - least1 - least2) / max(above0 + above1 + above2, 1e-12)
+            b[s, i, 0], b[s, i, 1] = least1 + free * above1, least2 + free * above2
 
 
 @kernel

@@ -11,7 +11,7 @@ noise, from two runs with other seeds, and what is systematic, from the covarian
 runs of our path tracer, which has no bias. The noise of the four is independent, so that no reference has to be
 free of it. Of Cycles the noise alone counts: its texels may be filtered otherwise. Times to an error are a + b n
 seconds, for the n samples of which noise^2 = c / n is as wanted; a, b and c are from runs of two lengths. The rows
-have them for each of `LEVELS`: what a program does before its first sample counts the more, the less is asked of it.
+have them for each of `LEVELS`: the less is asked, the more counts what a program does before its first sample.
 `measured`, for each SIZE of the page, at `LEVEL`:
 
     cycles_off_SIZE   : relative difference of the means, of Cycles to our path tracer
