@@ -15,8 +15,8 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -28,7 +28,8 @@ from glpath import denoise as open_image_denoise
 from glpath import image
 from glpath.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, whole_file
+from glpath.files import is_stream
+from glpath.film_batches import BATCHES, BLOCK, batch_of, united
 from glpath.film_metadata import (
     AOVS,
     DENOISER_AOVS,
@@ -38,8 +39,8 @@ from glpath.film_metadata import (
     differences,
     joined,
     merged_values,
-    metadata_of,
 )
+from glpath.film_npz import FilmParts, read_parts, write_parts
 from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 from glpath.noise import MIN_BATCHES, error_bound
@@ -49,34 +50,15 @@ from glpath.versions import versions
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Path set i belongs to batch (i // BLOCK) % BATCHES. A block of 8 keeps neighbouring points of a Sobol sequence
-# together, which stratify each other; 8 batches give the standard error to about a quarter.
-BLOCK = 8
-BATCHES = 8
 
 WRITABLE = (".png", ".exr", ".npz")
 
-# The end of all path sets of a file, far beyond what can be rendered: counts of them do not overflow.
-_LAST_PATH_SET = 1 << 48
 
 #: The depth where no sample of a pixel has met anything, as Blender has it: far, and a number that filters keep.
 FAR = 1e10
 
 # Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
-
-
-def batch_of(path_set: int) -> int:
-    """The batch that a path set is summed in."""
-    return path_set // BLOCK % BATCHES
-
-
-def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Split the path sets start..stop (half-open) where the batch changes: the ranges that `Film.add` takes."""
-    while start < stop:
-        end = min(stop, (start // BLOCK + 1) * BLOCK)
-        yield start, end
-        start = end
 
 
 @dataclass(eq=False, repr=False)
@@ -103,11 +85,7 @@ class Film:
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> Film:
         """A film of the size of the metadata's window, without any path set."""
-        _, _, width, height = metadata.window
-        sums = np.zeros((BATCHES, height, width, 3))
-        aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}
-        shapes = ShapeCounts.empty((height, width)) if metadata.counts_shapes else None
-        return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs, shapes)
+        return cls(*FilmParts.empty(metadata))
 
     def add(
         self,
@@ -129,7 +107,7 @@ class Film:
         assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
         held = self.aov_sums.keys() | ({SHAPES} if self.shape_counts is not None else set())
         assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
-        self.ranges = _united(self.ranges, ((start, stop),))
+        self.ranges = united(self.ranges, ((start, stop),))
         for name in self.aov_sums:
             self.aov_sums[name] += aov_sums[name]
         if self.shape_counts is not None:
@@ -277,7 +255,7 @@ class Film:
                 f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
             )
             raise UsageError(f"film: cannot merge: {words}.", "Only path sets of the same render can be added up.")
-        self.ranges = _united(self.ranges, other.ranges)
+        self.ranges = united(self.ranges, other.ranges)
         for batch in np.flatnonzero(other.batch_counts):
             self.radiance_sums[batch] += other.radiance_sums[batch]
         self.batch_counts += other.batch_counts
@@ -470,59 +448,22 @@ class Film:
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
             )
         else:
-            self._save_npz(path)
-
-    def _save_npz(self, path: Path) -> None:
-        used = self.batch_counts > 0
-        with whole_file(path) as temporary, temporary.open("wb") as file:
-            arrays: dict[str, Any] = {
-                "radiance_sums": self.radiance_sums[used],  # a batch without path sets need not be stored
-                "batch_counts": self.batch_counts,
-                "ranges": np.array(self.ranges, np.int64).reshape(-1, 2),
-                "block": np.int64(BLOCK),
-                "metadata": np.array(json.dumps(asdict(self.metadata))),
-                **{_aov_key(name): sums for name, sums in self.aov_sums.items()},
-            }
-            if self.shape_counts is not None:
-                arrays |= {"shape_keys": self.shape_counts.keys, "shape_counts": self.shape_counts.counts}
-            np.savez(file, **arrays)
+            write_parts(
+                path,
+                FilmParts(
+                    self.radiance_sums,
+                    self.batch_counts,
+                    self.ranges,
+                    self.metadata,
+                    self.aov_sums,
+                    self.shape_counts,
+                ),
+            )
 
     @classmethod
     def load(cls, path: str | Path) -> Film:
         """Read a film written as .npz. Raises ImageError, also for one whose parts contradict each other."""
-        with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
-            metadata = metadata_of(str(stored.read("metadata", "U", ())))
-            counts = stored.read("batch_counts", "iu", (None,))
-            block = int(stored.read("block", "iu", ()))
-            if (len(counts), block) != (BATCHES, BLOCK):
-                raise ValueError(
-                    f"its batches are {len(counts)} of blocks of {block} path sets, this version of glpath has "
-                    f"{BATCHES} of {BLOCK}"
-                )
-            ranges = stored.read("ranges", "iu", (None, 2)).astype(np.int64)
-            if not _disjoint(ranges) or not np.array_equal(_counts_of(ranges), counts):
-                raise ValueError("its ranges of path sets overlap, or are not what its batches count")
-            film = cls.empty(metadata)
-            used = counts > 0
-            sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
-            if not np.isfinite(sums).all():
-                raise ValueError("it holds sums that are NaN or infinite")
-            for name, n in metadata.aov_sums.items():
-                film.aov_sums[name][:] = stored.read(_aov_key(name), "f", (*sums.shape[1:3], n))
-            if film.shape_counts is not None:
-                keys = stored.read("shape_keys", "iu", (None,)).astype(np.int64)
-                met = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
-                film.shape_counts = ShapeCounts(film.shape_counts.size, keys, met)
-                film.shape_counts.check(len(metadata.shape_names), int(counts.sum()))
-            if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
-                raise ValueError("it holds sums of AOVs that are NaN or infinite")
-            dropped = film.aov_sums.get("dropped", np.zeros(0))
-            if np.any(dropped < 0) or np.any(dropped > counts.sum()):
-                raise ValueError("its counts of dropped samples are not those of its path sets")
-            film.radiance_sums[used] = sums
-            film.batch_counts[:] = counts
-            film.ranges = tuple((int(start), int(stop)) for start, stop in ranges)
-        return film
+        return cls(*read_parts(path))
 
     def __repr__(self) -> str:
         m = self.metadata
@@ -588,11 +529,6 @@ def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
     return mean
 
 
-def _aov_key(name: str) -> str:
-    """What an .npz calls the sums of an AOV."""
-    return f"{name}_sums"
-
-
 def check_suffix(path: str | Path) -> Path:
     """`path`, if a film can be written to a file of that name; else UsageError."""
     path = Path(path)
@@ -600,37 +536,6 @@ def check_suffix(path: str | Path) -> Path:
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise UsageError(f"{path}: an output cannot have {found}. Allowed: {', '.join(WRITABLE)}.")
     return path
-
-
-def _united(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
-    """All ranges in order, those that touch made one. Raises UsageError where they overlap."""
-    united: list[tuple[int, int]] = []
-    for start, stop in sorted(ours + theirs):
-        if united and start < united[-1][1]:
-            raise UsageError(
-                f"film: path sets {start} to {min(stop, united[-1][1]) - 1} would be in it twice.",
-                "Give every part path sets of its own.",
-            )
-        if united and start == united[-1][1]:
-            united[-1] = (united[-1][0], stop)
-        else:
-            united.append((start, stop))
-    return tuple(united)
-
-
-def _disjoint(ranges: NDArray[np.int64]) -> bool:
-    """Whether (R, 2) ranges are as a film has them: none empty, in order, none touching the next."""
-    starts, stops = ranges.T
-    in_order = bool((starts < stops).all() and (stops[:-1] < starts[1:]).all())
-    return in_order and (not len(ranges) or (starts[0] >= 0 and stops[-1] <= _LAST_PATH_SET))
-
-
-def _counts_of(ranges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(BATCHES,) how many path sets of (R, 2) ranges belong to each batch."""
-    cycles, rest = np.divmod(ranges, BLOCK * BATCHES)
-    below = cycles[..., None] * BLOCK + np.clip(rest[..., None] - BLOCK * np.arange(BATCHES), 0, BLOCK)
-    counts: NDArray[np.int64] = (below[:, 1] - below[:, 0]).sum(axis=0)
-    return counts
 
 
 def _shrunk(image: Float64, longest: int) -> Float64:

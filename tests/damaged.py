@@ -35,7 +35,8 @@ import glpath
 from glpath import image
 from glpath.compare import Picture, read_picture
 from glpath.errors import GlpathError
-from glpath.film import Film, FilmMetadata, blocks
+from glpath.film import Film, FilmMetadata
+from glpath.film_batches import blocks
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob
 

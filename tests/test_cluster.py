@@ -23,7 +23,8 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import ContextError, UsageError
-from glpath.film import BLOCK, Film
+from glpath.film import Film
+from glpath.film_batches import BLOCK
 from glpath.jobs import cluster as clusters
 from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
 from glpath.jobs.cluster import render_on

@@ -20,7 +20,8 @@ from rooms import with_triangles
 import glpath
 from glpath.compare import Noise, Picture, compare
 from glpath.errors import ImageError, UsageError
-from glpath.film import BATCHES, Film
+from glpath.film import Film
+from glpath.film_batches import BATCHES
 from glpath.scene import Scene
 
 SIZE = 32

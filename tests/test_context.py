@@ -239,7 +239,7 @@ def test_doctor_says_that_rendering_is_possible_here(app: typer.Typer) -> None:
 def test_doctor_names_the_packages_where_nothing_renders(app: typer.Typer, monkeypatch: pytest.MonkeyPatch) -> None:
     failing = [DeviceProbe("egl", 0, "", None, "libEGL.so.1 cannot be loaded")]
     monkeypatch.setattr(devices_cli, "list_devices", lambda: failing)
-    monkeypatch.setattr(devices_cli, "_loads", lambda library: False)
+    monkeypatch.setattr(devices_cli, "library_loads", lambda library: False)
     table = CliRunner().invoke(app, ["doctor"], env={"COLUMNS": "200"})
     assert table.exit_code == 1
     assert "apt-get install libegl1 libgl1-mesa-dri" in table.stdout

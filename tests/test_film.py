@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from glpath import image
 from glpath.errors import ImageError, UsageError
-from glpath.film import BATCHES, BLOCK, Film, FilmMetadata, batch_of, blocks
+from glpath.film import Film, FilmMetadata
+from glpath.film_batches import BATCHES, BLOCK, batch_of, blocks
 
 any_time = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.cli.main import app
-from glpath.film import BLOCK
+from glpath.film_batches import BLOCK
 from glpath.integrators.settings import GatherSettings
 from glpath.rendering import RenderJob, run
 from glpath.rendering.job import SceneSource

@@ -14,7 +14,7 @@ import trimesh
 import glpath
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.scene import load_scene
-from glpath.scene.check import sees_anything
+from glpath.scene.sight import sees_anything
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 LAMP = {"type": "sphere", "radius": 0.1, "center": [0, 5, 0], "emission": {"radiance": 3}}

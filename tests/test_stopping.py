@@ -14,7 +14,8 @@ from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.compare import relative_mse
-from glpath.film import BATCHES, BLOCK, Film, FilmMetadata
+from glpath.film import Film, FilmMetadata
+from glpath.film_batches import BATCHES, BLOCK
 from glpath.noise import error_bound
 from glpath.rendering.stopping import StopRules, looks_at_noise
 

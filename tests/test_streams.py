@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from terrain import Hills
 
 import glpath
-from glpath.cli.scenes import summarize
+from glpath.cli.scene_summary import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.scene.export import export

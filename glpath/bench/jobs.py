@@ -28,7 +28,8 @@ import numpy as np
 
 from glpath.experiments.timing import in_turns, seconds_of
 from glpath.experiments.verdict import Condition, Report, judge, machine
-from glpath.film import BATCHES, BLOCK, Film
+from glpath.film import Film
+from glpath.film_batches import BATCHES, BLOCK
 from glpath.gl.context import get_context
 from glpath.jobs.cluster import render_on
 from glpath.jobs.connection import Cluster

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import importlib.metadata
 import os
 import re
@@ -18,7 +17,7 @@ from rich.table import Table
 
 from glpath.errors import ContextError, ShaderError
 from glpath.gl.context import open_context
-from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, list_devices
+from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, library_loads, list_devices
 from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.limits import device_limits
 from glpath.gl.opening import REQUIRED_VERSION
@@ -227,8 +226,8 @@ def _shaders() -> Iterator[Finding]:
 
 def _libraries(renders: bool) -> Iterator[Finding]:
     lacking = "note" if renders else "missing"
-    if _loads(EGL_LIBRARY):
-        functions = next((name for name in GL_LIBRARIES if _loads(name)), "")
+    if library_loads(EGL_LIBRARY):
+        functions = next((name for name in GL_LIBRARIES if library_loads(name)), "")
         yield Finding("libEGL", "ok", f"{EGL_LIBRARY}, functions from {functions}")
     else:
         yield Finding("libEGL", lacking, f"{EGL_LIBRARY} cannot be loaded", "apt-get install libegl1")
@@ -243,14 +242,6 @@ def _libraries(renders: bool) -> Iterator[Finding]:
         yield Finding("libOSMesa", "ok", "absent; only needed where EGL fails (Debian 12: libosmesa6)")
 
 
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
 def _drivers() -> list[str]:
     """Mesa's software rasterizer and vendors' EGL drivers."""
     folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
@@ -258,8 +249,8 @@ def _drivers() -> list[str]:
     # Mesa's own file, or from 24.2 the library that all its drivers moved to
     mesa = [f for folder in folders for f in folder.glob("swrast_dri.so")]
     mesa += [f for folder in folders for f in folder.parent.glob("libgallium-*.so")]
-    found = [f"Mesa ({mesa[0]})"] if mesa and _loads("libEGL_mesa.so.0") else []
-    return found + [name for name in ("libEGL_nvidia.so.0",) if _loads(name)]
+    found = [f"Mesa ({mesa[0]})"] if mesa and library_loads("libEGL_mesa.so.0") else []
+    return found + [name for name in ("libEGL_nvidia.so.0",) if library_loads(name)]
 
 
 def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
@@ -355,6 +346,6 @@ def _gpu_access() -> Iterator[Finding]:
         yield Finding("/dev/dri", "ok", ", ".join(str(n) for n in nodes))
     else:
         yield Finding("/dev/dri", "ok", "no graphics card shown to this system; software rendering")
-    if Path("/dev/nvidiactl").exists() and not _loads("libEGL_nvidia.so.0"):
+    if Path("/dev/nvidiactl").exists() and not library_loads("libEGL_nvidia.so.0"):
         remedy = "install the driver's EGL library (libnvidia-gl); in a container NVIDIA_DRIVER_CAPABILITIES=all"
         yield Finding("NVIDIA", "note", "a card, but no libEGL_nvidia.so.0 to draw with", remedy)

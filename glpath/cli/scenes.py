@@ -8,40 +8,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
 
 from glpath.cli import completion
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene_summary import summarize
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
-from glpath.scene import (
-    Environment,
-    Light,
-    Material,
-    Scene,
-    Sky,
-    check_scene,
-    scene_cameras,
-    scene_parameters,
-    scene_schema,
-    shipped_scenes,
-)
+from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
 from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
-_OF_MICROFACETS = (
-    "roughness",
-    "metallic",
-    "ior",
-    "transmission",
-    "thin",
-    "clearcoat",
-    "clearcoat_roughness",
-    "anisotropy",
-)
 _SHOWN = 40
 
 
@@ -149,133 +128,10 @@ def scenes(as_json: Annotated[bool, typer.Option("--json", help="Print JSON for 
     clean_console().print(table)
 
 
-def summarize(scene: Scene) -> dict[str, Any]:
-    """What `glpath info` tells, as JSON-able data.
-
-    Power is radiant flux, W where the scene unit is a metre: pi * area * radiance for each side of a shape that
-    emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft, and where there is no
-    total: for directional lights and without falloff. So is the area of a plane, and of a stream, of which
-    triangles are counted alone.
-    """
-    lower, upper = scene.bounds
-    camera = scene.camera
-    areas = _areas(scene)
-    shapes, lights = [], []
-    for shape, area in zip(scene.shapes, areas, strict=True):
-        shapes.append(
-            {
-                "name": shape.name,
-                "kind": shape.kind,
-                "triangles": shape.count if shape.primitive in ("triangle", "stream") else 0,
-                "spheres": shape.count if shape.primitive == "sphere" else 0,
-                "area": area,
-                "material": scene.materials[shape.material].name,
-                "emission": shape.emission.tolist(),
-                "moves": shape.motion is not None,
-            }
-        )
-        if shape.emits:
-            sides = 2 if shape.emission_two_sided else 1
-            power = None if area is None else (np.pi * area * sides * shape.emission).tolist()
-            lights.append(
-                {"name": shape.name, "kind": "shape", "power": power, "two_sided": shape.emission_two_sided}
-            )
-    return {
-        "name": scene.name,
-        "source": scene.source,
-        "sha256": scene.digest(),
-        "content_sha256": scene.digest(camera=False),
-        "triangles": len(scene.triangles) + scene.shapes.total("stream"),
-        "spheres": len(scene.spheres),
-        "planes": len(scene.planes),
-        "bounds": {"min": lower.tolist(), "max": upper.tolist()},
-        "camera": {
-            "position": camera.position.tolist(),
-            "target": camera.target.tolist(),
-            "up": camera.up.tolist(),
-            "type": camera.projection,
-            "fov": camera.fov if camera.projection == "perspective" else None,
-            "height": camera.height if camera.projection == "orthographic" else None,
-            "aperture_radius": camera.aperture_radius,
-            "focus_distance": camera.focus if camera.aperture_radius > 0 else None,
-            "shutter": list(camera.shutter),
-            "moves": camera.moves,
-            "resolution": list(camera.resolution),
-        },
-        "shapes": shapes,
-        "materials": [_about_material(scene, material) for material in scene.materials],
-        "textures": [
-            {
-                "name": texture.name,
-                "size": list(texture.image.shape[1::-1]),
-                "scale": list(texture.scale),
-                "filter": texture.filter,
-            }
-            for texture in scene.textures
-        ],
-        "lights": lights + [_about_light(light) for light in scene.lights],
-        "ambient": scene.ambient.tolist(),
-        "sky": _about_sky(scene.sky),
-        "warnings": check_scene(scene),
-    }
-
-
 def _area_in_words(shape: dict[str, Any]) -> str:
     if shape["area"] is None:
         return "-" if shape["triangles"] else "infinite"
     return f"{shape['area']:.6g}"
-
-
-def _areas(scene: Scene) -> list[float | None]:
-    """Of each shape, in scene units squared; None for planes. Ellipsoids by Thomsen's formula, right to 1.1 %."""
-    triangles = scene.areas
-    axes = np.linalg.svd(scene.spheres[:, :, :3], compute_uv=False)
-    exponent = 1.6075
-    products = (axes * np.roll(axes, 1, axis=1)) ** exponent
-    spheres = 4 * np.pi * np.mean(products, axis=1) ** (1 / exponent)
-    of_kind = {"triangle": triangles, "sphere": spheres}
-    return [
-        float(of_kind[shape.primitive][part].sum()) if shape.primitive in of_kind else None
-        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
-    ]
-
-
-def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
-    return {
-        "name": material.name,
-        "reflectance": material.reflectance.tolist(),
-        "texture": None if material.texture is None else scene.textures[material.texture.texture].name,
-        "specular": material.specular.tolist(),
-        "exponent": material.exponent,
-        "mirror": material.mirror.tolist(),
-        "two_sided": material.two_sided,
-        "described": material.described(),
-        **{name: getattr(material, name) for name in _OF_MICROFACETS if material.roughness is not None},
-    }
-
-
-def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
-    if isinstance(sky, Environment):
-        size, up, integral = list(sky.image.shape[1::-1]), sky.up.tolist(), sky.integral.tolist()
-        return {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
-    return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
-
-
-def _about_light(light: Light) -> dict[str, Any]:
-    told: dict[str, Any] = {"name": light.name, "kind": light.kind, "intensity": light.intensity.tolist()}
-    bound = light.kind != "directional" and light.falloff == "quadratic"
-    flux = 4 * np.pi if light.profile is None else light.profile.flux
-    told["power"] = (flux * light.intensity).tolist() if bound and light.kind == "point" else None
-    told["falloff"] = light.falloff
-    if light.kind != "directional":
-        told["position"] = light.position.tolist()
-    if light.kind != "point" or light.profile is not None:
-        told["direction"] = light.direction.tolist()
-    if light.profile is not None:
-        told |= {"profile": light.profile.candela.shape, "c0": light.c0.tolist()}
-    if light.kind == "spot":
-        told["cone"] = list(light.cone)
-    return told
 
 
 def _told_of_sky(sky: dict[str, Any]) -> str:

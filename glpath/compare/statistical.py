@@ -46,7 +46,7 @@ from scipy import stats
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, unusable_noise
 from glpath.compare.verdict import Verdict
 from glpath.errors import ImageError, UsageError
-from glpath.film import BATCHES, BLOCK
+from glpath.film_batches import BATCHES, BLOCK
 from glpath.image import luminance
 
 Float64 = NDArray[np.float64]

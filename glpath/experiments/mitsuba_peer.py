@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError
-from glpath.scene.export.mitsuba import MitsubaScene, Plugin, Sampler, described, integrator
+from glpath.scene.export.mitsuba import MitsubaScene, Sampler, described, integrator
+from glpath.scene.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
 from glpath.scene.model import Float64, Scene, Shapes
 from glpath.scene.triangulate import path_traceable

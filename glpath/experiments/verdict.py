@@ -42,7 +42,8 @@ class Report:
     name     : of the bench or the figure
     claim    : what is measured against, in words, with the rule by which it holds
     measured : numbers, by name
-    holds    : whether the claim does, by the rule in `claim`; None where the peer was not there to compare with
+    holds    : whether the claim does, by the rule in `claim`; None where the peer was not there to compare with;
+               False in any case where there are faults
     rows     : one object per line of the table or point of the plot
     faults   : what says that the programs did not do the same work, so that their times compare nothing
     """
@@ -56,6 +57,10 @@ class Report:
     versions: dict[str, str]
     notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.faults:
+            object.__setattr__(self, "holds", False)
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)

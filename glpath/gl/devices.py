@@ -103,6 +103,15 @@ class Candidate:
     node: str = ""
 
 
+def library_loads(name: str) -> bool:
+    """Whether this machine has a shared library, by its soname."""
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        return False
+    return True
+
+
 def egl_candidates() -> list[Candidate]:
     """EGL's devices, hardware or not. No display is opened for it.
 

@@ -27,6 +27,7 @@ from glpath.gl.devices import (
     DeviceInfo,
     egl_candidates,
     finish_probe,
+    library_loads,
     start_probe,
 )
 from glpath.gl.fences import asks_for_one_thread
@@ -228,7 +229,7 @@ class _EGLLoader:
 
 def _egl_context(index: int, place: str) -> Any:
     """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
-    gl_library = next(name for name in GL_LIBRARIES if _loads(name) or name == EGL_LIBRARY)
+    gl_library = next(name for name in GL_LIBRARIES if library_loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
     try:
         return egl.create_context(glversion=REQUIRED_VERSION, **settings)
@@ -246,14 +247,6 @@ def _egl_context(index: int, place: str) -> Any:
         f"{place}: its driver has OpenGL 3.3 or a little more, but 4.3 is needed ({reason})",
         "Use a newer driver or another device (`glpath devices`).",
     ) from reason
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
 
 
 def probed(backend: str, index: int, software: str) -> None:

@@ -19,7 +19,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from glpath.errors import GlpathError
-from glpath.film import BLOCK, Film, blocks
+from glpath.film import Film
+from glpath.film_batches import BLOCK, blocks
 
 #: How often a chunk is tried before it is set aside.
 ATTEMPTS = 3

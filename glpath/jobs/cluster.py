@@ -30,7 +30,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, SceneWarning, UsageError
-from glpath.film import BLOCK, Film
+from glpath.film import Film
+from glpath.film_batches import BLOCK
 from glpath.film_metadata import INTERRUPTED_RULE, merged_values
 from glpath.heartbeat import heartbeat
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film import Film, blocks
+from glpath.film import Film
+from glpath.film_batches import blocks
 from glpath.gl.context import Context
 from glpath.rendering.factory import Engine, plan_of
 from glpath.rendering.job import RenderJob

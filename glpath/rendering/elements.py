@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.film import BLOCK, Film
+from glpath.film import Film
+from glpath.film_batches import BLOCK
 from glpath.integrators.settings import Solution
 from glpath.rendering.calls import render
 from glpath.scene import AnyScene

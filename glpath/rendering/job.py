@@ -23,7 +23,7 @@ from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.files import whole_file
-from glpath.film import BLOCK
+from glpath.film_batches import BLOCK
 from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ContextError
-from glpath.film import BLOCK, Film, blocks
+from glpath.film import Film
+from glpath.film_batches import BLOCK, blocks
 from glpath.film_metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY

@@ -17,7 +17,8 @@ import numpy as np
 
 from glpath.files import whole_file, write_bytes
 from glpath.image import encode_png, write_exr
-from glpath.scene.export.mitsuba import MitsubaScene, Plugin
+from glpath.scene.export.mitsuba import MitsubaScene
+from glpath.scene.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
 
 # The version of the format, which Mitsuba 3 reads as it is.

@@ -1,0 +1,235 @@
+"""What a camera sees of a scene whatever hides it, and what stands about a point: geometry that `check` asks for.
+
+All exact up to rounding, in numpy over all primitives: a few passes over the triangles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape, Stream, sphere_extent
+from glpath.scene.tessellate import box
+
+# Of the size of the scene: nearer than this, the camera stands in the surface.
+_TOUCHING = 1e-6
+
+
+def sees_anything(scene: Scene) -> bool:
+    """Whether any shape reaches into the pyramid of view, whatever hides it; exact up to rounding.
+
+    The pyramid has no near and no far end; parallel rays begin in the camera's plane, and bodies are to them the
+    boxes around them, in the camera's axes. What moves is looked for when the shutter opens, in the middle of the
+    time and when it closes.
+    """
+    opened, closed = scene.camera.shutter
+    moves = opened < closed and (scene.camera.moves or scene.moving_shapes)
+    times = (opened, 0.5 * (opened + closed), closed) if moves else (opened,)
+    return any(_sees_anything(scene.at(time)) for time in times)
+
+
+def _sees_anything(scene: Scene) -> bool:
+    camera = scene.camera
+    if camera.projection != "perspective":
+        return camera.projection == "panorama" or _seen_by_parallel_rays(camera, scene)
+    return (
+        _sees_planes(camera, scene.planes)
+        or _sees_spheres(camera, scene.spheres)
+        or sees_triangles(camera, scene.triangles)
+        or any(_sees_boxes(camera, stream) for _, stream in scene.shapes.streams)
+    )
+
+
+def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
+    """Planes exactly, triangles and spheres by the boxes around them in the camera's axes."""
+    axes = np.stack(camera.frame())
+    wide, high = camera.extent
+    centre, reach = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
+    spheres = (centre - camera.position) @ axes.T
+    triangles = (scene.triangles - camera.position) @ axes.T
+    lower = np.concatenate([triangles.min(axis=1), spheres - reach])
+    upper = np.concatenate([triangles.max(axis=1), spheres + reach])
+    limit = np.array([wide, high])
+    within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
+    if within.any():
+        return True
+    # From the corners of the image: a plane is in front of one of them, or beside them all.
+    corners = camera.origins([[0, 0], [camera.resolution[0], 0], [0, camera.resolution[1]], camera.resolution])
+    normal = scene.planes[:, :, 2]
+    towards = normal @ axes[2]
+    height = np.einsum("pi,pki->pk", normal, corners[None] - scene.planes[:, None, :, 3])
+    return bool(np.any((height * towards[:, None] < 0) & (towards[:, None] != 0)))
+
+
+def _sees_boxes(camera: Camera, stream: Stream) -> bool:
+    """Whether a box around a chunk reaches into the pyramid: what is in it is not asked for."""
+    unit, faces = box((0, 0, 0), (1, 1, 1))
+    corners = stream.lower[:, None] + unit * (stream.upper - stream.lower)[:, None]
+    return sees_triangles(camera, corners[:, faces].reshape(-1, 3, 3))
+
+
+def _sees_planes(camera: Camera, planes: Float64) -> bool:
+    """planes: (P, 3, 4). Of all rays of the pyramid, one of its edges goes the most towards a plane."""
+    normal = planes[:, :, 2]
+    height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
+    return bool(np.any(normal @ camera.corner_rays().T * height[:, None] < 0))
+
+
+def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
+    """spheres: (S, 3, 4). In the space where one is the unit sphere: is the pyramid nearer than 1 to the origin?"""
+    if not len(spheres):
+        return False
+    rays = camera.corner_rays()
+    inward = np.cross(np.roll(rays, -1, axis=0), rays)
+    inward *= np.sign(inward @ rays.mean(axis=0))[:, None]
+    if np.all((spheres[:, :, 3] - camera.position) @ inward.T > 0, axis=1).any():
+        return True  # the centre of one; what follows is slow for a million
+    inverse = np.linalg.inv(spheres[:, :, :3])
+    apex = np.einsum("nij,nj->ni", inverse, camera.position - spheres[:, :, 3])
+    edges = np.einsum("nij,kj->nki", inverse, rays)
+    edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+    following = np.roll(edges, -1, axis=1)
+    # Out of each side; where the transform mirrors, the edges go around the other way.
+    normals = np.cross(following, edges)
+    normals *= -np.sign(np.sum(normals[:, 0] * edges[:, 2], axis=1))[:, None, None]
+    outside = np.einsum("nki,ni->nk", normals, -apex)
+    inside = (outside <= 0).all(axis=1)
+    # Nearest to the origin is a point of an edge, or of the inside of a side.
+    along = np.maximum(np.einsum("nki,ni->nk", edges, -apex), 0)
+    on_edge = np.linalg.norm(apex[:, None] + along[:, :, None] * edges, axis=2).min(axis=1)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    height = np.einsum("nki,ni->nk", normals, apex)
+    foot = height[:, :, None] * normals - apex[:, None]  # from the apex
+    turn = np.cross(edges, following)
+    past_one = np.sum(np.cross(edges, foot) * turn, axis=2) >= 0
+    before_other = np.sum(np.cross(foot, following) * turn, axis=2) >= 0
+    on_side = np.where(past_one & before_other, np.abs(height), np.inf).min(axis=1)
+    return bool(np.any(inside | (np.minimum(on_edge, on_side) < 1)))
+
+
+def sees_triangles(camera: Camera, triangles: Float64) -> bool:
+    """triangles: (T, 3, 3). One reaches into the pyramid when an edge of it does, or an edge of the pyramid goes
+    through its inside.
+    """
+    right, up, forward = camera.frame()
+    tan_right, tan_up = camera.extent
+    points = triangles - camera.position
+    x, y, z = points @ right, points @ up, points @ forward
+    # (T, 3 corners, 4 sides), above 0 inside; together they imply z >= 0
+    inside = np.stack([tan_right * z - x, tan_right * z + x, tan_up * z - y, tan_up * z + y], axis=2)
+    if (inside > 0).all(axis=2).any():
+        return True
+    near = ~np.any((inside < 0).all(axis=1), axis=1)  # the rest lie wholly beyond one side
+    if not near.any():
+        return False
+    start = inside[near]
+    change = np.roll(start, -1, axis=1) - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = -start / change
+    enters = np.where(change > 0, crossing, np.where(start >= 0, -np.inf, np.inf)).max(axis=2)
+    leaves = np.where(change < 0, crossing, np.inf).min(axis=2)
+    if np.any(np.maximum(enters, 0) <= np.minimum(leaves, 1)):
+        return True
+    return any(bool(_pierced(ray, points[near]).any()) for ray in camera.corner_rays())
+
+
+def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:
+    """(T,) bool: the ray from the origin goes through the triangle; Möller and Trumbore 1997."""
+    origin, a, b = points[:, 0], points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    p = np.cross(ray, b)
+    determinant = np.sum(a * p, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = np.sum(-origin * p, axis=1) / determinant
+        q = np.cross(-origin, a)
+        v = q @ ray / determinant
+        t = np.sum(b * q, axis=1) / determinant
+    return np.asarray((determinant != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0))
+
+
+def touched_shape(scene: Scene) -> Shape | None:
+    """The first shape that the camera stands on: of planes, then of spheres, then of triangles."""
+
+    def owner(primitive: Primitive, number: int) -> Shape:
+        return scene.shapes[int(scene.shapes.primitive_shape(primitive)[number])]
+
+    lower, upper = scene.bounds
+    reach = _TOUCHING * float(np.linalg.norm(upper - lower))
+    eye = scene.camera.position
+    height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
+    # Of planes alone the bounds say nothing; the view has a length.
+    view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
+    if (hits := np.flatnonzero(height <= (reach or view))).size:
+        return owner("plane", hits[0])
+    about = np.flatnonzero(_near_spheres(scene.spheres, eye, reach))
+    away, gradient = _from_surface(scene.spheres[about], eye)
+    if (hits := about[np.abs(away) <= reach * gradient]).size:
+        return owner("sphere", hits[0])
+    if (hits := _touched_triangles(scene.triangles - eye, reach)).size:
+        return owner("triangle", hits[0])
+    return None
+
+
+def _near_spheres(spheres: Float64, point: Float64, reach: float = 0.0) -> NDArray[np.bool_]:
+    """(S,) bool: the point is in the box around the sphere."""
+    return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + reach).all(axis=1))
+
+
+def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
+    """(S,) how far the point is from each unit sphere's surface, negative inside, in the space where it is one, and
+    (S,) how fast that grows in world space.
+    """
+    inverse = np.linalg.inv(spheres[:, :, :3])
+    unit = np.einsum("nij,nj->ni", inverse, point - spheres[:, :, 3])
+    distance = np.linalg.norm(unit, axis=1)
+    direction = unit / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    return distance - 1, np.linalg.norm(np.einsum("nij,ni->nj", inverse, direction), axis=1)
+
+
+def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
+    """(number of shapes,) int: 1 for a shape that is closed around the point, fronts outward, -1 inward, else 0.
+
+    Of triangles it is the winding number: their solid angle over 4 pi [Van Oosterom and Strackee 1983].
+    """
+    around = np.zeros(len(scene.shapes), np.int64)
+    about = np.flatnonzero(_near_spheres(scene.spheres, point))
+    within = about[_from_surface(scene.spheres[about], point)[0] < 0]
+    sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
+    around[scene.shapes.primitive_shape("sphere")[within]] = sign
+    for index in _shapes_about(scene, point):
+        turns = _solid_angle(scene.triangles[scene.shapes.ranges[index]] - point) / (4 * np.pi)
+        around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
+    return around
+
+
+def _shapes_about(scene: Scene, point: Float64) -> list[int]:
+    """The shapes of triangles with the point in the box around them."""
+    indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
+    if not indices:
+        return []
+    first = [scene.shapes.ranges[i].start for i in indices]
+    lower = np.minimum.reduceat(scene.triangles.min(axis=1), first)
+    upper = np.maximum.reduceat(scene.triangles.max(axis=1), first)
+    return [indices[i] for i in np.flatnonzero(((lower <= point) & (upper >= point)).all(axis=1))]
+
+
+def _solid_angle(corners: Float64) -> float:
+    """Of triangles (T, 3, 3) seen from the origin, their backs positive."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+    volume = np.sum(a * np.cross(b, c), axis=1)
+    ab, bc, ca = (np.sum(x * y, axis=1) for x, y in ((a, b), (b, c), (c, a)))
+    return float(2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum())
+
+
+def _touched_triangles(corners: Float64, reach: float) -> NDArray[np.intp]:
+    """Which triangles (T, 3, 3) the origin lies on."""
+    about = np.flatnonzero(((corners.min(axis=1) <= reach) & (corners.max(axis=1) >= -reach)).all(axis=1))
+    corners = corners[about]
+    edges = np.roll(corners, -1, axis=1) - corners
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    height = np.abs(np.sum(corners[:, 0] * normals, axis=1))
+    # how far the origin lies within each edge
+    within = np.sum(np.cross(edges, -corners) * normals[:, None], axis=2)
+    within /= np.maximum(np.linalg.norm(edges, axis=2), np.finfo(float).tiny)
+    return np.asarray(about[(height <= reach) & (within >= -reach).all(axis=1)])
