@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
+import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
+import killing
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
@@ -16,6 +15,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.cli.main import app
 from glpath.cli.point_files import grid_of, read_points
+from glpath.film import Film
 from glpath.image import read_eight_bits
 from glpath.integrators.settings import PathTraceSettings
 from glpath.noise import standard_error
@@ -245,20 +245,49 @@ def test_a_normal_is_given_once(tmp_path: Path) -> None:
         read_points(path, (0.0, 1.0, 0.0))
 
 
+#: Few points, and about a millisecond a path set.
+MEASURE = ("measure", BOX, "--plane", "y=0.5", "--spacing", "0.1", "--max-depth", "2")
+
+
 def test_what_was_measured_when_a_signal_comes_is_written(tmp_path: Path) -> None:
     """Ctrl-C, in a process of its own, once there are path sets."""
-    command = [sys.executable, "-m", "glpath", "measure", "cornell-box-36", "--plane", "y=0.5"]
-    more = ["--spp", "20000", "--progress", "json", "-o", str(tmp_path / "lux.csv")]
-    process = subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith("{") and json.loads(line).get("done", 0) > 0:
-            break
-    process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
+    code, told = killing.struck(
+        signal.SIGINT, "--spp", 10**6, "--checkpoint", "1h", "-o", tmp_path / "lux.csv", command=MEASURE
+    )
+    assert code == 130
     assert "interrupted: what" in told
+    kept = tmp_path / "lux.checkpoint.npz"
+    assert f"the same command with --resume goes on with {kept}" in told
     assert len((tmp_path / "lux.csv").read_text().splitlines()) > 100
+    assert f"interrupted: what {Film.load(kept).path_sets} paths of each point" in told
+
+
+def test_kills_lose_nothing_that_was_measured(tmp_path: Path) -> None:
+    """An .npz of points is no film: its checkpoint is beside it, and measuring goes on to the bits of one go."""
+    out, kept = tmp_path / "lux.npz", tmp_path / "lux.checkpoint.npz"
+    counts = killing.kill_again_and_again(out, 3, seed=4, command=MEASURE, checkpoint=kept)
+    assert 0 < counts[0] < counts[-1]
+    other = cli(*MEASURE[1:-1], 3, "-o", out, "--resume")
+    assert (other.exit_code, f"{kept}: cannot be gone on with: max_depth is 2 in it, 3" in other.stderr) == (
+        2,
+        True,
+    )
+    assert "there already" in cli(*MEASURE[1:], "-o", out, "--checkpoint", "1h").stderr
+    wanted = counts[-1] + 9
+    for path, more in ((out, ["--resume"]), (tmp_path / "straight.npz", [])):
+        assert cli(*MEASURE[1:], "-o", path, "--spp", wanted, "-q", *more).exit_code == 0
+    assert sorted(os.listdir(tmp_path)) == ["lux.npz", "straight.npz"]
+    with np.load(out) as found, np.load(tmp_path / "straight.npz") as straight:
+        np.testing.assert_array_equal(found["illuminance"], straight["illuminance"])
+        np.testing.assert_array_equal(found["standard_errors"], straight["standard_errors"])
+
+
+def test_a_scheduler_s_signal_leaves_the_checkpoint_and_exit_code_75(tmp_path: Path) -> None:
+    code, told = killing.struck(
+        signal.SIGTERM, "--spp", 10**6, "--resume", "-o", tmp_path / "lux.csv", command=MEASURE
+    )
+    assert code == 75, told
+    assert os.listdir(tmp_path) == ["lux.checkpoint.npz"]
 
 
 def test_all_bounces_are_measured_by_themselves() -> None:

@@ -20,20 +20,25 @@ from glpath.cli.options import (
     option_values,
     with_integrator_options,
 )
+from glpath.cli.outcome import leave_for_later, settle, without_checkpoint
 from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
+    CheckpointBesideOption,
     HangLimitOption,
     NoiseOption,
+    ResumeOption,
     TimeLimitOption,
+    checkpointed,
     seconds,
     stop_rules,
 )
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
+from glpath.film_metadata import RULES
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
 from glpath.terminal import say
@@ -52,9 +57,11 @@ _POINTS, _LIGHT = "Points", "Light"
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written).")(
-        with_integrator_options(measure, _OPTIONS)
-    )
+    app.command(
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
+        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
+        "130 interrupted (what there is, is written)."
+    )(with_integrator_options(measure, _OPTIONS))
 
 
 def measure(
@@ -128,8 +135,10 @@ def measure(
         int | None,
         typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=_LIGHT),
     ] = None,
-    noise: NoiseOption = None,
+    checkpoint: CheckpointBesideOption = None,
+    resume: ResumeOption = False,
     time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
     hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
     backend: BackendOption = "auto",
@@ -169,6 +178,8 @@ def measure(
         raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
     rules = stop_rules(time_limit, noise)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
+    if checkpoint is not None or resume:
+        go_on_later()
     pictures = [path for path in out if path.suffix.lower() == ".png"]
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
@@ -196,23 +207,29 @@ def measure(
         ).film
 
     asked: dict[str, Any] = {**rules, "backend": backend, "device": device, "require_gpu": require_gpu}
-    film, _ = film_of(start, asked, progress, None, silence)
-    if not film.path_sets:
-        raise KeyboardInterrupt
-    from glpath.rendering.points import Irradiance
+    with checkpointed(out, checkpoint, resume, films=False) as (keeper, begun):
+        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
+        film, failure = film_of(start, asked | going_on, progress, keeper, silence)
+        complete = film.metadata.stop_rule in RULES
+        if keeper is not None and by_scheduler() and not complete:
+            raise leave_for_later(keeper, film)
+        if not film.path_sets:
+            raise KeyboardInterrupt
+        from glpath.rendering.points import Irradiance
 
-    found = Irradiance(film, len(at.points))
-    saves: dict[Path, Save] = {}
-    for path in out:
-        if path in pictures:
-            saves[path] = partial(
-                _save_picture, at=at, found=found, lumens_per_watt=lumens_per_watt, name=loaded.name
-            )
-        else:
-            save = save_npz if path.suffix.lower() == ".npz" else save_csv
-            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt)
-    rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
-    _, failure = save_all(saves, rescue, "What was measured is kept in {}.")
+        found = Irradiance(film, len(at.points))
+        saves: dict[Path, Save] = {}
+        for path in out:
+            save: Any = save_npz if path.suffix.lower() == ".npz" else save_csv
+            more: dict[str, Any] = {}
+            if path in pictures:
+                save, more = _save_picture, {"name": loaded.name}
+            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
+        rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+        _, unsaved = save_all(saves, rescue, "What was measured is kept in {}.")
+        failure = failure or unsaved
+        if keeper is not None:
+            settle(keeper, film, failure)
     if failure is not None:
         raise failure
     if not quiet and progress != "json":
@@ -223,7 +240,11 @@ def measure(
                 say(f"wrote {path}", err=True)
     if arrived():
         say(f"glpath: interrupted: what {film.path_sets} paths of each point found is written", err=True)
+        if keeper is not None and keeper.failure is None:
+            say(f"  the same command with --resume goes on with {keeper.path}", err=True)
         raise typer.Exit(INTERRUPTED)
+    if keeper is not None and keeper.failure is not None:
+        raise without_checkpoint(keeper)
 
 
 def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
