@@ -317,12 +317,12 @@ def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: fl
     lux = found.illuminance(lumens_per_watt)
     lit = lux[lux > 0]
     dark = len(lux) - len(lit)
-    inside = f" without {dark:,} that have no light at all (grey)" if 0 < dark < len(lux) else ""
+    inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
     a, b = (f"{step:.3g}" for step in grid.step)
     page = field(
         f"{title}, {AXES[grid.axis]} = {grid.height:g}",
         f"{grid.shape[1]} x {grid.shape[0]} points, {a if a == b else f'{a} x {b}'} apart, "
-        f"{found.film.path_sets:,} paths each{inside}: {_figures(lit if len(lit) else lux, 3)}.",
+        f"{found.film.path_sets:,} paths each. {inside}{_figures(lit if len(lit) else lux, 3)}.",
         np.where(lux > 0, lux, np.nan if len(lit) else 0.0).reshape(grid.shape),
         grid.extent,
         (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
