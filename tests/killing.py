@@ -8,17 +8,19 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from glpath.film import Film
 
 #: Small, of own rays, and about a millisecond a path set.
 SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")
+RENDER = ("render", *SMALL)
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
-    """`glpath render` with progress as JSON."""
-    command = [sys.executable, "-m", "glpath", "render", *map(str, (*SMALL, *arguments)), "--progress", "json"]
+def start(*arguments: object, command: Sequence[str] = RENDER) -> subprocess.Popen[str]:
+    """A command of glpath with progress as JSON."""
+    command = [sys.executable, "-m", "glpath", *command, *map(str, arguments), "--progress", "json"]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
@@ -33,9 +35,9 @@ def until_rendering(process: subprocess.Popen[str]) -> str:
     return "".join(read)
 
 
-def struck(number: int, *arguments: object) -> tuple[int, str]:
+def struck(number: int, *arguments: object, command: Sequence[str] = RENDER) -> tuple[int, str]:
     """The exit code and what is told of a render that gets a signal while it renders."""
-    with start(*arguments) as process:
+    with start(*arguments, command=command) as process:
         told = until_rendering(process)
         process.send_signal(number)
         assert process.stderr is not None
@@ -43,16 +45,21 @@ def struck(number: int, *arguments: object) -> tuple[int, str]:
     return process.returncode, told
 
 
-def kill_again_and_again(out: Path, times: int, seed: int) -> list[int]:
+def kill_again_and_again(
+    out: Path, times: int, seed: int, command: Sequence[str] = RENDER, checkpoint: Path | None = None
+) -> list[int]:
     """Kill a render with a checkpoint a path set so often at random moments, each time going on with the last.
 
     Half of the moments are before the first path set, or about it. Returns the path sets in the checkpoint after
     each; asserts that they are never fewer than before, nor than the render had told of.
+
+    checkpoint : where it is, if not in `out`
     """
+    checkpoint = out if checkpoint is None else checkpoint
     choice = random.Random(seed)
     kept = [0]
     for i in range(times):
-        with start("-o", out, "--spp", 10**6, "--checkpoint", "1i", "--resume") as process:
+        with start("-o", out, "--spp", 10**6, "--checkpoint", "1i", "--resume", command=command) as process:
             told = "" if i % 2 else until_rendering(process)
             time.sleep(choice.uniform(0, 1.2 if i % 2 else 0.3))
             process.send_signal(signal.SIGKILL)
@@ -61,7 +68,7 @@ def kill_again_and_again(out: Path, times: int, seed: int) -> list[int]:
         assert process.returncode == -signal.SIGKILL, told
         events = [json.loads(line) for line in told.splitlines() if line.startswith("{") and line.endswith("}")]
         reported = max((event["done"] for event in events), default=0)
-        film = Film.load(out) if out.exists() else None
+        film = Film.load(checkpoint) if checkpoint.exists() else None
         kept.append(0 if film is None else film.path_sets)
         assert kept[-1] >= max(kept[-2], reported)
         assert film is None or film.ranges == ((0, film.path_sets),)

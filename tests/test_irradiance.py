@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
+import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
+import killing
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.cli.main import app
-from glpath.cli.point_files import grid_of, read_points
+from glpath.cli.point_files import en_12464_counts, grid_of, read_points
+from glpath.film import Film
 from glpath.image import read_eight_bits
 from glpath.integrators.settings import PathTraceSettings
 from glpath.noise import standard_error
@@ -104,6 +104,76 @@ def test_a_points_error_covers_the_truth_as_often_as_it_should() -> None:
     assert np.mean(inside) > 0.85  # of a normal distribution 0.95; of so few batches' t 0.91
 
 
+#: A meadow that sends nothing back, under the CIE standard overcast sky: a third as bright at the horizon as at the
+#: zenith, by the sine of the elevation. On open ground it makes 1 W m^-2.
+ZENITH = 9 / (7 * np.pi)
+OVERCAST: dict[str, Any] = {
+    "camera": {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40},
+    "materials": {"black": {"reflectance": 0}},
+    "sky": {"zenith": [ZENITH] * 3, "horizon": [ZENITH / 3] * 3, "up": [0, 0, 1]},
+    "shapes": [
+        {
+            "type": "quad",
+            "corners": [[-900, -900, 0], [900, -900, 0], [900, 900, 0], [-900, 900, 0]],
+            "material": "black",
+        }
+    ],
+}
+
+
+def test_daylight_factors_are_those_of_the_overcast_sky() -> None:
+    """Out of doors 100 %; on what stands upright (BRE's vertical sky component) 39.6 %, by a formula
+    (pi / 2 + 4 / 3) / (7 pi / 3); of a cylinder, which stands upright all around, the same."""
+    up, across = [0, 0, 1.0], [0.6, -0.8, 0]
+    upright = (np.pi / 2 + 4 / 3) / (7 * np.pi / 3)
+    assert upright == pytest.approx(0.396, abs=5e-4)
+    found = glpath.irradiance(OVERCAST, [[0, 0, 1]] * 2, [up, across], spp=1024)
+    np.testing.assert_allclose(found.illuminance(100), [100, 100 * upright], rtol=0.01)
+    around = glpath.irradiance(OVERCAST, [[0, 0, 1]], up, receiver="cylinder", spp=1024)
+    np.testing.assert_allclose(around.values, upright, rtol=0.01)
+
+
+def test_a_cylinder_has_the_mean_of_all_directions_around_it(scene: Path, tmp_path: Path) -> None:
+    """Of a lamp at a distance r, at an angle to the axis: I sin(angle) / (pi r^2), exactly but for 0.2 %."""
+    points = np.array([[1.0, 0, 1], [0.3, -1.5, 1.2], [-2, 0.5, 0.1]])
+    r = np.linalg.norm([0, 0, 2] - points, axis=1)
+    sine = np.hypot(points[:, 0], points[:, 1]) / r
+    expected = (0.2126 * 3 + 0.7152 * 2 + 0.0722) * sine / (np.pi * r**2)
+    options: dict[str, Any] = {"receiver": "cylinder", "spp": 32, "max_depth": 1}
+    for axis in ([0, 0, 1], [0, 0, -2]):
+        found = glpath.irradiance(scene, points, axis, **options)
+        np.testing.assert_allclose(found.illuminance(1), expected, rtol=2.1e-3)
+    table = tmp_path / "points.csv"
+    table.write_text("\n".join(",".join(map(str, p)) for p in points))
+    asked = ("--points", table, "--normal", "0,0,1", "--receiver", "cylinder", "--lumens-per-watt", 1)
+    result = cli(scene, *asked, "--spp", 32, "--max-depth", 1, "-q", "-o", "-")
+    rows = np.genfromtxt(result.stdout.splitlines(), delimiter=",", skip_header=1)
+    np.testing.assert_allclose(rows[:, 12], expected, rtol=2.1e-3)
+    with pytest.raises(glpath.UsageError, match="receiver"):
+        glpath.irradiance(scene, points, [0, 0, 1], receiver="ball")  # type: ignore[arg-type]
+
+
+def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
+    """A box on the floor, with points inside."""
+    path = tmp_path / "boxed.toml"
+    path.write_text(LIT + '[[shapes]]\ntype = "box"\nmin = [0.6, 0.6, 0]\nmax = [2, 2, 1.5]\n')
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "lux.csv"
+    asked = ("--plane", "z=0.5", "--spacing", 0.5, "--spp", 16, "-o", out, "-o", tmp_path / "lux.png")
+    result = cli(path, *asked)
+    assert result.exit_code == 0, result.stderr
+    table = np.genfromtxt(out, delimiter=",", skip_header=1)
+    inside = (table[:, 0] > 0.6) & (table[:, 0] < 2) & (table[:, 1] > 0.6)
+    lux = table[:, 12]
+    assert (lux[inside] == 0).all()
+    dark = (lux == 0).sum()
+    assert f"  {dark} points have no light at all: inside of solids, perhaps. Without them:" in result.stderr
+    assert inside.sum() == 9
+    lit = lux[lux > 0]
+    assert f"U0 {lit.min() / lit.mean():.3f}, Ud {lit.min() / lit.max():.3f}" in result.stderr
+    assert "U0 0.000, Ud 0.000" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("points", "normals", "words"),
     [
@@ -143,8 +213,9 @@ def test_a_grid_is_measured_and_written(scene: Path, tmp_path: Path) -> None:
         assert stored["points"][0, 0].tolist() == [-2.5, -1.5, 0]
         assert stored["points"][3, 5].tolist() == [2.5, 1.5, 0]
     mean, least = table[:, 12].mean(), table[:, 12].min()
-    assert f"mean {mean:.4g} lx, minimum {least:.4g}" in result.stderr
-    assert f"uniformity (minimum over mean): {least / mean:.3f}" in result.stderr
+    most = table[:, 12].max()
+    assert f"mean {mean:.4g} lx, minimum {least:.4g}, maximum {most:.4g}" in result.stderr
+    assert f"U0 {least / mean:.3f}, Ud {least / most:.3f}" in result.stderr
     assert "179 lm/W" in result.stderr
 
 
@@ -175,13 +246,32 @@ def test_grids_lie_where_they_are_asked_for() -> None:
     assert (down.normals == [0, -1, 0]).all()
     assert (down.points[:, 1] == 0.4).all()
     assert down.grid is not None
-    np.testing.assert_allclose(down.grid.extent, [lower[0], upper[0], lower[2], upper[2]], atol=down.grid.step)
-    part = grid_of("x=0", 0.25, "0,1,1,3", scene)
+    np.testing.assert_allclose(down.grid.extent, [lower[0], upper[0], lower[2], upper[2]], atol=down.grid.step[0])
+    part = grid_of("x=0", "0.25", "0,1,1,3", scene)
     assert part.grid is not None
     assert part.grid.shape == (8, 4)
     assert part.points[[0, -1]].tolist() == [[0, 0.125, 1.125], [0, 0.875, 2.875]]
     # What is not a whole number of steps is left over evenly.
-    assert grid_of("x=0", 0.4, "0,0,1,1", scene).points[0].tolist() == pytest.approx([0, 0.3, 0.3])
+    assert grid_of("x=0", "0.4", "0,0,1,1", scene).points[0].tolist() == pytest.approx([0, 0.3, 0.3])
+    inner = grid_of("x=0", "0.5", "0,0,3,2", scene, margin=0.5, normal=(0, 0, 2))
+    assert inner.points[[0, -1]].tolist() == [[0, 0.75, 0.75], [0, 2.25, 1.25]]
+    assert (inner.normals == [0, 0, 2]).all()
+
+
+def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
+    """EN 12464-1, table A.1: lengths in metres and how many points there are along them at least; where the
+    formula differs, by one. And what egrid (F. Rudawski) makes of 5 x 4 m."""
+    for length, count in {1: 5, 2: 6, 5: 8, 10: 10, 25: 12, 50: 17, 100: 20}.items():
+        assert abs(en_12464_counts(length, length)[0] - count) <= 1, length
+    assert en_12464_counts(5, 4) == (8, 6)
+    assert en_12464_counts(4, 5) == (6, 8)
+    # A corridor's spacing is that of its width.
+    assert en_12464_counts(20, 2) == (60, 6)
+    assert en_12464_counts(1000, 1000) == (100, 100)
+    found = grid_of("y=1", "EN12464-1", "0,0,5,4", load_scene(BOX)).grid
+    assert found is not None
+    assert (found.shape, found.step) == ((6, 8), (5 / 8, 4 / 6))
+    np.testing.assert_allclose(found.extent, [0, 5, 0, 4], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -193,9 +283,13 @@ def test_grids_lie_where_they_are_asked_for() -> None:
         (["--plane", "z"], "--plane z:"),
         (["--plane", "zz=1"], "expected AXIS=HEIGHT"),
         (["--plane", "z=0", "--spacing", "-1"], "--spacing -1: must be above 0"),
+        (["--plane", "z=0", "--spacing", "en"], "in scene units, or en12464-1"),
+        (["--plane", "z=0", "--margin", "2"], "--margin 2: leaves nothing of 6 x 4"),
+        (["--plane", "z=0", "--margin", "-1"], "--margin -1: must be at least 0"),
+        (["--points", "a.csv", "--margin", "0"], "--margin: belongs to --plane"),
+        (["--plane", "z=0", "--receiver", "sphere"], "Allowed: plane, cylinder"),
         (["--plane", "z=0", "--spacing", "1e-6"], "at most 4,000,000"),
         (["--plane", "z=0", "--area", "0,0,0,1"], "second corner must lie beyond"),
-        (["--plane", "z=0", "--normal", "0,0,1"], "--normal: belongs to --points"),
         (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
         (["--points", "nothing.csv"], "cannot be read"),
         (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, gather"),
@@ -245,20 +339,49 @@ def test_a_normal_is_given_once(tmp_path: Path) -> None:
         read_points(path, (0.0, 1.0, 0.0))
 
 
+#: Few points, and about a millisecond a path set.
+MEASURE = ("measure", BOX, "--plane", "y=0.5", "--spacing", "0.1", "--max-depth", "2")
+
+
 def test_what_was_measured_when_a_signal_comes_is_written(tmp_path: Path) -> None:
     """Ctrl-C, in a process of its own, once there are path sets."""
-    command = [sys.executable, "-m", "glpath", "measure", "cornell-box-36", "--plane", "y=0.5"]
-    more = ["--spp", "20000", "--progress", "json", "-o", str(tmp_path / "lux.csv")]
-    process = subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith("{") and json.loads(line).get("done", 0) > 0:
-            break
-    process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
+    code, told = killing.struck(
+        signal.SIGINT, "--spp", 10**6, "--checkpoint", "1h", "-o", tmp_path / "lux.csv", command=MEASURE
+    )
+    assert code == 130
     assert "interrupted: what" in told
+    kept = tmp_path / "lux.checkpoint.npz"
+    assert f"the same command with --resume goes on with {kept}" in told
     assert len((tmp_path / "lux.csv").read_text().splitlines()) > 100
+    assert f"interrupted: what {Film.load(kept).path_sets} paths of each point" in told
+
+
+def test_kills_lose_nothing_that_was_measured(tmp_path: Path) -> None:
+    """An .npz of points is no film: its checkpoint is beside it, and measuring goes on to the bits of one go."""
+    out, kept = tmp_path / "lux.npz", tmp_path / "lux.checkpoint.npz"
+    counts = killing.kill_again_and_again(out, 3, seed=4, command=MEASURE, checkpoint=kept)
+    assert 0 < counts[0] < counts[-1]
+    other = cli(*MEASURE[1:-1], 3, "-o", out, "--resume")
+    assert (other.exit_code, f"{kept}: cannot be gone on with: max_depth is 2 in it, 3" in other.stderr) == (
+        2,
+        True,
+    )
+    assert "there already" in cli(*MEASURE[1:], "-o", out, "--checkpoint", "1h").stderr
+    wanted = counts[-1] + 9
+    for path, more in ((out, ["--resume"]), (tmp_path / "straight.npz", [])):
+        assert cli(*MEASURE[1:], "-o", path, "--spp", wanted, "-q", *more).exit_code == 0
+    assert sorted(os.listdir(tmp_path)) == ["lux.npz", "straight.npz"]
+    with np.load(out) as found, np.load(tmp_path / "straight.npz") as straight:
+        np.testing.assert_array_equal(found["illuminance"], straight["illuminance"])
+        np.testing.assert_array_equal(found["standard_errors"], straight["standard_errors"])
+
+
+def test_a_scheduler_s_signal_leaves_the_checkpoint_and_exit_code_75(tmp_path: Path) -> None:
+    code, told = killing.struck(
+        signal.SIGTERM, "--spp", 10**6, "--resume", "-o", tmp_path / "lux.csv", command=MEASURE
+    )
+    assert code == 75, told
+    assert os.listdir(tmp_path) == ["lux.checkpoint.npz"]
 
 
 def test_all_bounces_are_measured_by_themselves() -> None:

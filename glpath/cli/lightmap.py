@@ -19,7 +19,7 @@ from glpath.cli.options import (
     option_values,
     with_integrator_options,
 )
-from glpath.cli.outcome import leave_for_later, without_checkpoint
+from glpath.cli.outcome import leave_for_later, settle, without_checkpoint
 from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
@@ -215,10 +215,7 @@ def lightmap(
         _, unsaved = save_all({out: save}, {"film.npz": film.save}, kept)
         failure = failure or unsaved
         if keeper is not None:
-            if complete and failure is None:
-                keeper.remove()
-            else:
-                keeper.write(film)
+            settle(keeper, film, failure)
     if failure is not None:
         raise failure
     if not quiet and progress != "json":

@@ -20,41 +20,52 @@ from glpath.cli.options import (
     option_values,
     with_integrator_options,
 )
+from glpath.cli.outcome import leave_for_later, settle, without_checkpoint
 from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived
+from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
+    CheckpointBesideOption,
     HangLimitOption,
     NoiseOption,
+    ResumeOption,
     TimeLimitOption,
+    checkpointed,
     seconds,
     stop_rules,
 )
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
+from glpath.film_metadata import RULES
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
 from glpath.terminal import say
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from glpath.cli.point_files import Points
     from glpath.film import Film
     from glpath.integrators.settings import Integrator
-    from glpath.rendering.points import Irradiance
+    from glpath.rendering.points import Irradiance, Receiver
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
 _OPTIONS = ("max_depth", "seed", "sampling", "guide", "ambient", "roulette", "radiosity")
 _POINTS, _LIGHT = "Points", "Light"
+_RECEIVERS = ("plane", "cylinder")
 
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written).")(
-        with_integrator_options(measure, _OPTIONS)
-    )
+    app.command(
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
+        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
+        "130 interrupted (what there is, is written)."
+    )(with_integrator_options(measure, _OPTIONS))
 
 
 def measure(
@@ -78,10 +89,11 @@ def measure(
         ),
     ] = None,
     spacing: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            metavar="UNITS",
-            help="Of the grid, from point to point; by itself a 32nd of its longer side.",
+            metavar="UNITS|en12464-1",
+            help="Of the grid, from point to point, or as that standard has it for so large an area, units being "
+            "metres; by itself a 32nd of its longer side.",
             rich_help_panel=_POINTS,
         ),
     ] = None,
@@ -90,6 +102,14 @@ def measure(
         typer.Option(
             metavar="A,B,A,B",
             help="Two corners of the grid along the other two axes, in the order x, y, z; by itself the scene's.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(
+            metavar="UNITS",
+            help="How much of the area is left out along its edges; EN 12464-1 has 0.5 m along walls.",
             rich_help_panel=_POINTS,
         ),
     ] = None,
@@ -103,8 +123,23 @@ def measure(
     ] = None,
     normal: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Of all points of a file without normals.", rich_help_panel=_POINTS),
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Where all points face, of a file without normals or of a grid: along the floor for the light on "
+            "what stands upright.",
+            rich_help_panel=_POINTS,
+        ),
     ] = None,
+    receiver: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_RECEIVERS),
+            help="plane: light on a surface across the normal. cylinder: on one around it, the mean over all "
+            "directions that are upright to it: cylindrical illuminance, of faces.",
+            autocompletion=words(_RECEIVERS),
+            rich_help_panel=_POINTS,
+        ),
+    ] = "plane",
     lumens_per_watt: Annotated[
         float,
         typer.Option(
@@ -128,8 +163,10 @@ def measure(
         int | None,
         typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=_LIGHT),
     ] = None,
-    noise: NoiseOption = None,
+    checkpoint: CheckpointBesideOption = None,
+    resume: ResumeOption = False,
     time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
     hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
     backend: BackendOption = "auto",
@@ -139,7 +176,8 @@ def measure(
     quiet: QuietOption = False,
     **options: Any,
 ) -> None:
-    """Irradiance and illuminance at points, with standard errors; of all also mean, minimum and uniformity.
+    """Irradiance and illuminance at points, with standard errors; of all also mean, minimum, maximum, and the
+    uniformities U0 (minimum over mean) and Ud (minimum over maximum).
 
     Points may lie on surfaces or be free; each has the light of the side that its normal leaves. Lux are the
     luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance in W/m2 times --lumens-per-watt.
@@ -150,6 +188,7 @@ def measure(
         check_kind(path)
     check_choice("--progress", progress, MODES)
     check_choice("--integrator", integrator, _INTEGRATORS)
+    check_choice("--receiver", receiver, _RECEIVERS)
     if (plane is None) == (points is None):
         raise UsageError(
             "measure: where? Neither --plane nor --points."
@@ -157,18 +196,17 @@ def measure(
             else "measure: --plane beside --points.",
             "Give one of them.",
         )
-    given = {"--spacing": (spacing, points), "--area": (area, points), "--normal": (normal, plane)}
-    for option, (value, other) in given.items():
-        if value is not None and other is not None:
-            raise UsageError(
-                f"{option}: belongs to {'--points' if option == '--normal' else '--plane'}.", "Leave it out."
-            )
+    for option, value in (("--spacing", spacing), ("--area", area), ("--margin", margin)):
+        if value is not None and plane is None:
+            raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
     if not 0 < lumens_per_watt < math.inf:
         raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
     rules = stop_rules(time_limit, noise)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
+    if checkpoint is not None or resume:
+        go_on_later()
     pictures = [path for path in out if path.suffix.lower() == ".png"]
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
@@ -179,7 +217,7 @@ def measure(
     options = option_values(integrator, options)
     loaded = read_scene(scene, parameters)
     if plane is not None:
-        at = grid_of(plane, spacing, area, loaded)
+        at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
     else:
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
@@ -192,27 +230,41 @@ def measure(
         from glpath.rendering.points import irradiance
 
         return irradiance(
-            loaded, at.points, at.normals, integrator=cast("Integrator", integrator), spp=spp, **options, **more
+            loaded,
+            at.points,
+            at.normals,
+            receiver=cast("Receiver", receiver),
+            integrator=cast("Integrator", integrator),
+            spp=spp,
+            **options,
+            **more,
         ).film
 
     asked: dict[str, Any] = {**rules, "backend": backend, "device": device, "require_gpu": require_gpu}
-    film, _ = film_of(start, asked, progress, None, silence)
-    if not film.path_sets:
-        raise KeyboardInterrupt
-    from glpath.rendering.points import Irradiance
+    with checkpointed(out, checkpoint, resume, films=False) as (keeper, begun):
+        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
+        film, failure = film_of(start, asked | going_on, progress, keeper, silence)
+        complete = film.metadata.stop_rule in RULES
+        if keeper is not None and by_scheduler() and not complete:
+            raise leave_for_later(keeper, film)
+        if not film.path_sets:
+            raise KeyboardInterrupt
+        from glpath.rendering.points import Irradiance
 
-    found = Irradiance(film, len(at.points))
-    saves: dict[Path, Save] = {}
-    for path in out:
-        if path in pictures:
-            saves[path] = partial(
-                _save_picture, at=at, found=found, lumens_per_watt=lumens_per_watt, name=loaded.name
-            )
-        else:
-            save = save_npz if path.suffix.lower() == ".npz" else save_csv
-            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt)
-    rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
-    _, failure = save_all(saves, rescue, "What was measured is kept in {}.")
+        found = Irradiance(film, len(at.points))
+        saves: dict[Path, Save] = {}
+        for path in out:
+            save: Any = save_npz if path.suffix.lower() == ".npz" else save_csv
+            more: dict[str, Any] = {}
+            if path in pictures:
+                title = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
+                save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
+            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
+        rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+        _, unsaved = save_all(saves, rescue, "What was measured is kept in {}.")
+        failure = failure or unsaved
+        if keeper is not None:
+            settle(keeper, film, failure)
     if failure is not None:
         raise failure
     if not quiet and progress != "json":
@@ -223,26 +275,38 @@ def measure(
                 say(f"wrote {path}", err=True)
     if arrived():
         say(f"glpath: interrupted: what {film.path_sets} paths of each point found is written", err=True)
+        if keeper is not None and keeper.failure is None:
+            say(f"  the same command with --resume goes on with {keeper.path}", err=True)
         raise typer.Exit(INTERRUPTED)
+    if keeper is not None and keeper.failure is not None:
+        raise without_checkpoint(keeper)
 
 
 def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
     lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
-    mean, least = float(lux.mean()), float(lux.min())
-    yield f"  illuminance: mean {mean:.4g} lx, minimum {least:.4g}, maximum {lux.max():.4g}"
-    dark = int((lux == 0).sum())
-    if 0 < dark < len(lux):
-        yield f"  {dark:,} points have no light at all: inside of solids, perhaps"
-    if mean > 0:
-        yield f"  uniformity (minimum over mean): {least / mean:.3f}"
+    yield f"  illuminance: {_figures(lux)}"
+    lit = lux[lux > 0]
+    if 0 < len(lit) < len(lux):
+        dark = len(lux) - len(lit)
+        yield f"  {dark:,} points have no light at all: inside of solids, perhaps. Without them:"
+        yield f"  {_figures(lit)}"
     if found.film.path_sets >= 16:
         yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
     yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
 
 
-def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, name: str) -> None:
+def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
+    """What is asked of a grid: U0 is its minimum over its mean, Ud over its maximum."""
+    mean, least, most = float(lux.mean()), float(lux.min()), float(lux.max())
+    told = f"mean {mean:.{digits}g} lx, minimum {least:.{digits}g}, maximum {most:.{digits}g}"
+    return f"{told}; U0 {least / mean:.3f}, Ud {least / most:.3f}" if mean > 0 else told
+
+
+def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
+    import numpy as np
+
     from glpath.cli.point_files import AXES
     from glpath.figures.style import Axis, field
     from glpath.files import write_bytes
@@ -251,13 +315,15 @@ def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: fl
     grid = at.grid
     assert grid is not None, "asked for before"
     lux = found.illuminance(lumens_per_watt)
-    mean, least = float(lux.mean()), float(lux.min())
-    uniformity = f", uniformity {least / mean:.2f}" if mean > 0 else ""
+    lit = lux[lux > 0]
+    dark = len(lux) - len(lit)
+    inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
+    a, b = (f"{step:.3g}" for step in grid.step)
     page = field(
-        f"Illuminance in {name}, {AXES[grid.axis]} = {grid.height:g}",
-        f"{grid.shape[1]} x {grid.shape[0]} points, {grid.step:g} apart. Mean {mean:.3g} lx, minimum {least:.3g} "
-        f"lx{uniformity}. {found.film.path_sets:,} paths at each point.",
-        lux.reshape(grid.shape),
+        f"{title}, {AXES[grid.axis]} = {grid.height:g}",
+        f"{grid.shape[1]} x {grid.shape[0]} points, {a if a == b else f'{a} x {b}'} apart, "
+        f"{found.film.path_sets:,} paths each. {inside}{_figures(lit if len(lit) else lux, 3)}.",
+        np.where(lux > 0, lux, np.nan if len(lit) else 0.0).reshape(grid.shape),
         grid.extent,
         (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
         "lux",

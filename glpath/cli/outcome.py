@@ -83,10 +83,7 @@ class Outcome:
             forget()
         ended_early = arrived()
         if keeper is not None and keeper.path not in written and film.path_sets:
-            if complete and failure is None:
-                keeper.remove()
-            else:
-                keeper.write(film)
+            settle(keeper, film, failure)
         if self.stats is not None and film.path_sets:
             try:
                 write_stats(self.stats, film, keeper, before, written)
@@ -106,6 +103,17 @@ class Outcome:
             raise typer.Exit(INTERRUPTED)
         if keeper is not None and keeper.failure is not None and keeper.path not in written:
             raise without_checkpoint(keeper)
+
+
+def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> None:
+    """Where all was done and is written the checkpoint is removed, and a scheduler's signal has nothing left to
+    end; else the film goes into it."""
+    if film.metadata.stop_rule in RULES and failure is None:
+        checkpoint.remove()
+        if by_scheduler():
+            forget()
+    else:
+        checkpoint.write(film)
 
 
 def without_checkpoint(checkpoint: Checkpoint) -> typer.Exit:

@@ -30,6 +30,9 @@ MOST = 4_000_000
 #: What files may be written, by their suffix.
 WRITABLE = (".csv", ".npz", ".png")
 
+#: Spacing that follows from the size of the area.
+EN_12464 = "en12464-1"
+
 _POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
@@ -55,7 +58,7 @@ class Grid:
     height : along that, scene units
     first  : the first point, along the two
     shape  : (rows, columns)
-    step   : from point to point, scene units
+    step   : from point to point along the two, scene units
     """
 
     across: tuple[int, int]
@@ -63,17 +66,42 @@ class Grid:
     height: float
     first: tuple[float, float]
     shape: tuple[int, int]
-    step: float
+    step: tuple[float, float]
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Where its cells begin and end along the first axis, and along the second."""
-        (a, b), (rows, columns), half = self.first, self.shape, 0.5 * self.step
-        return a - half, a - half + columns * self.step, b - half, b - half + rows * self.step
+        (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
+        a, b = a - 0.5 * du, b - 0.5 * dv
+        return a, a + columns * du, b, b + rows * dv
 
 
-def grid_of(plane: str, spacing: float | None, area: str | None, scene: Scene) -> Points:
-    """The points of --plane, --spacing and --area: middles of square cells, as many as fit. Raises UsageError."""
+def en_12464_counts(first: float, second: float) -> tuple[int, int]:
+    """How many points a grid has along the sides of an area, in metres, by EN 12464-1, 4.4 (2011).
+
+    p = 0.2 * 5^log10(d) apart and 10 at most, d being the longer side, or the shorter one where the other is twice
+    as long: the whole number nearest to d / p; along the other side the nearest that makes cells square.
+    """
+    longer, shorter = max(first, second), min(first, second)
+    d = longer if longer < 2 * shorter else shorter
+    step = d / max(1, round(d / min(0.2 * 5 ** math.log10(d), 10.0)))
+    return max(1, round(first / step)), max(1, round(second / step))
+
+
+def grid_of(
+    plane: str,
+    spacing: str | None,
+    area: str | None,
+    scene: Scene,
+    *,
+    margin: float = 0.0,
+    normal: Vector | None = None,
+) -> Points:
+    """The points of --plane, --spacing, --area, --margin and --normal. Raises UsageError.
+
+    They are the middles of cells: of square ones of that spacing, as many as fit; or by EN 12464-1 of so many that
+    fill the area.
+    """
     name, _, height_text = plane.partition("=")
     down = name.startswith("-")
     axis = AXES.find(name.lstrip("-").lower()) if name.lstrip("-") else -1
@@ -91,31 +119,54 @@ def grid_of(plane: str, spacing: float | None, area: str | None, scene: Scene) -
     else:
         given = np.array(numbers("--area", area, "A,B,A,B", [4], float)).reshape(2, 2)
         lower, upper = given
+    if not (math.isfinite(margin) and margin >= 0):
+        raise UsageError(f"--margin {margin:g}: must be at least 0, in scene units.")
     size = upper - lower
+    if margin > 0 and (size > 0).all() and not (size > 2 * margin).all():
+        raise UsageError(
+            f"--margin {margin:g}: leaves nothing of {size[0]:g} x {size[1]:g}.", "Take a smaller one."
+        )
+    lower, size = lower + margin, size - 2 * margin
     if not (size > 0).all():
         if area is not None:
             both = f"{AXES[first]} and {AXES[second]}"
             raise UsageError(f"--area {area}: the second corner must lie beyond the first along {both}.")
         raise UsageError(f"--plane {plane}: the scene has no extent across it.", "Say where it is: --area A,B,A,B.")
-    step = float(size.max()) / 32 if spacing is None else spacing
-    if not (math.isfinite(step) and step > 0):
-        raise UsageError(f"--spacing {spacing:g}: must be above 0, in scene units.")
-    counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
+    if spacing is not None and spacing.lower() == EN_12464:
+        counts = np.array(en_12464_counts(float(size[0]), float(size[1])), float)
+        step = size / counts
+    else:
+        apart = float(size.max()) / 32 if spacing is None else _apart(spacing)
+        step = np.array([apart, apart])
+        counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
     if counts.prod() > MOST:
         raise UsageError(
-            f"--spacing {step:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MOST:,} are measured.",
+            f"--spacing {step[0]:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MOST:,} are measured.",
             "Take a wider one, or a smaller --area.",
         )
     columns, rows = (int(n) for n in counts)
     # Cells that fill the area but for an edge, even on both sides.
     start = lower + 0.5 * (size - counts * step) + 0.5 * step
-    u, v = np.meshgrid(start[0] + step * np.arange(columns), start[1] + step * np.arange(rows))
+    u, v = (start[i] + step[i] * np.arange(n) for i, n in enumerate((columns, rows)))
+    u, v = np.meshgrid(u, v)
     points = np.empty((rows * columns, 3))
     points[:, first], points[:, second], points[:, axis] = u.ravel(), v.ravel(), height
-    normals = np.zeros_like(points)
-    normals[:, axis] = -1.0 if down else 1.0
-    grid = Grid((first, second), axis, height, (float(start[0]), float(start[1])), (rows, columns), step)
+    along = (-1.0 if down else 1.0) * np.eye(3)[axis]
+    normals = np.broadcast_to(along if normal is None else np.array(normal), points.shape)
+    apart_by = float(step[0]), float(step[1])
+    grid = Grid((first, second), axis, height, (float(start[0]), float(start[1])), (rows, columns), apart_by)
     return Points(points, normals, grid)
+
+
+def _apart(spacing: str) -> float:
+    """UNITS of --spacing. Raises UsageError."""
+    try:
+        value = float(spacing)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise UsageError(f"--spacing {spacing}: must be above 0, in scene units, or {EN_12464}.")
+    return value
 
 
 def read_points(path: Path, normal: Vector | None) -> Points:

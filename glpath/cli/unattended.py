@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,16 +24,21 @@ _LONG = "Long renders"
 RENDERING = "the device or its driver hangs, or a path set takes longer"
 SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, takes longer"
 
-CheckpointOption = Annotated[
-    str | None,
-    typer.Option(
+
+def _checkpoint(where: str) -> Any:
+    return typer.Option(
         "--checkpoint",
         metavar="60s|5m|100i",
-        help="So often, by time or path sets, write the film to the first .npz of -o; without one to "
-        "a.checkpoint.npz beside a.png, which is removed when all is done.",
+        help=f"So often, by time or path sets, write the film to {where}, which is removed when all is done.",
         rich_help_panel=_LONG,
-    ),
+    )
+
+
+CheckpointOption = Annotated[
+    str | None, _checkpoint("the first .npz of -o; without one to a.checkpoint.npz beside a.png")
 ]
+#: Of commands that write no films.
+CheckpointBesideOption = Annotated[str | None, _checkpoint("a.checkpoint.npz beside a.csv")]
 ResumeOption = Annotated[
     bool,
     typer.Option(
@@ -131,9 +136,11 @@ def sample_range(text: str) -> tuple[int, int]:
 
 @contextmanager
 def checkpointed(
-    out: Sequence[Path], every: str | None, resume: bool
+    out: Sequence[Path], every: str | None, resume: bool, films: bool = True
 ) -> Iterator[tuple[Checkpoint | None, Film | None]]:
     """The checkpoint that was asked for, which no other process has meanwhile, and the film to go on with.
+
+    films : outputs that end in .npz are films, of which the first is the checkpoint
 
     Raises GlpathError.
     """
@@ -143,7 +150,7 @@ def checkpointed(
         yield None, None
         return
     by_time, by_sets = (None, None) if every is None else interval(every)
-    path = checkpoint_path(out)
+    path = checkpoint_path(out, films)
     check_writable(path)
     with Checkpoint(path, by_time, by_sets) as checkpoint:
         if not resume:

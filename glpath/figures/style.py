@@ -122,6 +122,7 @@ def field(
 ) -> UInt8:
     """A page with values (rows, columns) over a plane in false colours, with their scale and lines of equal values.
 
+    values : NaN where there is none, which is grey
     extent : where the first and the last column begin and end, then rows, of which the first is the lowest
     size   : of the longer side of the map, pixels
     """
@@ -136,12 +137,13 @@ def field(
     figure, bottom, height = _page(title, _wrapped(caption, width), width, up + below_map + 8)
     below = (bottom + below_map) / height
     axes = figure.add_axes((left_of_map / width, below, across / width, up / height))
-    top = float(values.max())
+    top = float(np.nanmax(values))
+    axes.set_facecolor(GREY)
     drawn = axes.imshow(
         values, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top or 1.0, aspect="auto"
     )  # fmt: skip
     rows, columns = values.shape
-    if min(rows, columns) >= 3 and values.min() < top:
+    if min(rows, columns) >= 3 and np.nanmin(values) < top:
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
         levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without that of 0

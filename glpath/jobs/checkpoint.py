@@ -100,13 +100,16 @@ class Checkpoint(Locked):
             raise ImageError(f"{self.path}: cannot be removed: {reason_of(error)}.") from error
 
 
-def checkpoint_path(outputs: Sequence[Path]) -> Path:
+def checkpoint_path(outputs: Sequence[Path], films: bool = True) -> Path:
     """Where the checkpoint of a render is: the first output that is a film, a.npz; or else, beside the first one,
-    a.checkpoint.npz for a.png. Raises UsageError where no output is a file."""
+    a.checkpoint.npz for a.png. Raises UsageError where no output is a file.
+
+    films : outputs that end in .npz are films
+    """
     files = [path for path in outputs if not is_stream(path)]
     if not files:
         raise UsageError(
             "checkpoint: no output is a file, beside which it would be.", "Name one, for example -o film.npz."
         )
-    films = [path for path in files if path.suffix.lower() == ".npz"]
-    return films[0] if films else files[0].with_name(f"{files[0].stem}.checkpoint.npz")
+    of_films = [path for path in files if films and path.suffix.lower() == ".npz"]
+    return of_films[0] if of_films else files[0].with_name(f"{files[0].stem}.checkpoint.npz")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,12 +24,18 @@ from glpath.noise import standard_error
 from glpath.progress import Progress
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import describe
-from glpath.rendering.options import MAX_SPP, with_options
+from glpath.rendering.options import MAX_SPP, check_word, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, load_scene
 from glpath.sensors import PointSensor
 
 Float64 = NDArray[np.float64]
+
+Receiver = Literal["plane", "cylinder"]
+
+#: Directions around a cylinder: the mean of a lamp's light over so many is off by 0.2 % at most, as a clamped
+#: cosine has a harmonic of 2 / (32^2 - 1) there. A power of two, so that path sets take each as often.
+_AROUND = 32
 
 #: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
 LUMENS_PER_WATT = 179.0
@@ -83,6 +89,7 @@ def irradiance(
     points: ArrayLike,
     normals: ArrayLike,
     *,
+    receiver: Receiver = "plane",
     integrator: Integrator | IntegratorSettings = "path",
     spp: int | None = None,
     first_path_set: int = 0,
@@ -105,6 +112,10 @@ def irradiance(
     scene      : what `load_scene` takes; its camera has no part in it, but for the times of its shutter
     points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
+    receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all
+                 directions across it. In lux that is cylindrical illuminance, which EN 12464-1 asks for where there
+                 are faces. Takes 768 bytes of memory a point, and is off by 0.2 % at most with 32 paths or a
+                 multiple
     integrator : "path" or "gather"
     spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
     noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
@@ -125,13 +136,17 @@ def irradiance(
     ((1, 3), (1, 3), (1,))
     """
     rules = StopRules(time_limit, noise)
+    check_word("receiver", receiver, get_args(Receiver))
+    place, facing = _points(points, normals)
+    if receiver == "cylinder":
+        facing = _around(facing)
     loaded = load_scene(scene, parameters)
     job, loaded = describe(
         loaded,
         integrator=integrator,
         spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
-        sensor=_in_rows(*_points(points, normals), loaded.camera.shutter),
+        sensor=_in_rows(place, facing, loaded.camera.shutter),
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
@@ -146,7 +161,7 @@ def irradiance(
             on_step=on_step,
             on_progress=report,
         )
-    return Irradiance(found, len(np.asarray(points)))
+    return Irradiance(found, len(place))
 
 
 def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
@@ -173,10 +188,23 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
     return place, facing / length[:, None]
 
 
+def _around(axes: Float64) -> Float64:
+    """(S, N, 3) unit directions across unit axes (N, 3), even around each."""
+    beside = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
+    beside /= np.linalg.norm(beside, axis=1, keepdims=True)
+    angle = 2 * np.pi * (np.arange(_AROUND) + 0.5)[:, None, None] / _AROUND
+    return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
+
+
 def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
-    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated."""
+    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated.
+
+    facing : (N, 3), or (S, N, 3), of which a path set takes one
+    """
     width = math.isqrt(len(place) - 1) + 1
     height = -(-len(place) // width)
-    more = ((0, width * height - len(place)), (0, 0))
-    rows = (np.pad(each, more, mode="edge").reshape(height, width, 3) for each in (place, facing))
+    more = ((0, 0), (0, width * height - len(place)), (0, 0))
+    facing = facing.reshape(-1, *place.shape)
+    place = np.broadcast_to(place, facing.shape)
+    rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
     return PointSensor.of(*rows, shutter=shutter)
