@@ -32,6 +32,8 @@ _LEAST_PADDING, _COVERED = 2, 1 / 3
 _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
 #: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit.
 _FILLED, _STEP, _TRIALS = 0.95, 0.985, 30
+#: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
+_PATIENCE, _NEXT_TO_NONE = 2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +117,16 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
         texels = math.sqrt(_FILLED * size * size / area)
-        for _ in range(_TRIALS):
+        for trial in range(_TRIALS):
             atlas = _packed(xatlas, scene, parts, texels, None, padding)
             if max(atlas.size) <= size:
                 found = replace(atlas, size=(size, size))
                 break
+            if trial == _PATIENCE:
+                # Minutes of trials are in vain where gutters alone are too much.
+                gutters = _packed(xatlas, scene, parts, _NEXT_TO_NONE * texels, None, padding)
+                if max(gutters.size) > size:
+                    break
             texels *= min(_STEP, size / max(atlas.size))
         if found is not None and found.texels**2 * area >= _COVERED * size * size:
             break
