@@ -108,7 +108,7 @@ def test_charts_that_fit_no_page_are_refused_after_few_trials(monkeypatch: pytes
     monkeypatch.setattr(atlas, "_packed", counted)
     corners = np.random.default_rng(0).random((400, 1, 3)) + 0.1 * np.eye(3)
     leaves = {"type": "mesh", "vertices": corners.reshape(-1, 3), "faces": np.arange(1200).reshape(-1, 3)}
-    with pytest.raises(UsageError, match="64 x 64 texels is too small: [0-9]+ charts"):
+    with pytest.raises(UsageError, match=r"64 x 64 texels is too small: \d+ charts"):
         Surfaces.of(scene_of(leaves, ambient=1.0), size=64)
     assert len(trials) <= 8
 

@@ -124,8 +124,8 @@ def grid_of(plane: str, spacing: float | None, area: str | None, scene: Scene) -
 def read_points(path: Path, normal: Vector | None) -> Points:
     """The points of a table: x, y, z and nx, ny, nz, with a line of names or in this order; # begins a comment.
 
-    path   : values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write them; numbers
-             with a decimal comma where commas separate nothing and no number has a point
+    path   : values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write them; with
+             decimal commas where these separate nothing and no number has a point
     normal : where the file has none
 
     Raises UsageError with the line of what is wrong.
@@ -191,7 +191,7 @@ def _text(path: Path) -> str:
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     """Cells of the lines that are neither empty nor comments, by their numbers; with decimal points."""
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(" \t,;\"")]
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
     given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None  # Excel's
     if given is not None:
