@@ -330,6 +330,38 @@ def test_a_broken_table_is_told_by_its_line(tmp_path: Path, text: str, words: st
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xef\xbb\xbfx;y;z;nx;ny;nz\r\n0,5;1,25;-2;0;0;1\r\n;;;;;\r\n3;4e-1;5;0;0,5;0\r\n",  # a German Excel
+        b'sep=;\r\n"x";"y";"z";"nx";"ny";"nz";\r\n0.5;1.25;-2;0;0;1;\r\n3;0.4;5;0;0.5;0;\r\n',
+        "x\ty\tz\tnx\tny\tnz\r\n0,5\t1,25\t-2\t0\t0\t1\r\n3\t0,4\t5\t0\t0,5\t0\r\n".encode("utf-16"),
+        b"0.5\t1.25\t-2\t0\t0\t1\t\n3\t.4\t5\t0\t0.5\t0\t\n",  # Radiance's rcalc
+        b"0.5 1.25 -2\t0 0 1\n3 0.4 5\t0 0.5 0\n",
+        b"  0.5   1.25  -2 0 0 1 \n 3 0.4 5  0 .5 0",
+        b"0,5 1,25 -2 0 0 1\n3 0,4 5 0 0,5 0\n",
+        b"x, y, z, nx, ny, nz, name\n0.5, 1.25, -2, 0, 0, 1, desk\n3, 0.4, 5, 0, 0.5, 0,\n",
+    ],
+    ids=["bom and commas", "sep", "utf-16", "tabs at ends", "tab between", "blanks", "blanks and commas", "names"],
+)
+def test_tables_are_read_as_programs_write_them(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "points.csv"
+    path.write_bytes(content)
+    found = read_points(path, None)
+    assert found.points.tolist() == [[0.5, 1.25, -2], [3, 0.4, 5]]
+    assert found.normals.tolist() == [[0, 0, 1], [0, 0.5, 0]]
+
+
+def test_what_a_comma_means_is_not_guessed(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x;y;z;nx;ny;nz\n1,250;2.5;0;0;0;1\n")
+    with pytest.raises(glpath.UsageError, match="line 2: x is '1,250' where a finite number"):
+        read_points(path, None)
+    path.write_bytes("x,y,z,Höhe\n".encode("latin-1"))
+    with pytest.raises(glpath.UsageError, match="not UTF-8 text"):
+        read_points(path, None)
+
+
 def test_a_normal_is_given_once(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("0,0,0\n1,2,3\n")

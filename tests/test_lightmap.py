@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import glpath
+from glpath.bake import atlas
 from glpath.bake.atlas import Atlas
 from glpath.bake.lightmap import Bake, Lightmap, Surfaces
 from glpath.bake.pages import pages_of
@@ -93,6 +94,39 @@ def test_many_charts_fit_a_small_page_by_narrower_gutters() -> None:
     assert surfaces.atlas.chart.max() > 1000
     assert surfaces.atlas.size == (512, 512)
     assert len(surfaces.inside) > 0.2 * 512**2
+
+
+def test_charts_that_fit_no_page_are_refused_after_few_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model of 2,469 charts took 95 s to say that they do not fit 256 x 256."""
+    trials = []
+
+    def counted(*given: Any) -> Atlas:
+        trials.append(given)
+        return packed_once(*given)
+
+    packed_once = atlas._packed
+    monkeypatch.setattr(atlas, "_packed", counted)
+    corners = np.random.default_rng(0).random((400, 1, 3)) + 0.1 * np.eye(3)
+    leaves = {"type": "mesh", "vertices": corners.reshape(-1, 3), "faces": np.arange(1200).reshape(-1, 3)}
+    with pytest.raises(UsageError, match=r"64 x 64 texels is too small: \d+ charts"):
+        Surfaces.of(scene_of(leaves, ambient=1.0), size=64)
+    assert len(trials) <= 8
+
+
+def test_small_triangles_of_a_large_scene_are_on_a_page(tmp_path: Path) -> None:
+    """xatlas has no chart for areas below 1e-7 of its unit, which were on a page that there is not."""
+    ground = {"type": "quad", "corners": [[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]]}
+    pebble = {"name": "pebble", "type": "sphere", "center": [0, 0, 0.5], "radius": 0.1}
+    splinter = {"type": "mesh", "vertices": [[5, 5, 5], [5.00001, 5, 5], [5, 5.00001, 5]], "faces": [[0, 1, 2]]}
+    surfaces = Surfaces.of(scene_of(ground, pebble, splinter, ambient=1.0), texels=0.2, size=256)
+    found, scene = surfaces.atlas, surfaces.scene
+    names = [scene.shapes[number].name for number in scene.triangle_shape[found.triangle]]
+    assert names.count("pebble") == np.sum(scene.triangle_shape == 1)
+    assert (found.page < found.pages).all()
+    assert len(scene.triangles) - len(np.unique(found.triangle)) == 1, "an area of 5e-11"
+    baked = Bake.of(surfaces.scene, texels=0.2, size=256, spp=1)
+    film = glpath.rendering.run(baked.job, scene=baked.scene)
+    assert quietly(baked.lightmap(film), tmp_path / "a.glb")
 
 
 def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:

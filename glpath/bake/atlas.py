@@ -32,6 +32,10 @@ _LEAST_PADDING, _COVERED = 2, 1 / 3
 _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
 #: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit.
 _FILLED, _STEP, _TRIALS = 0.95, 0.985, 30
+#: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
+_LEAST_AREA, _LEAST_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
+#: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
+_PATIENCE, _NEXT_TO_NONE = 2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +119,16 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
         texels = math.sqrt(_FILLED * size * size / area)
-        for _ in range(_TRIALS):
+        for trial in range(_TRIALS):
             atlas = _packed(xatlas, scene, parts, texels, None, padding)
             if max(atlas.size) <= size:
                 found = replace(atlas, size=(size, size))
                 break
+            if trial == _PATIENCE:
+                # Minutes of trials are in vain where gutters alone are too much.
+                gutters = _packed(xatlas, scene, parts, _NEXT_TO_NONE * texels, None, padding)
+                if max(gutters.size) > size:
+                    break
             texels *= min(_STEP, size / max(atlas.size))
         if found is not None and found.texels**2 * area >= _COVERED * size * size:
             break
@@ -142,14 +151,14 @@ def _packed(
 ) -> Atlas:
     """On pages of a size; None: on one that is as large as it has to be."""
     atlas = xatlas.Atlas()
-    extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
+    unit = _unit(scene, parts)
     for triangles, side in parts:
-        corners = scene.triangles[triangles] / extent  # xatlas takes small areas for none
+        corners = scene.triangles[triangles] / unit
         points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         faces = faces.reshape(-1, 3)
         atlas.add_mesh(points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32))
     pack = xatlas.PackOptions()
-    pack.texels_per_unit, pack.padding = texels * extent, padding
+    pack.texels_per_unit, pack.padding = texels * unit, padding
     pack.resolution = 0 if size is None else size
     atlas.generate(pack_options=pack)
     made: list[tuple[Any, ...]] = []
@@ -168,10 +177,19 @@ def _packed(
                 corners[:, ::-1] if side else corners,
             )
         )
-    triangle, side_of, page, chart, corners = (np.concatenate(column) for column in zip(*made, strict=True))
+    columns = [np.concatenate(column) for column in zip(*made, strict=True)]
+    on_a_page = columns[2] < int(atlas.atlas_count)  # what xatlas takes for no area has another number
+    triangle, side_of, page, chart, corners = (column[on_a_page] for column in columns)
     _, number = np.unique(chart, axis=0, return_inverse=True)
     page_size = (int(atlas.width), int(atlas.height))
     return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, int(atlas.atlas_count), texels)
+
+
+def _unit(scene: Scene, parts: list[tuple[Int64, int]]) -> float:
+    """Scene units of one of xatlas's: their extent, or less for the smallest areas, which it takes for none."""
+    extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
+    least = min(float(scene.areas[triangles].min()) for triangles, _ in parts)
+    return min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent))
 
 
 def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:

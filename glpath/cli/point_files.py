@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, whole_file, write_bytes
+from glpath.files import is_stream, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -34,6 +35,8 @@ WRITABLE = (".csv", ".npz", ".png")
 EN_12464 = "en12464-1"
 
 _POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+_NUMBER = re.compile(r"[+-]?[.\d]")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+(,\d*)?([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -170,17 +173,15 @@ def _apart(spacing: str) -> float:
 
 
 def read_points(path: Path, normal: Vector | None) -> Points:
-    """The points of a CSV file: x, y, z and nx, ny, nz, with a line of names or in this order; # begins a comment.
+    """The points of a table: x, y, z and nx, ny, nz, with a line of names or in this order; # begins a comment.
 
+    path   : values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write them; with
+             decimal commas where these separate nothing and no number has a point
     normal : where the file has none
 
     Raises UsageError with the line of what is wrong.
     """
-    try:
-        text = sys.stdin.read() if str(path) == "-" else path.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise UsageError(f"--points {path}: cannot be read: {reason}.") from error
+    text = _text(path)
     names: list[str] | None = None
     rows: list[list[float]] = []
     lines: list[int] = []
@@ -227,15 +228,44 @@ def read_points(path: Path, normal: Vector | None) -> Points:
     return Points(table[:, :3], table[:, 3:])
 
 
+def _text(path: Path) -> str:
+    """Raises UsageError for what is not text."""
+    try:
+        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
+        return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    except OSError as error:
+        raise UsageError(f"--points {path}: cannot be read: {reason_of(error)}.") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"--points {path}: cannot be read: it is not UTF-8 text.", "Save it as UTF-8.") from error
+
+
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
-    """Lines that are neither empty nor comments, by their numbers; separated by commas, semicolons or tabs."""
-    first = next((s for s in text.splitlines() if s.strip() and not s.lstrip().startswith("#")), "")
-    delimiter = next((mark for mark in (";", "\t") if mark in first), ",")
+    """Cells of the lines that are neither empty nor comments, by their numbers; with decimal points."""
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
+    lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
+    given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None  # Excel's
+    if given is not None:
+        del lines[0]
+    first = lines[0][1] if lines else ""
+    delimiter = given[1] if given is not None else next((mark for mark in ";\t," if mark in first), " ")
+    if delimiter == "," and len(first.split()) > 2 and all(map(_DECIMAL_COMMA.fullmatch, first.split())):
+        delimiter = " "
+    rest = "\n".join(line for _, line in lines)
+    decimal_commas = delimiter != "," and not re.search(r"\d\.|\.\d", rest)
+    ends = first.rstrip(" ").endswith(delimiter)  # each value, as Radiance's tabs do
     found = []
     try:
-        for number, line in enumerate(text.splitlines(), start=1):
-            if line.strip() and not line.lstrip().startswith("#"):
-                found.append((number, [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]))
+        for number, line in lines:
+            cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
+            cells = [cell.strip() for cell in cells]
+            if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):
+                cells = line.split()  # blanks within a point, a tab between it and its normal
+            if ends:
+                cells = cells[:-1] if not cells[-1] else cells
+            if decimal_commas:
+                cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
+            found.append((number, cells))
     except csv.Error as error:
         raise UsageError(f"{path}, line {number}: is no line of a table: {error}.") from error
     return found
