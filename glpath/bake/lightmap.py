@@ -106,8 +106,8 @@ class Surfaces:
             shading[s, : len(rendered)] = self.texels.normals(self.scene, self.atlas, s)[rendered]
         valid = (np.arange(height * width) < len(rendered)).reshape(height, width)
         shape = (samples, height, width, 3)
-        smooth = {} if np.array_equal(normals, shading) else {"shading_normals": shading.reshape(shape)}
-        return PointSensor.of(positions.reshape(shape), normals.reshape(shape), valid, **smooth)
+        smooth = None if np.array_equal(normals, shading) else shading.reshape(shape)
+        return PointSensor.of(positions.reshape(shape), normals.reshape(shape), valid, shading_normals=smooth)
 
     def pages(self, film: Film) -> tuple[Float32, Bools]:
         """Irradiance (P, h, w, 3) of a film of the sensor, and where it was rendered, (P, h, w)."""
