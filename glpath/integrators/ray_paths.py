@@ -37,7 +37,8 @@ from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.lighting import Lighting, LightSamples
+from glpath.light_samples import LightSamples
+from glpath.lighting import Lighting
 from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
 from glpath.scene.model import Environment
 from glpath.sensors import Sensor

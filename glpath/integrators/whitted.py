@@ -36,7 +36,8 @@ from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen, light_aovs
 from glpath.integrators.path_set_engine import check_same_kind
 from glpath.integrators.settings import WhittedSettings
-from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
+from glpath.light_samples import LIGHT_KINDS
+from glpath.lighting import Lighting, max_radiance
 from glpath.sampling import PathSetSampler, counter_hash, pixel_place
 from glpath.scene.model import Scene
 from glpath.sensors import CameraSensor, Sensor
