@@ -18,8 +18,8 @@ import pytest
 from glpath import kernels
 from glpath.kernel_cache import room_stamp
 from glpath.radiosity.solvers import ahead
+from glpath.radiosity.solvers.checks import METHODS
 from glpath.radiosity.solvers.needed import kernels_of
-from glpath.radiosity.solvers.solve import METHODS
 
 INNER = """
 from typing import NamedTuple
