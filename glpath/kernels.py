@@ -53,6 +53,11 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True)(function)))
 
 
+def outer(inner: Any) -> Any:
+    """An inner kernel as a kernel, for Python to call: compiled once more, by itself."""
+    return kernel(getattr(inner, "py_func", inner))
+
+
 def inner_sum(function: Callable[..., Any]) -> Any:
     """As `inner_kernel`, for a loop whose terms do not depend on each other: it adds them up in any order, many
     at a time, so that the last bits of the sum depend on the processor."""

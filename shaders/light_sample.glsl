@@ -1,5 +1,5 @@
-// light_sample.glsl: what a light sample (`glpath.lighting.LightSample`) sends to a place, shadows not asked for, and how it
-// shares light with the direction in which a path goes on [PB A.3].
+// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a place, shadows not asked for,
+// and how it shares light with the direction in which a path goes on [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 // Here, as a file is included once, and sky.glsl may want it where these are not.

@@ -1,5 +1,5 @@
-// punctual.glsl: irradiance from a point light, a spot or a directional light; `glpath.lighting.incident` is the same
-// on the CPU.
+// punctual.glsl: irradiance from a point light, a spot or a directional light; `glpath.light_samples.incident` is
+// the same on the CPU.
 // Units:  W m^-2 on a surface that faces the light, nothing between.
 //   intensity  W sr^-1, or W m^-2 where it does not fall off; of a light with a profile (profile.glsl) what multiplies it
 //   quadratic  it falls off with the square of the distance

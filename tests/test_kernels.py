@@ -18,8 +18,8 @@ import pytest
 from glpath import kernels
 from glpath.kernel_cache import room_stamp
 from glpath.radiosity.solvers import ahead
+from glpath.radiosity.solvers.checks import METHODS
 from glpath.radiosity.solvers.needed import kernels_of
-from glpath.radiosity.solvers.solve import METHODS
 
 INNER = """
 from typing import NamedTuple
@@ -315,6 +315,31 @@ def test_a_process_compiles_the_largest_kernel_ahead(
     needed = [Kernel(ahead.LARGEST[0], largest), *(Kernel(f"k{i}", i >= others) for i in range(5))]
     ahead.compile_ahead(needed)
     assert len(started) == processes
+
+
+DEBUGGED = """
+import numpy as np
+from glpath.bvh import build_bvh
+from glpath.radiosity import Shaft, candidate_list
+
+shaft = Shaft.between([[0, 0, 0], [1, 1, 0]], [[0, 0, 5], [1, 1, 5]])
+boxes = np.array([[[0.2, 0.2, 2], [0.4, 0.4, 3]], [[2, 0, 2], [3, 1, 3]]])
+bvh = build_bvh(boxes[:, 0], boxes[:, 1], leaf_size=1)
+found = candidate_list(bvh, shaft)
+print(shaft.classify(boxes).tolist(), shaft.classify_spheres([[0.5, 0.5, 2.5]], 0.1).tolist(), found.tolist())
+"""
+
+
+def test_without_compilation_kernels_are_functions_that_a_debugger_can_enter() -> None:
+    answers = set()
+    for plain in ("0", "1"):
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": plain}
+        done = subprocess.run(
+            [sys.executable, "-c", DEBUGGED], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        answers.add(done.stdout)
+    assert answers == {"[2, 0] [2] [1]\n"}
 
 
 def test_the_largest_kernel_is_one_that_a_solution_needs() -> None:

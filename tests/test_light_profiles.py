@@ -16,7 +16,7 @@ from scipy.interpolate import RegularGridInterpolator
 import glpath
 from glpath.errors import GlpathError, SceneError, SceneWarning
 from glpath.experiments import other_python
-from glpath.lighting import incident
+from glpath.light_samples import incident
 from glpath.scene.formats.gltf import read_gltf
 from glpath.scene.formats.ies import read_ies
 from glpath.scene.model import Float64, Light, LightProfile

@@ -14,21 +14,16 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
-from typer.testing import CliRunner
+from command_line import run
 
 import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
-from glpath.cli.main import app
 from glpath.cli.radiosity import _told
 from glpath.cli.stages import reporting
 from glpath.cli.warm import _SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
-from glpath.radiosity.solvers.solve import METHODS
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+from glpath.radiosity.solvers.checks import METHODS
 
 
 @pytest.fixture(scope="module")

@@ -21,16 +21,16 @@ from reference.shadow_cells import (
 
 import glpath.gl.program as program
 from glpath.buffers import light_bounds
-from glpath.buffers.light_bounds import (
-    CellRectangles,
+from glpath.buffers.cube_bounds import (
     cube_rectangles_of_caps,
     cube_rectangles_of_planes,
     cube_rectangles_of_triangles,
-    sphere_caps,
+)
+from glpath.buffers.light_bounds import CellRectangles, sphere_caps, spheres_around
+from glpath.buffers.sphere_bounds import (
     sphere_rectangles_of_caps,
     sphere_rectangles_of_planes,
     sphere_rectangles_of_triangles,
-    spheres_around,
 )
 from glpath.gl.context import get_context
 from glpath.gl.passes import Pass

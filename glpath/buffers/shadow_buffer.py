@@ -22,20 +22,18 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.buffers.light_bounds import (
-    Caps,
-    CellRectangles,
-    Spheres,
+from glpath.buffers.cube_bounds import (
     cube_rectangles_of_caps,
     cube_rectangles_of_planes,
     cube_rectangles_of_triangles,
-    sphere_caps,
+)
+from glpath.buffers.light_bounds import Caps, CellRectangles, Spheres, sphere_caps, spheres_around
+from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
+from glpath.buffers.sphere_bounds import (
     sphere_rectangles_of_caps,
     sphere_rectangles_of_planes,
     sphere_rectangles_of_triangles,
-    spheres_around,
 )
-from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
 from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture

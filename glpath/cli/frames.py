@@ -218,7 +218,7 @@ class FramesToRender:
                 if failure is not None:
                     raise failure
                 done += 1
-                self._tell_of(i, done, len(todo), time.perf_counter() - started, list(map(str, paths)))
+                self._tell_of(done, len(todo), time.perf_counter() - started, list(map(str, paths)))
                 release()
         except KeyboardInterrupt:
             if self.progress != "json":
@@ -228,7 +228,7 @@ class FramesToRender:
             return True
         return arrived() and done < len(todo)
 
-    def _tell_of(self, index: int, done: int, count: int, elapsed_s: float, files: list[str]) -> None:
+    def _tell_of(self, done: int, count: int, elapsed_s: float, files: list[str]) -> None:
         left = "" if done == count else f", {duration(elapsed_s / done * (count - done))} left"
         self._tell(
             {"event": "frame", "frame": done, "frames": count, "elapsed_s": round(elapsed_s, 3), "files": files},

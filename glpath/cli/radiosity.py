@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
     from glpath.radiosity.form_factors.form_factor import Kind
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
-    from glpath.radiosity.solvers.solve import Method
+    from glpath.radiosity.solvers.checks import Method
     from glpath.scene import Scene
 
 _MESH, _SOLVER = "Mesh", "Solver"

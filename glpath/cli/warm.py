@@ -44,7 +44,8 @@ def compile_all() -> None:
 
 def compile_kernels(scene: Scene) -> RadiositySolution:
     """Those of radiosity, by every method, and of view factors; returns a solution."""
-    from glpath.radiosity.solvers.solve import METHODS, solve_radiosity
+    from glpath.radiosity.solvers.checks import METHODS
+    from glpath.radiosity.solvers.solve import solve_radiosity
     from glpath.radiosity.view_factors.compute import view_factors
 
     for method in METHODS:

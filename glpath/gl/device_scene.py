@@ -36,7 +36,8 @@ from glpath.gl.scene_texels import (
 )
 from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store
 from glpath.gl.texture_images import TextureImages
-from glpath.lighting import Lighting, max_radiance, profiled_lights
+from glpath.light_samples import profiled_lights
+from glpath.lighting import Lighting, max_radiance
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
 from glpath.scene.model import Environment, Float64, Scene

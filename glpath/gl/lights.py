@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.lighting import LIGHT_KINDS, Lighting, LightSample, LightSamples
+from glpath.light_samples import LIGHT_KINDS, LightSample, LightSamples
+from glpath.lighting import Lighting
 from glpath.scene.model import Environment, Sky
 
 Uniforms = dict[str, object]

@@ -13,6 +13,7 @@ Source:   Open Image Denoise, documentation of the RT filter: albedo and normal 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import moderngl
@@ -58,27 +59,30 @@ def light_aovs(
     return found if direct is None else {**found, "direct": direct}
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What every pixel of a window sees first.
+
+    buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
+    defines : of whoever sees, see `gl.camera.camera_defines`
+    met     : records of streamed triangles, by the name in GLSL, where the scene has such
+    """
+
+    scene: DeviceScene
+    buffer: moderngl.Texture
+    defines: Mapping[str, object]
+    met: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+
+
 class EyeAovs:
     """The AOVs of one window of the image, of those that are of surfaces.
 
-    names      : out of `film_metadata.AOVS`
-    size       : (width, height) of the window, pixels
-    eye_buffer : the primitive that every pixel sees + 1, 0 for none; of two components: and the bits of its t
-    eye_defines : see `gl.camera.camera_defines`
-    met        : records of streamed triangles, by the name in GLSL, where the scene has such
+    names : out of `film_metadata.AOVS`
     """
 
-    def __init__(
-        self,
-        gl: moderngl.Context,
-        scene: DeviceScene,
-        names: Iterable[str],
-        size: tuple[int, int],
-        eye_buffer: moderngl.Texture,
-        eye_defines: Mapping[str, object],
-        met: Mapping[str, moderngl.Texture] | None = None,
-    ) -> None:
-        self._gl, self._names, self._size = gl, set(names), size
+    def __init__(self, names: Iterable[str], seen: Seen) -> None:
+        scene, gl = seen.scene, seen.scene.gl
+        self._gl, self._names, self._size = gl, set(names), seen.buffer.size
         groups = {name: of for name, of in _GROUPS.items() if not self._names.isdisjoint(of[0])}
         sums = [name for _, of in groups.values() for name in of]
         # From the scene alone, so that films by several cameras, and crops, have one quantum.
@@ -91,14 +95,14 @@ class EyeAovs:
             "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
         }
         self._textures = [{name: self._texture(4) for name in sums} for _ in range(2)]
-        seen = {**scene.textures, "eye_buffer": eye_buffer, **(met or {})}
+        textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.met}
         self._passes: list[Pass] = []
         if groups:
-            defines = {**scene.defines, **eye_defines, "AOV_QUANTA": float(_QUANTA), **dict.fromkeys(groups, 1)}
+            defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **dict.fromkeys(groups, 1)}
             program = load_program(
                 gl,
                 vertex="fullscreen.vert",
-                fragment="aov.frag" if eye_buffer.components == 1 else "aov_primitives.frag",
+                fragment="aov.frag" if seen.buffer.components == 1 else "aov_primitives.frag",
                 generated=scene.generated,
                 defines=defines,
             )
@@ -108,13 +112,13 @@ class EyeAovs:
                     gl,
                     program,
                     gl.framebuffer([*self._textures[1 - i].values()]),
-                    textures=seen | self._textures[i],
+                    textures=textures | self._textures[i],
                 )
                 for i in range(2)
             ]
         self._shapes: list[moderngl.Texture] = []
         if not self._names.isdisjoint(ID_AOVS):
-            self._make_shape_passes(scene, seen, eye_buffer.components)
+            self._make_shape_passes(seen, textures)
         self._sum = 0  # which of the two sets of sums holds the present ones
         self._path_sets = 0
         self._unread = 0  # path sets whose shapes are on the device
@@ -124,20 +128,11 @@ class EyeAovs:
         self._empty()
 
     @classmethod
-    def of(
-        cls,
-        gl: moderngl.Context,
-        scene: DeviceScene,
-        names: Iterable[str],
-        size: tuple[int, int],
-        eye_buffer: moderngl.Texture,
-        eye_defines: Mapping[str, object],
-        met: Mapping[str, moderngl.Texture] | None = None,
-    ) -> EyeAovs | None:
+    def of(cls, names: Iterable[str], seen: Seen) -> EyeAovs | None:
         """None where none of the AOVs is of surfaces."""
         surfaces = {name for aovs, _ in _GROUPS.values() for name in aovs} | set(ID_AOVS)
         asked = surfaces.intersection(names)
-        return cls(gl, scene, asked, size, eye_buffer, eye_defines, met) if asked else None
+        return cls(asked, seen) if asked else None
 
     def add(self, eye: Uniforms) -> None:
         """One more path set, whose eye buffer is filled."""
@@ -200,17 +195,17 @@ class EyeAovs:
             texture.write(bytes(16 * self._size[0] * self._size[1]))
         self._path_sets = 0
 
-    def _make_shape_passes(self, scene: DeviceScene, seen: dict[str, moderngl.Texture], components: int) -> None:
+    def _make_shape_passes(self, seen: Seen, textures: dict[str, moderngl.Texture]) -> None:
         program = load_program(
             self._gl,
             vertex="fullscreen.vert",
             fragment="shapes_seen.frag",
-            generated=scene.generated,
-            defines={**scene.defines, "EYE_FORMAT": ("r32ui", "rg32ui")[components - 1]},
+            generated=seen.scene.generated,
+            defines={**seen.scene.defines, "EYE_FORMAT": ("r32ui", "rg32ui")[seen.buffer.components - 1]},
         )
         self._shapes = [self._texture(1) for _ in range(_SETS_READ)]
         self._shape_passes = [
-            Pass("shapes seen", self._gl, program, self._gl.framebuffer([texture]), textures=seen)
+            Pass("shapes seen", self._gl, program, self._gl.framebuffer([texture]), textures=textures)
             for texture in self._shapes
         ]
 

@@ -19,7 +19,7 @@ from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.gl.sums import PixelSums
-from glpath.integrators.aovs import EyeAovs, light_aovs
+from glpath.integrators.aovs import EyeAovs, Seen, light_aovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.integrators.start_points import StartPoints
 from glpath.lighting import Lighting
@@ -88,7 +88,7 @@ class PathSetEngine(ABC):
             self._eye_defines = self._points.defines
         else:
             self._see_by_scan()
-        self._aovs = EyeAovs.of(gl, scene, settings.aovs, size, self._eye_buffer, self._eye_defines, self._met)
+        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._met))
         self._prepare()
         if scene.stream is not None:
             scene.stream.reserve()

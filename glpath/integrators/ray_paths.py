@@ -37,8 +37,9 @@ from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.lighting import Lighting, LightSamples
-from glpath.sampling import PathSetSample, PathSetSampler, counter_hash
+from glpath.light_samples import LightSamples
+from glpath.lighting import Lighting
+from glpath.sampling import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
 from glpath.sensors import Sensor
 
@@ -192,12 +193,12 @@ class RayPathEngine(PathSetEngine):
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
-        sample = self._sampler[index]
+        pixel = self._sampler[index].pixel
         self.move_to(index)
-        eye = self._eye_uniforms(sample.pixel, index)
-        self._see_lamp_edges(index, sample.pixel, eye)
+        eye = self._eye_uniforms(pixel, index)
+        self._see_lamp_edges(index, pixel, eye)
         self._see(eye)
-        uniforms = self._constant | eye | self._of_set(index, sample)
+        uniforms = self._constant | eye | self._of_set(index)
         paths = self._path_passes[self._sum]
         with self.stopwatch.stage("paths"):
             run_in_areas(paths, self._areas, uniforms)
@@ -221,7 +222,7 @@ class RayPathEngine(PathSetEngine):
 
     # What the draw is told.
 
-    def _of_set(self, index: int, sample: PathSetSample) -> Uniforms:
+    def _of_set(self, index: int) -> Uniforms:
         seed = self._settings.seed
         # Branches are as even as so many sets, over all of a pixel's paths.
         branches = range(self._branches * index, self._branches * (index + 1))

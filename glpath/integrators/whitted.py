@@ -33,10 +33,11 @@ from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.gl.uniforms import vectors
-from glpath.integrators.aovs import EyeAovs, light_aovs
+from glpath.integrators.aovs import EyeAovs, Seen, light_aovs
 from glpath.integrators.path_set_engine import check_same_kind
 from glpath.integrators.settings import WhittedSettings
-from glpath.lighting import LIGHT_KINDS, Lighting, max_radiance
+from glpath.light_samples import LIGHT_KINDS
+from glpath.lighting import Lighting, max_radiance
 from glpath.sampling import PathSetSampler, counter_hash, pixel_place
 from glpath.scene.model import Scene
 from glpath.sensors import CameraSensor, Sensor
@@ -251,7 +252,7 @@ class WhittedTracer:
         self._sums: PixelSums = PixelSums(gl, self._size, self._brightest, split=settings.splits_light)
         eye = self.eye_buffer.texture
         self._aovs: EyeAovs | None = EyeAovs.of(
-            gl, objects, settings.aovs, self._size, eye, camera_defines(objects.scene.camera)
+            settings.aovs, Seen(objects, eye, camera_defines(objects.scene.camera))
         )
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.lighting import LIGHT_KINDS, Lighting
+from glpath.light_samples import LIGHT_KINDS
+from glpath.lighting import Lighting
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolution

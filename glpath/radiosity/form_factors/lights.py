@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import kernel
-from glpath.lighting import Lighting, incident
+from glpath.light_samples import incident
+from glpath.lighting import Lighting
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of

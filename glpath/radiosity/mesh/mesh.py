@@ -130,11 +130,6 @@ class Mesh:
         return Mesh(self.scene, self.surface, self.patches, self.elements[~which] + split, patch)
 
     @cached_property
-    def patch_areas(self) -> Float64:
-        """(P,) scene units squared."""
-        return np.asarray(self.scene.areas[self.patches.triangle] / self.patches.n**2)
-
-    @cached_property
     def areas(self) -> Float64:
         """(E,) scene units squared."""
         return np.asarray(self.scene.areas[self.elements.triangle] / self.elements.n**2)

@@ -216,14 +216,14 @@ def _start(source, lit, common, group, begin, count, clear, before):  # type: ig
     """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
     samples = len(source.points)
     n, a, heights = lit.normals, source.points, lit.heights
-    left = 0
+    left = np.int64(0)  # of so many bits where this runs as Python, too: a sum of bytes would overflow
     for k in range(count):
         before[k] = before_emitter(lit, begin + k, source)
         left += before[k]
     if left == 0:
         return 0
     flat = lit.one_sided and (common[group, 0] != 0 or common[group, 1] != 0 or common[group, 2] != 0)
-    left = 0
+    left = np.int64(0)
     for s in range(samples):
         if not lit.one_sided:
             for k in range(count):
@@ -280,7 +280,7 @@ def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
         _cross_all(at_a, at_b, True, flag & SOLID != 0, samples, count, clear)
     else:
         _cross_all(at_a, at_b, False, flag & SOLID != 0, samples, count, clear)
-    left = 0
+    left = np.int64(0)
     for s in range(samples):
         for k in range(count):
             left += clear[s, k]

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.bvh import Float64, Int32
 from glpath.bvh_nodes import Bvh
 from glpath.errors import UsageError
-from glpath.kernels import inner_kernel, kernel
+from glpath.kernels import inner_kernel, kernel, outer
 
 #: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
 FACES = ("MIN_X", "MIN_Y", "MIN_Z", "MAX_X", "MAX_Y", "MAX_Z")
@@ -446,4 +446,4 @@ def gather(  # type: ignore[no-untyped-def]
 
 
 # As Python calls them.
-_form_shaft, _gather = kernel(form_shaft.py_func), kernel(gather.py_func)
+_form_shaft, _gather = outer(form_shaft), outer(gather)

@@ -1,6 +1,6 @@
 """`solve_radiosity`: from a scene to a `RadiositySolution`, by progressive refinement, full matrix or Monte Carlo.
 
-Everything that can be wrong with the scene and the options is found before the work begins.
+Everything that can be wrong with the scene and the options is found before the work begins (`checks`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -18,32 +17,25 @@ from glpath.errors import UsageError
 from glpath.heartbeat import heartbeat
 from glpath.kernels import announced, waiting
 from glpath.lighting import Lighting
-from glpath.radiosity.form_factors.form_factor import KINDS, Kind
+from glpath.radiosity.form_factors.form_factor import Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
-from glpath.radiosity.memory import available_bytes, require_memory
-from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.memory import available_bytes
+from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.mesh.reconstruct import resample
-from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import matrix, monte_carlo
 from glpath.radiosity.solvers.ahead import compile_ahead
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.radiosity.solvers.checks import Method, check_memory, check_options, check_solvable
 from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import AnyScene, Scene, load_scene, path_traceable
 from glpath.scene.model import Float64
-from glpath.scene.place import Place
-
-Method = Literal["progressive", "matrix", "monte-carlo"]
-METHODS: tuple[Method, ...] = get_args(Method)
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
-#: Bytes of an element, and of each point of a receiver: what was measured, rounded up.
-_BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1800, 400
 #: Share of the free memory that kept form factors may take, and how much of it at most.
 _CACHE_SHARE, _CACHE_MOST = 0.25, 4 << 30
-_SAMPLES = (1, 4, 9, 16, 25)
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -208,7 +200,7 @@ def solve_radiosity(
         size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
     divisions = divisions_of_size(triangles, surface, size)
     points = 0 if method == "monte-carlo" else receiver_points
-    per_element = _check_memory(triangles, divisions, size, splits, points, method)
+    per_element = check_memory(triangles, divisions, size, splits, points, method)
     if method == "monte-carlo":
         divisions, splits = divisions * 2**splits, 0
     mesh = Mesh.uniform(triangles, divisions, surface, splits)
@@ -334,100 +326,3 @@ def _settings(options: dict[str, object], size: float) -> dict[str, object]:
         "monte-carlo": ("splits", "particles", "seed"),
     }  # fmt: skip
     return {"size": size} | {name: options[name] for name in of[str(options["method"])]}
-
-
-def check_options(options: dict[str, object]) -> None:
-    """Raises UsageError for options of `solve_radiosity` that are out of range or contradict each other."""
-    o = dict(options)
-    for name, allowed in (("method", METHODS), ("form_factors", KINDS), ("emitter_samples", _SAMPLES)):
-        if o[name] not in allowed:
-            raise UsageError(
-                f"solve_radiosity: {name} is {o[name]!r}; allowed are {', '.join(str(a) for a in allowed)}."
-            )
-    for name, least in (("splits", 0), ("adaptive", 0), ("max_steps", 1), ("particles", 1), ("seed", 0)):
-        if not (isinstance(o[name], int) and int(str(o[name])) >= least):
-            raise UsageError(f"solve_radiosity: {name} is {o[name]}; must be a whole number from {least}.")
-    if not (
-        isinstance(o["receiver_points"], int) and 1 <= o["receiver_points"] == math.isqrt(o["receiver_points"]) ** 2
-    ):
-        raise UsageError(
-            f"solve_radiosity: receiver_points is {o['receiver_points']}; allowed are 1, 4, 9, 16, ..."
-        )
-    if o["patches"] is not None and o["size"] is not None:
-        raise UsageError("solve_radiosity: patches and size contradict each other.", "Give one of them.")
-    if o["patches"] is not None and not int(str(o["patches"])) >= 1:
-        raise UsageError(f"solve_radiosity: patches is {o['patches']}; must be a whole number from 1.")
-    for name, above, most in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
-        value = o[name]
-        if value is not None and not above < float(str(value)) < most:
-            bound = f"above {above:g}" + (f" and below {most:g}" if most < math.inf else " and finite")
-            raise UsageError(f"solve_radiosity: {name} is {value}; must be {bound}.")
-    if o["adaptive"] and o["method"] != "progressive":
-        raise UsageError(
-            f'solve_radiosity: adaptive subdivision is for method "progressive", not "{o["method"]}".',
-            "Leave it out, or take finer elements with splits.",
-        )
-
-
-def check_solvable(scene: Scene) -> None:
-    """Raises SceneError for a scene in triangles that has no solution."""
-    place = Place(scene.source or scene.name)
-    if Lighting.of(scene).dark:
-        raise place.error(
-            "has no shape with an emission, no other light and no sky, so that there is no light to distribute.",
-            "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]] or a [sky].",
-        )
-    if not len(Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))):
-        raise place.error(
-            "has no shape that reflects, so that there is nothing to solve.",
-            "Give a material a reflectance above 0.",
-        )
-    for index in sorted({shape.material for shape in scene.shapes}):
-        material = scene.materials[index]
-        here = place.field("materials").field(material.name)
-        if np.any(material.specular > 0):
-            raise here.field("specular").wrong(
-                material.specular,
-                "0 for radiosity, which knows diffuse reflection alone",
-                "Render the scene with --integrator path and --guide cosine, or leave the highlight out.",
-            )
-        reflectance = scene.mean_reflectance(material)
-        if np.any(reflectance >= 1):
-            raise (
-                here.field("reflectance").wrong(
-                    reflectance,
-                    "below 1 for radiosity",
-                    "Between surfaces that reflect all light it never dies out: 0.9 is very white.",
-                )
-            )
-    tiny = scene.areas <= np.finfo(float).tiny
-    longest = np.abs(scene.triangles - scene.triangles[:, :1]).max(axis=(1, 2))
-    flat = np.flatnonzero(tiny | (scene.areas <= 1e-14 * longest**2))
-    if len(flat):
-        number = int(scene.triangle_shape[flat[0]])
-        shape = scene.shapes[number]
-        raise place.error(
-            f'has {len(flat)} triangles without area, the first in the shape "{shape.name}": number '
-            f"{flat[0] - scene.shapes.ranges[number].start} of its {shape.count}.",
-            "Their corners coincide or lie on one line: leave them out.",
-        )
-    if not np.isfinite(scene.triangles).all():
-        raise place.error("has corners that are not finite.")
-
-
-def _check_memory(scene: Scene, divisions: Int64, size: float, splits: int, points: int, method: Method) -> float:
-    """Raises UsageError where the mesh needs more memory than there is; returns bytes per element."""
-    ones = Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))
-    sides = np.bincount(ones.element, minlength=len(scene.triangles)).astype(float)
-    squares = divisions.astype(float) ** 2
-    patches, elements = squares.sum(), squares.sum() * 4.0**splits
-    receivers = float((sides * squares).sum()) * 4.0**splits
-    need = elements * _BYTES_PER_ELEMENT + receivers * points * _BYTES_PER_POINT
-    if method == "matrix":
-        need += matrix.matrix_bytes(int(receivers), int((sides * squares).sum()))
-    what = f"solve_radiosity: {patches:,.0f} patches of at most {size:.3g} and {elements:,.0f} elements"
-    remedy = "Take fewer patches, a larger size, or fewer splits."
-    if method == "matrix":
-        remedy += ' Method "progressive" needs no matrix.'
-    require_memory(need, what, remedy)
-    return float(need / max(elements, 1.0))

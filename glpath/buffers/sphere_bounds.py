@@ -1,0 +1,206 @@
+"""Cells of a sphere-buffer: rectangles of latitude and longitude; see `light_bounds`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.buffers.light_bounds import (
+    MARGIN,
+    NOTHING,
+    TINY,
+    Caps,
+    CellRectangles,
+    Int64,
+    cells_between,
+    edge_planes,
+    in_bands,
+    join,
+    rectangles_of_rows,
+    towards,
+)
+from glpath.kernels import kernel
+from glpath.scene.model import Float64
+
+
+@kernel
+def _ranges_to_cells(
+    south: Float64,
+    north: Float64,
+    west: Float64,
+    east: Float64,
+    rows: int,
+    columns: int,
+    primitive: Int64,
+    cells: Int64,
+) -> int:
+    """Of each range of angles, its number, and its first column and row and its last ones; none is empty.
+
+    Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
+    Fills primitive (2 N,) and cells (2 N, 4), and returns how many there are.
+    """
+    count = len(south)
+    found = 0
+    for part in range(2):
+        for i in range(count):
+            # A margin of longitude is wider than one of latitude towards the poles.
+            nearest_pole = min(max(abs(south[i]), abs(north[i])), np.pi / 2)
+            margin = MARGIN / max(np.cos(nearest_pole), MARGIN)
+            row_first = max(int(np.ceil(((south[i] - MARGIN) / np.pi + 0.5) * rows - 0.5)), 0)
+            row_last = min(int(np.floor(((north[i] + MARGIN) / np.pi + 0.5) * rows - 0.5)), rows - 1)
+            if east[i] - west[i] + 2 * margin >= 2 * np.pi:
+                first, last = 0, columns - 1
+            else:
+                first = int(np.ceil((west[i] - margin) / (2 * np.pi) * columns - 0.5))
+                last = int(np.floor((east[i] + margin) / (2 * np.pi) * columns - 0.5))
+                turn = first // columns * columns  # the first column lies within the first turn
+                first, last = first - turn, min(last - turn, first - turn + columns - 1)
+            if part == 0:
+                last = min(last, columns - 1)
+            else:
+                first, last = 0, last - columns
+            if first <= last and row_first <= row_last:
+                primitive[found] = i
+                cells[found, 0], cells[found, 1] = first, row_first
+                cells[found, 2], cells[found, 3] = last, row_last
+                found += 1
+    return found
+
+
+def _latitude_longitude(
+    latitude: tuple[Float64, Float64], longitude: tuple[Float64, Float64], rows: int, columns: int
+) -> CellRectangles:
+    most = 2 * len(latitude[0])
+    primitive, cells = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    found = _ranges_to_cells(*latitude, *longitude, rows, columns, primitive, cells)
+    primitive, cells = primitive[:found], cells[:found]
+    return CellRectangles(primitive, np.zeros_like(primitive), cells[:, :2], cells[:, 2:])
+
+
+@kernel
+def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float64, half: Float64) -> None:
+    """Fill of each cap the latitude and longitude of its axis, and by how much its longitudes differ from that."""
+    for i in range(len(angle)):
+        x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
+        level = np.sqrt(x * x + y * y)
+        latitude[i] = np.arctan2(z, level)
+        middle[i] = np.arctan2(y, x)
+        if abs(latitude[i]) + angle[i] >= np.pi / 2 - MARGIN:
+            half[i] = np.pi
+        else:
+            half[i] = np.arcsin(min(np.sin(angle[i]) / max(np.cos(latitude[i]), TINY), 1.0))
+
+
+def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays lie in each cap."""
+    axis, angle = caps
+    latitude, middle, half = (np.empty(len(angle)) for _ in range(3))
+    _cap_ranges(axis, angle, latitude, middle, half)
+    south = np.maximum(latitude - angle, -np.pi / 2)
+    north = np.minimum(latitude + angle, np.pi / 2)
+    rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
+
+    def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """A row is inside where the cosine of its longitude less the cap's is large enough."""
+        i = rectangles.primitive[which]
+        theta = ((row + 0.5) / rows - 0.5) * np.pi
+        # The margin in the cosine is a margin of angle, and of its square where the sine is small.
+        least = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
+        width = np.arccos(np.clip(least / np.maximum(np.cos(theta) * np.cos(latitude[i]), TINY), -1.0, 1.0))
+        width = np.where(angle[i] < np.pi / 2, width + MARGIN, np.inf)
+        range_middle = (rectangles.first[which, 0] + rectangles.last[which, 0] + 1) * np.pi / columns
+        at = middle[i] + 2 * np.pi * np.round((range_middle - middle[i]) / (2 * np.pi))
+        # Where the range meets the arc at both its ends, all of it stays.
+        reach = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
+        width = np.where(np.abs(at - range_middle) + width + reach < 2 * np.pi, width, np.inf)
+        return (at - width) / (2 * np.pi) * columns - 0.5, (at + width) / (2 * np.pi) * columns - 0.5
+
+    return in_bands(rectangles, span)
+
+
+def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays can meet each triangle of (T, 3, 3)."""
+    if not len(triangles):
+        return NOTHING
+    d = triangles - light
+    length = np.linalg.norm(d, axis=2)
+    scale = np.maximum(length.max(axis=1, initial=0.0), TINY)
+    d = d / np.maximum(length, TINY)[:, :, None]
+    latitude = np.arctan2(d[:, :, 2], np.hypot(d[:, :, 0], d[:, :, 1]))
+    south, north = latitude.min(axis=1), latitude.max(axis=1)
+    following = np.roll(d, -1, axis=1)
+    # The arc between two corners bulges to the latitude of its great circle's highest point, where that lies on it.
+    normal = np.cross(d, following)
+    size = np.linalg.norm(normal, axis=2)
+    unit = normal / np.maximum(size, TINY)[:, :, None]
+    highest = -unit[:, :, 2:] * unit
+    highest[:, :, 2] += 1.0
+    slack = -1e-9
+    from_here = np.einsum("ijk,ijk->ij", np.cross(normal, d), highest)
+    from_next = np.einsum("ijk,ijk->ij", np.cross(following, normal), highest)
+    top = np.arccos(np.clip(np.abs(unit[:, :, 2]), 0.0, 1.0))
+    north = np.maximum(north, np.where((from_here > slack) & (from_next > slack), top, -np.pi / 2).max(axis=1))
+    south = np.minimum(south, np.where((from_here < -slack) & (from_next < -slack), -top, np.pi / 2).min(axis=1))
+
+    # Longitudes run one way along an arc, and less than half a turn. All around the triangle they come back to
+    # where they began, unless there is a pole inside.
+    phi = np.arctan2(d[:, :, 1], d[:, :, 0])
+    step = np.roll(phi, -1, axis=1) - phi
+    step -= 2 * np.pi * np.round(step / (2 * np.pi))
+    around = np.abs(step.sum(axis=1)) > 1.0
+    walk = np.stack([np.zeros(len(phi)), step[:, 0], step[:, 0] + step[:, 1]], axis=1)
+    west, east = phi[:, 0] + walk.min(axis=1), phi[:, 0] + walk.max(axis=1)
+    # Close to a pole, or to the light in the triangle's own plane, nobody can say which way an arc runs.
+    unsure = np.any(np.abs(step) > np.pi - 1e-4, axis=1) | np.any(length < 1e-9 * scale[:, None], axis=1)
+    unsure |= np.any(np.hypot(d[:, :, 0], d[:, :, 1]) < MARGIN, axis=1)
+    volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])
+    unsure |= around & (np.abs(volume) < 1e-12)
+    whole = around | unsure
+    # A pole inside is on the same side of all three arcs as the triangle.
+    up = normal[:, :, 2].sum(axis=1) * volume > 0
+    north = np.where((around & up) | unsure, np.pi / 2, north)
+    south = np.where((around & ~up) | unsure, -np.pi / 2, south)
+    west, east = np.where(whole, 0.0, west), np.where(whole, 2 * np.pi, east)
+    rectangles = _latitude_longitude((south, north), (west, east), rows, columns)
+    planes = edge_planes(triangles - light)
+
+    def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
+        """Each edge's plane cuts an arc out of the row. One that the range meets at both its ends is left out."""
+        low = (rectangles.first[which, 0] + 0.5) / columns * 2 * np.pi
+        high = (rectangles.last[which, 0] + 0.5) / columns * 2 * np.pi
+        begin, end = np.full(len(which), -np.inf), np.full(len(which), np.inf)
+        theta = ((row + 0.5) / rows - 0.5) * np.pi
+        cosine, sine = np.cos(theta), np.sin(theta)
+        for edge in range(3):
+            n = planes[rectangles.primitive[which], edge]
+            across = np.maximum(cosine * np.hypot(n[:, 0], n[:, 1]), TINY)
+            half = np.arccos(np.clip(-(sine * n[:, 2] + MARGIN) / across, -1.0, 1.0))
+            middle = np.arctan2(n[:, 1], n[:, 0])
+            middle += 2 * np.pi * np.round((0.5 * (low + high) - middle) / (2 * np.pi))
+            one = (middle + half - 2 * np.pi < low) & (middle - half + 2 * np.pi > high)
+            begin = np.where(one, np.maximum(begin, middle - half), begin)
+            end = np.where(one, np.minimum(end, middle + half), end)
+        return begin / (2 * np.pi) * columns - 0.5, end / (2 * np.pi) * columns - 0.5
+
+    return in_bands(rectangles, span)
+
+
+def sphere_rectangles_of_planes(
+    world_from_plane: Float64, light: Float64, rows: int, columns: int
+) -> CellRectangles:
+    """The cells of a sphere-buffer whose rays meet each plane of (P, 3, 4)."""
+    parts = [NOTHING]
+    theta = ((np.arange(rows) + 0.5) / rows - 0.5) * np.pi
+    for index, n in enumerate(towards(world_from_plane, light)):
+        # cos(theta) |n.xy| cos(phi - middle) + sin(theta) n.z > 0
+        across = np.maximum(np.cos(theta) * np.hypot(n[0], n[1]), TINY)
+        half = np.arccos(np.clip(-(np.sin(theta) * n[2] + MARGIN) / across, -1.0, 1.0))
+        middle = np.arctan2(n[1], n[0])
+        low, high = (middle - half) / (2 * np.pi) * columns, (middle + half) / (2 * np.pi) * columns
+        first, last = cells_between(low, high)
+        turn = np.floor_divide(first, columns) * columns
+        first, last = first - turn, last - turn
+        whole = last - first >= columns - 1
+        first, last = np.where(whole, 0, first), np.where(whole, columns - 1, last)
+        parts.append(rectangles_of_rows(0, index, first, np.minimum(last, columns - 1)))
+        parts.append(rectangles_of_rows(0, index, np.zeros_like(first), last - columns))
+    return join(parts)

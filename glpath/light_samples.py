@@ -1,0 +1,174 @@
+"""Samples of light, whatever they are of, and what a punctual light sends: the words in which `lighting` answers.
+
+Source:   PB 3.3 and A.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.model import Float64, Light, Scene
+
+Kind = Literal["point", "spot", "directional", "area", "sky"]
+#: Their numbers in GLSL are their places here.
+LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
+
+
+@dataclass(frozen=True)
+class LightSample:
+    """One sample of all the light there is.
+
+    kind      : of the light
+    position  : (3,) of an area light's point, a point light and a spot; of no meaning for the others
+    direction : (3,) unit, the way the light goes: the normal of the side that emits, a spot's axis, the parallel
+                light of a directional light or of this part of the sky; of no meaning for a point light
+    radiance  : (3,) W sr^-1 m^-2 of area light and sky; else `Light.intensity`, W sr^-1 or W m^-2
+    density   : the probability of the light, times the density per area of an area light's point, or per solid
+                angle of the sky's direction
+    cone      : of a spot, the cosines of the angles of full light and of its end
+    quadratic : light of a point or spot falls off with the square of the distance
+    profile   : of a point light with a profile its place in `profiled_lights` + 1; 0 without
+    """
+
+    kind: Kind
+    position: Float64
+    direction: Float64
+    radiance: Float64
+    density: float
+    cone: tuple[float, float] = (-1.0, -1.0)
+    quadratic: bool = True
+    profile: int = 0
+
+    @property
+    def distant(self) -> bool:
+        """It comes from infinitely far."""
+        return self.kind in ("directional", "sky")
+
+    @property
+    def cube_faces(self) -> int:
+        """Faces of a cube about the direction that its light goes through: above, above and the sides, or all."""
+        if self.kind == "spot":
+            return 1 if self.cone[1] >= np.sqrt(0.5) else 5 if self.cone[1] >= 0 else 6
+        return 6 if self.kind == "point" else 5
+
+
+@dataclass(frozen=True)
+class LightSamples:
+    """N light samples, the fields of `LightSample` as arrays; `samples[i]` is one of them.
+
+    kind                        : (N,) places in LIGHT_KINDS
+    position, direction, radiance : (N, 3) float64
+    density                     : (N,) float64
+    cone                        : (N, 2) float64
+    quadratic                   : (N,) bool
+    profile                     : (N,) int
+    """
+
+    kind: NDArray[np.intp]
+    position: Float64
+    direction: Float64
+    radiance: Float64
+    density: Float64
+    cone: Float64
+    quadratic: NDArray[np.bool_]
+    profile: NDArray[np.intp]
+
+    @classmethod
+    def empty(cls, n: int) -> LightSamples:
+        """To be filled; without cones, and with light that falls off."""
+        position, direction, radiance = np.zeros((3, n, 3))
+        cones, numbers = np.full((n, 2), -1.0), np.zeros((2, n), np.intp)
+        return cls(numbers[0], position, direction, radiance, np.ones(n), cones, np.ones(n, bool), numbers[1])
+
+    @classmethod
+    def dark(cls, n: int) -> LightSamples:
+        """Of a scene without light: black points."""
+        samples = cls.empty(n)
+        samples.kind[:] = LIGHT_KINDS.index("area")
+        samples.direction[:] = (0.0, 0.0, 1.0)
+        return samples
+
+    def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float, profile: int) -> None:
+        """The same punctual light at all these places; profile: as of `LightSample`."""
+        self.kind[which] = LIGHT_KINDS.index(light.kind)
+        self.position[which] = light.position
+        self.direction[which] = light.direction
+        self.radiance[which] = light.intensity
+        self.density[which] = chance
+        self.cone[which] = np.cos(np.radians(light.cone))
+        self.quadratic[which] = light.falloff == "quadratic"
+        self.profile[which] = profile
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def __getitem__(self, i: int) -> LightSample:
+        full, end = self.cone[i]
+        return LightSample(
+            kind=LIGHT_KINDS[self.kind[i]],
+            position=self.position[i],
+            direction=self.direction[i],
+            radiance=self.radiance[i],
+            density=float(self.density[i]),
+            cone=(float(full), float(end)),
+            quadratic=bool(self.quadratic[i]),
+            profile=int(self.profile[i]),
+        )
+
+
+#: The sample of a scene without light: black.
+NO_LIGHT = LightSamples.dark(1)[0]
+
+
+class Incident(NamedTuple):
+    """Light of a punctual light at N positions, whatever lies between.
+
+    wi         : (N, 3) float64 unit, towards the light
+    distance   : (N,) float64, infinite for a directional light
+    irradiance : (N, 3) float64, W m^-2 on a surface that faces the light
+    """
+
+    wi: Float64
+    distance: Float64
+    irradiance: Float64
+
+
+def profiled_lights(scene: Scene) -> tuple[Light, ...]:
+    """The lights that have a profile, in the order of the device's."""
+    return tuple(light for light in scene.lights if light.profile is not None)
+
+
+def profile_number(scene: Scene, light: Light) -> int:
+    """Of one of the scene's lights its place in `profiled_lights` + 1; 0 without a profile."""
+    if light.profile is None:
+        return 0
+    return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)
+
+
+def incident(light: Light, positions: Float64) -> Incident:
+    """What a punctual light sends to positions (N, 3). `shaders/punctual.glsl` is the same for the GPU."""
+    n = len(positions)
+    if light.kind == "directional":
+        wi = np.broadcast_to(-light.direction, (n, 3))
+        return Incident(wi, np.full(n, np.inf), np.broadcast_to(light.intensity, (n, 3)))
+    way = light.position - positions
+    distance = np.linalg.norm(way, axis=1)
+    wi = way / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    strength = np.ones(n)
+    if light.falloff == "quadratic":
+        strength /= np.maximum(distance, np.finfo(float).tiny ** 0.5) ** 2
+    if light.profile is not None:
+        strength *= light.profile.intensity(-wi, light.direction, light.c0)
+    if light.kind == "spot":
+        full, end = np.cos(np.radians(light.cone))
+        cosine = -(wi @ light.direction)
+        if full > end:
+            s = np.clip((cosine - end) / (full - end), 0.0, 1.0)
+            strength *= s * s * (3.0 - 2.0 * s)
+        else:
+            strength *= cosine >= end
+    return Incident(wi, distance, strength[:, None] * light.intensity)
