@@ -7,10 +7,12 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pygltflib
 import pytest
+from gltf_files import Gltf
 from typer.testing import CliRunner
 
 import glpath
@@ -375,3 +377,45 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     settings = bake.job.integrator
     assert isinstance(settings, PathTraceSettings)
     assert (settings.max_depth, settings.roulette) == (64, 4)
+
+
+def test_what_cannot_be_kept_is_refused_before_it_is_baked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Textures on both texture coordinates leave none for the light, which was told after all path sets."""
+    file = Gltf()
+    image = file.texture(np.full((2, 2, 3), 200, np.uint8))
+    material = file.add(
+        "materials",
+        pbrMetallicRoughness={"baseColorTexture": {"index": image}},
+        emissiveTexture={"index": image, "texCoord": 1},
+        emissiveFactor=[1, 1, 1],
+    )
+    uv = np.zeros((3, 2))
+    file.node(mesh=file.mesh(TEXCOORD_0=uv, TEXCOORD_1=uv, material=material))
+    monkeypatch.setattr(Bake, "of", None)  # is not come to
+    asked = ["lightmap", str(file.write(tmp_path)), "-o", str(tmp_path / "a.glb"), "--materials", "keep"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 1
+    assert "there is none left for its light" in " ".join(done.stderr.split())
+
+
+def test_a_film_that_no_lightmap_can_be_made_of_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Lightmap, "of", Mock(side_effect=MemoryError("no room")))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir()
+    asked = ["lightmap", "cornell-box", "-o", str(tmp_path / "a.glb"), "--size", "64", "--spp", "1", "-q"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 1
+    assert "The film is kept in" in done.stderr
+    (film,) = (tmp_path / "kept").glob("*/film.npz")
+    assert Film.load(film).path_sets == 1
+
+
+@pytest.mark.parametrize("wrong", [{"size": "big"}, {"size": 256.5}, {"texels": "4"}, {"texels": [4]}])
+def test_sizes_that_are_none_are_refused(wrong: dict[str, Any]) -> None:
+    (name,) = wrong
+    with pytest.raises(UsageError, match=rf"{name} is .*; must be a"):
+        glpath.lightmap("cornell-box", **wrong)
+
+
+def test_a_size_may_be_numpys() -> None:
+    assert Surfaces.of(glpath.load_scene("cornell-box"), size=np.int64(64)).atlas.size == (64, 64)

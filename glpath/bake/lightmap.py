@@ -78,9 +78,10 @@ class Surfaces:
             raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
         sides = Sides.of(still)
         if uv == "keep":
-            atlas = kept(still, sides.lit, size or DEFAULT_SIZE)
+            atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
-            atlas = packed(still, sides.lit, texels, size or (None if texels else DEFAULT_SIZE))
+            page = DEFAULT_SIZE if size is None and texels is None else size
+            atlas = packed(still, sides.lit, texels, None if page is None else int(page))
         return cls.on(still, atlas, sides)
 
     @classmethod
@@ -321,10 +322,10 @@ class Bake:
 def check_density(texels: float | None, size: int | None, uv: str) -> None:
     """Raise UsageError for what no atlas can be made of."""
     check_word("uv", uv, get_args(Uv))
-    if texels is not None and not (np.isfinite(texels) and texels > 0):
-        raise UsageError(f"texels is {texels}; must be a number above 0, texels per scene unit.")
-    if size is not None and not (isinstance(size, int) and 16 <= size <= MAX_SIZE):
-        raise UsageError(f"size is {size}; must be a whole number from 16 to {MAX_SIZE}, texels.")
+    if texels is not None and not (isinstance(texels, int | float | np.number) and 0 < texels < np.inf):
+        raise UsageError(f"texels is {texels!r}; must be a number above 0, texels per scene unit.")
+    if size is not None and not (isinstance(size, int | np.integer) and 16 <= size <= MAX_SIZE):
+        raise UsageError(f"size is {size!r}; must be a whole number from 16 to {MAX_SIZE}, texels.")
     if uv == "keep" and texels is not None:
         raise UsageError(
             "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",
