@@ -131,6 +131,23 @@ def test_small_triangles_of_a_large_scene_are_on_a_page(tmp_path: Path) -> None:
     assert quietly(baked.lightmap(film), tmp_path / "a.glb")
 
 
+def test_a_chart_that_is_larger_than_a_page_is_told_of() -> None:
+    wide = {**FLOOR, "corners": [[-50, -50, 0], [50, -50, 0], [50, 50, 0], [-50, 50, 0]]}
+    scene = scene_of(wide, box("block", [1, 1, 1], [2, 2, 2]), ambient=1.0)
+    with pytest.warns(
+        SceneWarning, match=r"2 of 8 charts are larger than a page of 128 x 128 and have 1\.\d+ texels"
+    ):
+        Surfaces.of(scene, texels=8, size=128)
+
+
+@pytest.mark.parametrize("options", [{"texels": 1e5}, {"size": 8192}])
+def test_texels_that_fit_no_memory_are_refused(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """64 texels per unit of a square kilometre ended by the system's killer of processes."""
+    monkeypatch.setattr("glpath.radiosity.memory.available_bytes", lambda: 20_000_000_000)
+    with pytest.raises(UsageError, match=r"so many texels would need about .* GB of memory(.|\n)*Give "):
+        Surfaces.of(scene_of(FLOOR, LAMP), **options)
+
+
 def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:
     random = np.random.default_rng(5)
     uv = random.uniform(2, 30, (3, 3, 2))

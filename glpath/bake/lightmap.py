@@ -32,6 +32,7 @@ from glpath.gl.context import open_context
 from glpath.image import luminance
 from glpath.integrators.settings import IntegratorSettings
 from glpath.interactive import in_notebook
+from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of
@@ -51,6 +52,9 @@ Materials = Literal["unlit", "keep"]
 DEFAULT_SIZE = 1024
 #: What is behind a wall is taken for inside up to so many texels from it.
 _NEAR = 2.0
+#: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
+#: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
+_BYTES, _FILLED = 1400, 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -77,6 +81,12 @@ class Surfaces:
         if not len(still.triangles):
             raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
         sides = Sides.of(still)
+        lit_area = float((still.areas[:, None] * sides.lit).sum())
+        require_memory(
+            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
+            "lightmap: so many texels",
+            "Give a smaller --size." if texels is None else "Give fewer --texels per scene unit.",
+        )
         if uv == "keep":
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
