@@ -182,12 +182,20 @@ def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
         ([[0, 0, 1]], [0, 0], r"normals: of shape \(2,\)"),
         ([[0, 0, 1], [0, np.nan, 1]], [0, 0, 1], r"points\[1\]: .*finite numbers"),
         ([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 0, 0]], r"normals\[1\]: .*other than zero"),
+        ([[1e300, 0, 1]], [0, 0, 1], r"points\[0\]: \[1e\+300, 0.0, 1.0\] where finite numbers from"),
         ("here", [0, 0, 1], "arrays of numbers"),
+        ([[0, 0, 1j]], [0, 0, 1], "arrays of numbers"),
     ],
 )
 def test_what_are_no_points_is_told(points: Any, normals: Any, words: str) -> None:
     with pytest.raises(glpath.UsageError, match=words):
         glpath.irradiance(BOX, points, normals, spp=1)
+
+
+def test_normals_are_of_any_length() -> None:
+    values = [glpath.irradiance(BOX, POINTS, [0, z, 0], spp=1, max_depth=1).values for z in (1, 1e-200, 1e200)]
+    assert np.array_equal(values[0], values[1])
+    assert np.array_equal(values[0], values[2])
 
 
 # The command.

@@ -7,10 +7,12 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pygltflib
 import pytest
+from gltf_files import Gltf
 from typer.testing import CliRunner
 
 import glpath
@@ -127,6 +129,23 @@ def test_small_triangles_of_a_large_scene_are_on_a_page(tmp_path: Path) -> None:
     baked = Bake.of(surfaces.scene, texels=0.2, size=256, spp=1)
     film = glpath.rendering.run(baked.job, scene=baked.scene)
     assert quietly(baked.lightmap(film), tmp_path / "a.glb")
+
+
+def test_a_chart_that_is_larger_than_a_page_is_told_of() -> None:
+    wide = {**FLOOR, "corners": [[-50, -50, 0], [50, -50, 0], [50, 50, 0], [-50, 50, 0]]}
+    scene = scene_of(wide, box("block", [1, 1, 1], [2, 2, 2]), ambient=1.0)
+    with pytest.warns(
+        SceneWarning, match=r"2 of 8 charts are larger than a page of 128 x 128 and have 1\.\d+ texels"
+    ):
+        Surfaces.of(scene, texels=8, size=128)
+
+
+@pytest.mark.parametrize("options", [{"texels": 1e5}, {"size": 8192}])
+def test_texels_that_fit_no_memory_are_refused(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """64 texels per unit of a square kilometre ended by the system's killer of processes."""
+    monkeypatch.setattr("glpath.radiosity.memory.available_bytes", lambda: 20_000_000_000)
+    with pytest.raises(UsageError, match=r"so many texels would need about .* GB of memory(.|\n)*Give "):
+        Surfaces.of(scene_of(FLOOR, LAMP), **options)
 
 
 def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:
@@ -375,3 +394,45 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     settings = bake.job.integrator
     assert isinstance(settings, PathTraceSettings)
     assert (settings.max_depth, settings.roulette) == (64, 4)
+
+
+def test_what_cannot_be_kept_is_refused_before_it_is_baked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Textures on both texture coordinates leave none for the light, which was told after all path sets."""
+    file = Gltf()
+    image = file.texture(np.full((2, 2, 3), 200, np.uint8))
+    material = file.add(
+        "materials",
+        pbrMetallicRoughness={"baseColorTexture": {"index": image}},
+        emissiveTexture={"index": image, "texCoord": 1},
+        emissiveFactor=[1, 1, 1],
+    )
+    uv = np.zeros((3, 2))
+    file.node(mesh=file.mesh(TEXCOORD_0=uv, TEXCOORD_1=uv, material=material))
+    monkeypatch.setattr(Bake, "of", None)  # is not come to
+    asked = ["lightmap", str(file.write(tmp_path)), "-o", str(tmp_path / "a.glb"), "--materials", "keep"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 1
+    assert "there is none left for its light" in " ".join(done.stderr.split())
+
+
+def test_a_film_that_no_lightmap_can_be_made_of_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Lightmap, "of", Mock(side_effect=MemoryError("no room")))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir()
+    asked = ["lightmap", "cornell-box", "-o", str(tmp_path / "a.glb"), "--size", "64", "--spp", "1", "-q"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 1
+    assert "The film is kept in" in done.stderr
+    (film,) = (tmp_path / "kept").glob("*/film.npz")
+    assert Film.load(film).path_sets == 1
+
+
+@pytest.mark.parametrize("wrong", [{"size": "big"}, {"size": 256.5}, {"texels": "4"}, {"texels": [4]}])
+def test_sizes_that_are_none_are_refused(wrong: dict[str, Any]) -> None:
+    (name,) = wrong
+    with pytest.raises(UsageError, match=rf"{name} is .*; must be a"):
+        glpath.lightmap("cornell-box", **wrong)
+
+
+def test_a_size_may_be_numpys() -> None:
+    assert Surfaces.of(glpath.load_scene("cornell-box"), size=np.int64(64)).atlas.size == (64, 64)

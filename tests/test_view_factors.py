@@ -197,6 +197,12 @@ def test_back_faces_see_nothing() -> None:
         (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 7]]), r"faces\[0\] names vertex 7"),
         (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1]]), r"faces\[0\] has 2 corners"),
         (np.zeros((3, 2, 3)), r"shape \(3, 2, 3\)"),
+        (None, "found NoneType, where a scene is needed"),
+        ([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0]]], "faces are no array of numbers"),
+        (np.zeros((2, 3, 3), complex), "faces are no array of numbers"),
+        (([[0, 0, 0], [1, 0]], [[0, 1, 0]]), "vertices are no array of numbers"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [0, 1, 2]), "faces are no lists of numbers"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1.4, 2]]), r"faces\[0\] names vertex 1.4; allowed are whole"),
         (
             {
                 "camera": {"position": [0, 0, 3], "target": [0, 0, 0]},
@@ -205,7 +211,22 @@ def test_back_faces_see_nothing() -> None:
             "plane",
         ),
     ],
-    ids=["no area", "bent", "nan", "empty", "no vertex", "two corners", "array", "endless"],
+    ids=[
+        "no area",
+        "bent",
+        "nan",
+        "empty",
+        "no vertex",
+        "two corners",
+        "array",
+        "none",
+        "ragged",
+        "complex",
+        "ragged vertices",
+        "flat list",
+        "no whole number",
+        "endless",
+    ],
 )
 def test_wrong_faces_are_explained(faces, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(GlpathError, match=message):
@@ -221,11 +242,25 @@ def test_wrong_faces_are_explained(faces, message: str) -> None:  # type: ignore
         ({"groups": "shapes"}, "arrays and meshes have none"),
         ({"enforce": ["beauty"]}, "enforce 'beauty'"),
         ({"threads": 0}, "threads is 0"),
+        ({"threads": 1.5}, "threads is 1.5"),
+        ({"error": "1e-3"}, "error is '1e-3'"),
+        ({"enforce": None}, "enforce None"),
+        ({"groups": [[1], [1, 2]]}, "a label for each"),
     ],
 )
 def test_wrong_options_are_explained(options, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(UsageError, match=message):
         glpath.view_factors(np.array([FLOOR, LAMP], float), **options)
+
+
+def test_faces_that_are_there_twice_are_told_of() -> None:
+    vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 1, inward=True)
+    with pytest.warns(glpath.SceneWarning, match=r"5 of 7 rows add up to more than 1, row [1-5] to 1\.2"):
+        glpath.view_factors((vertices, [*faces, faces[0]]))
+
+
+def test_labels_may_be_of_any_kind() -> None:
+    assert glpath.view_factors(np.array([FLOOR, LAMP], float), groups=[None, 3]).names == ("3", "None")
 
 
 def test_what_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,13 +11,14 @@ Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is 
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError, SceneError, UsageError
+from glpath.errors import GlpathError, SceneError, SceneWarning, UsageError
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
 
@@ -97,7 +98,26 @@ def packed(scene: Scene, shown: NDArray[np.bool_], texels: float | None, size: i
         size = min(max(_LEAST_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
         if longest <= size:
             return replace(alone, size=(size, size))
-    return _packed(xatlas, scene, parts, texels, size)
+    atlas = _packed(xatlas, scene, parts, texels, size)
+    _warn_of_large_charts(scene, atlas)
+    return atlas
+
+
+def _warn_of_large_charts(scene: Scene, atlas: Atlas) -> None:
+    """xatlas shrinks what does not fit a page."""
+    count = int(atlas.chart.max()) + 1
+    wide = np.bincount(atlas.chart, scene.areas[atlas.triangle], count)
+    found = np.sqrt(np.bincount(atlas.chart, _areas(atlas.uv), count) / np.maximum(wide, np.finfo(float).tiny))
+    shrunken = (found < 0.75 * atlas.texels) & (found * np.sqrt(wide) > 0.25 * max(atlas.size))
+    if shrunken.any():
+        warnings.warn(
+            SceneWarning(
+                f"{scene.source or scene.name}: {shrunken.sum()} of {count} charts are larger than a page of "
+                f"{atlas.size[0]} x {atlas.size[1]} and have {found[shrunken].min():.3g} texels per scene unit in "
+                f"place of {atlas.texels:g}: give a larger --size, or fewer --texels."
+            ),
+            stacklevel=6,
+        )
 
 
 def _parts(scene: Scene, shown: NDArray[np.bool_]) -> list[tuple[Int64, int]]:

@@ -208,6 +208,12 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
         )
 
 
+def check_keepable(scene: Scene) -> None:
+    """Raise SceneError for materials that cannot be kept beside a light map: to be asked before it is baked."""
+    for material in scene.materials:
+        _with_first_uv(material)
+
+
 def _with_first_uv(material: Material) -> Material:
     """The material where its textures use the first coordinates, as the second are the light's."""
     sets = {slot.uv_set for slot in material.slots.values()}

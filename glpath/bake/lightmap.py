@@ -32,6 +32,7 @@ from glpath.gl.context import open_context
 from glpath.image import luminance
 from glpath.integrators.settings import IntegratorSettings
 from glpath.interactive import in_notebook
+from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of
@@ -51,6 +52,9 @@ Materials = Literal["unlit", "keep"]
 DEFAULT_SIZE = 1024
 #: What is behind a wall is taken for inside up to so many texels from it.
 _NEAR = 2.0
+#: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
+#: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
+_BYTES, _FILLED = 1400, 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -77,10 +81,17 @@ class Surfaces:
         if not len(still.triangles):
             raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
         sides = Sides.of(still)
+        lit_area = float((still.areas[:, None] * sides.lit).sum())
+        require_memory(
+            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
+            "lightmap: so many texels",
+            "Give a smaller --size." if texels is None else "Give fewer --texels per scene unit.",
+        )
         if uv == "keep":
-            atlas = kept(still, sides.lit, size or DEFAULT_SIZE)
+            atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
-            atlas = packed(still, sides.lit, texels, size or (None if texels else DEFAULT_SIZE))
+            page = DEFAULT_SIZE if size is None and texels is None else size
+            atlas = packed(still, sides.lit, texels, None if page is None else int(page))
         return cls.on(still, atlas, sides)
 
     @classmethod
@@ -321,10 +332,10 @@ class Bake:
 def check_density(texels: float | None, size: int | None, uv: str) -> None:
     """Raise UsageError for what no atlas can be made of."""
     check_word("uv", uv, get_args(Uv))
-    if texels is not None and not (np.isfinite(texels) and texels > 0):
-        raise UsageError(f"texels is {texels}; must be a number above 0, texels per scene unit.")
-    if size is not None and not (isinstance(size, int) and 16 <= size <= MAX_SIZE):
-        raise UsageError(f"size is {size}; must be a whole number from 16 to {MAX_SIZE}, texels.")
+    if texels is not None and not (isinstance(texels, int | float | np.number) and 0 < texels < np.inf):
+        raise UsageError(f"texels is {texels!r}; must be a number above 0, texels per scene unit.")
+    if size is not None and not (isinstance(size, int | np.integer) and 16 <= size <= MAX_SIZE):
+        raise UsageError(f"size is {size!r}; must be a whole number from 16 to {MAX_SIZE}, texels.")
     if uv == "keep" and texels is not None:
         raise UsageError(
             "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",

@@ -188,10 +188,13 @@ def lightmap(
     if quiet and progress == "auto":
         progress = "none"
     with checkpointed([out], checkpoint, resume) as (keeper, begun):
+        from glpath.bake.files import check_keepable
         from glpath.bake.lightmap import Bake
         from glpath.gl.context import open_context
         from glpath.rendering import run
 
+        if materials == "keep":
+            check_keepable(loaded)
         bake = Bake.of(loaded, **{name: value for name, value in given.items() if value is not None})
 
         def start(more: dict[str, Any]) -> Film:
@@ -204,12 +207,13 @@ def lightmap(
             raise leave_for_later(keeper, film)
         if not film.path_sets:
             raise KeyboardInterrupt
-        baked = bake.lightmap(film)
+        made: list[Lightmap] = []
         written: list[Path] = []
 
         def save(path: Path) -> None:
+            made.append(bake.lightmap(film))  # here, as the film is kept where this fails
             kind = cast("Materials", materials)
-            written.extend(baked.save(path, materials=kind, exposure=stops, moz=moz))
+            written.extend(made[0].save(path, materials=kind, exposure=stops, moz=moz))
 
         kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
         _, unsaved = save_all({out: save}, {"film.npz": film.save}, kept)
@@ -219,7 +223,7 @@ def lightmap(
     if failure is not None:
         raise failure
     if not quiet and progress != "json":
-        for line in _summary(baked):
+        for line in _summary(made[0]):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)

@@ -27,6 +27,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import MAX_SPP, check_word, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, load_scene
+from glpath.scene.formats.values import LARGEST
 from glpath.sensors import PointSensor
 
 Float64 = NDArray[np.float64]
@@ -167,7 +168,10 @@ def irradiance(
 def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
     """(N, 3) each, normals unit. Raises UsageError, which names the first point that is none."""
     try:
-        place, facing = np.asarray(points, np.float64), np.asarray(normals, np.float64)
+        given = np.asarray(points), np.asarray(normals)
+        if any(np.iscomplexobj(each) for each in given):
+            raise TypeError
+        place, facing = (each.astype(np.float64) for each in given)
     except (TypeError, ValueError):
         raise UsageError("irradiance: points and normals where arrays of numbers are needed") from None
     if place.ndim != 2 or place.shape[1:] != (3,) or not len(place):
@@ -176,14 +180,24 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
         raise UsageError(f"normals: of shape {facing.shape} where {place.shape} or (3,) is needed")
     facing = np.broadcast_to(facing, place.shape)
     with np.errstate(invalid="ignore", over="ignore"):
+        longest = np.abs(facing).max(axis=1, keepdims=True)
+        # Squares of the smallest are 0, of the largest infinite.
+        extreme = (longest > 1e100) | ((longest > 0) & (longest < 1e-100))
+        facing = facing / np.where(extreme, longest, 1.0)
         length = np.linalg.norm(facing, axis=1)
         for what, wrong, allowed in (
-            ("points", ~np.isfinite(place).all(axis=1), "finite numbers are"),
+            (
+                "points",
+                ~(np.abs(place) <= LARGEST).all(axis=1),
+                f"finite numbers from {-LARGEST:g} to {LARGEST:g} are",
+            ),
             ("normals", ~(np.isfinite(length) & (length > 0)), "a finite vector other than zero is"),
         ):
             if wrong.any():
                 first = int(np.flatnonzero(wrong)[0])
-                found = (place if what == "points" else facing)[first].tolist()
+                found = (
+                    place[first] if what == "points" else np.broadcast_to(given[1], place.shape)[first]
+                ).tolist()
                 raise UsageError(f"{what}[{first}]: {found} where {allowed} needed")
     return place, facing / length[:, None]
 

@@ -10,6 +10,7 @@ import json
 import math
 import os
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from glpath import bvh
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, SceneWarning, UsageError
 from glpath.files import check_writable, whole_file
 from glpath.kernels import announced, waiting
 from glpath.npz import open_npz
@@ -39,6 +40,8 @@ _TASK = 32
 _REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
 #: Bytes of a factor at the worst moment: both halves and their sum, each a value and a column.
 _BYTES_PER_FACTOR = 40
+#: By how much the sum of a row may be above 1 before a warning.
+_OVERLAP = 0.01
 #: Of a partial file: another number is another layout, or another way to compute.
 _FORMAT = 1
 
@@ -111,6 +114,7 @@ def view_factors(
 
     Raises SceneError for faces without area, that are not flat or not finite, or infinite planes; UsageError for
     options out of range, and where the matrix would not fit into memory, which is known after some of its rows.
+    Warns SceneWarning where faces that lie on each other are both seen.
 
     Cost:     about 1 microsecond for a pair that sees all of each other, some 20 for one that sees a part, and
               memory of 40 bytes per factor that is not 0.
@@ -124,13 +128,13 @@ def view_factors(
     >>> view_factors(np.array([floor, lamp], float)).matrix.toarray().round(4).tolist()
     [[0.0, 0.1998], [0.1998, 0.0]]
     """
-    for word in enforce:
+    for word in enforce if isinstance(enforce, list | tuple | set) else [enforce]:
         if word not in ("reciprocity", "closure"):
-            raise UsageError(f"view_factors: enforce {word!r}; allowed are reciprocity and closure.")
-    if not (math.isfinite(error) and 1e-7 <= error <= 0.1):
-        raise UsageError(f"view_factors: error is {error:g}; allowed are numbers from 1e-7 to 0.1.")
-    if threads is not None and threads < 1:
-        raise UsageError(f"view_factors: threads is {threads}; allowed are whole numbers from 1.")
+            raise UsageError(f"view_factors: enforce {word!r}; allowed is a list of reciprocity and closure.")
+    if not (isinstance(error, int | float | np.number) and 1e-7 <= error <= 0.1):
+        raise UsageError(f"view_factors: error is {error!r}; allowed are numbers from 1e-7 to 0.1.")
+    if threads is not None and not (isinstance(threads, int | np.integer) and threads >= 1):
+        raise UsageError(f"view_factors: threads is {threads!r}; allowed are whole numbers from 1.")
     if resume is not None:
         check_writable(resume)
     run = _Run(
@@ -140,11 +144,25 @@ def view_factors(
     with announced(kernels, run.compiling if on_progress is not None else None):
         given = faces_of(faces, groups, flip)
         found = run.solve(given)
+    _warn_of_overlaps(found, given.source)
     if enforce:
         found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
     if run.resume is not None:
         run.resume.unlink(missing_ok=True)
     return found
+
+
+def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
+    """Nothing hides one of two faces in one place from what sees both, whose row adds up to more than 1."""
+    over = found.row_sums - 1
+    if (too_much := np.flatnonzero(over > np.maximum(_OVERLAP, 3 * found.error))).size:
+        i = int(too_much[np.argmax(over[too_much])])
+        name = f" ({found.names[i]})" if found.names else ""
+        text = (
+            f"{source}: {len(too_much):,} of {len(found):,} rows add up to more than 1, row {i}{name} to "
+            f"{found.row_sums[i]:.4g}: it sees faces that lie on each other, twice. Leave one of each two out."
+        )
+        warnings.warn(SceneWarning(text), stacklevel=3)
 
 
 def kernels_of() -> tuple[Any, ...]:

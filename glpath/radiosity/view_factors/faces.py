@@ -68,8 +68,8 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     """What `glpath.view_factors` takes, as faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
-    if isinstance(given, np.ndarray) or (isinstance(given, list) and given and not isinstance(given[0], str)):
-        corners = np.asarray(given, np.float64)
+    if isinstance(given, np.ndarray | list):
+        corners = _array(given, "faces", "(N, k, 3): N faces, k >= 3")
         if corners.ndim != 3 or corners.shape[2] != 3 or corners.shape[1] < 3:
             raise UsageError(
                 f"view_factors: an array of shape {corners.shape}; allowed is (N, k, 3): N faces, k >= 3.",
@@ -80,7 +80,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         outlines: list[Any] = np.arange(n * k).reshape(n, k).tolist()
     elif isinstance(given, tuple) and len(given) == 2:
         source = "faces"
-        vertices, outlines = np.asarray(given[0], np.float64), [list(map(int, face)) for face in given[1]]
+        vertices, outlines = _array(given[0], "vertices", "(V, 3)"), _outlines(given[1])
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise UsageError(f"view_factors: vertices of shape {vertices.shape}; allowed is (V, 3).")
     elif hasattr(given, "vertices") and hasattr(given, "faces") and not isinstance(given, Scene):
@@ -99,6 +99,37 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     checked = _checked(np.asarray(vertices, np.float64), outlines, source)
     rows, names = _rows(checked, groups, shape_of, shape_names)
     return Faces(checked.vertices, checked.outlines, rows, names, source)
+
+
+def _array(given: Any, what: str, allowed: str) -> Float64:
+    """float64. Raises UsageError for what are no real numbers, or not as many in each row."""
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind in "biuf":
+            return np.asarray(array, np.float64)
+    except (TypeError, ValueError):  # rows of different lengths
+        pass
+    raise UsageError(
+        f"view_factors: {what} are no array of numbers; allowed is {allowed}.",
+        "Faces with different numbers of corners are (vertices, faces), a list of numbers for each.",
+    )
+
+
+def _outlines(given: Any) -> list[list[int]]:
+    """Raises UsageError for what are no whole numbers."""
+    try:
+        outlines = [[(int(v), v) for v in face] for face in given]
+    except (TypeError, ValueError, OverflowError):
+        raise UsageError(
+            "view_factors: faces are no lists of numbers of vertices; allowed are three or more for each face."
+        ) from None
+    for i, outline in enumerate(outlines):
+        for whole, number in outline:
+            if whole != number:
+                raise UsageError(
+                    f"view_factors: faces[{i}] names vertex {number}; allowed are whole numbers, from 0 on."
+                )
+    return [[whole for whole, _ in outline] for outline in outlines]
 
 
 @contextmanager
@@ -130,7 +161,12 @@ def _rows(
         raise UsageError(
             f"view_factors: groups is {groups!r}; allowed are faces, planar, shapes, or a label for each face."
         )
-    given = np.asarray(groups)
+    try:
+        given = np.asarray(groups)
+    except ValueError:  # lists of different lengths
+        given = np.empty(0)
+    if given.dtype.kind == "O" and given.shape == (count,):
+        given = given.astype(np.str_)
     if given.shape != (count,):
         raise UsageError(
             f"view_factors: groups of shape {given.shape}, but there are {count} faces: a label for each."

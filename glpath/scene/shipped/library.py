@@ -68,7 +68,12 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     if is_made_in_python(scene):
         made = scene_from_python(scene)
         return _without_parameters(made, made.name, parameters)
-    text = os.fspath(scene)  # type: ignore[arg-type]
+    if not isinstance(scene, str | os.PathLike):
+        raise SceneError(
+            f"load_scene: found {type(scene).__name__}, where a scene is needed.",
+            "A file or the name of a shipped scene, a Scene, a dictionary as TOML has it, or trimesh's.",
+        )
+    text = os.fspath(scene)
     if isinstance(scene, str) and text in GENERATED:
         return _made(GENERATED[text], Place(text), parameters or {})
     path = Path(text)
