@@ -20,7 +20,6 @@ from glpath.bake import atlas
 from glpath.bake.atlas import Atlas
 from glpath.bake.lightmap import Bake, Lightmap, Surfaces
 from glpath.bake.pages import pages_of
-from glpath.bake.seams import Seams
 from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, lattice, rasterised
 from glpath.cli.main import app
@@ -241,25 +240,6 @@ def test_a_furnace_is_flat() -> None:
     with pytest.warns(SceneWarning, match="reflects all light"):
         sampled = glpath.lightmap(scene, size=96, spp=16, max_depth=4)
     assert sampled.irradiance[sampled.baked].mean() == pytest.approx(np.pi, rel=0.01)
-
-
-def test_across_the_seams_of_a_ball_light_goes_on() -> None:
-    ball = {"type": "sphere", "center": [0, 0, 0.8], "radius": 0.5, "subdivisions": 2, "material": "grey"}
-    baked = glpath.lightmap(scene_of(ball, FLOOR, LAMP), size=128, spp=32)
-    assert len(baked.seams) > 100
-    before, _ = baked.surfaces.pages(baked.film)
-    a, b = baked.seams.values(before).mean(axis=-1)
-    lit = 0.5 * (a + b) > 0.05 * before.mean()
-    assert np.quantile(np.abs(a - b)[lit] / (0.5 * (a + b))[lit], 0.9) > 0.02
-    assert np.quantile(baked.steps(), 0.98) < 0.02
-    assert np.quantile(baked.steps()[0.5 * (a + b) > 0.2 * before.mean()], 0.99) < 0.02
-    texels = baked.surfaces.texels.index
-    assert abs(baked.irradiance[texels].mean() / before[texels].mean() - 1) < 0.005
-
-
-def test_a_seam_is_where_the_surface_is_smooth_and_the_page_is_not() -> None:
-    surfaces = Surfaces.of(scene_of(box("block", [0, 0, 0], [1, 1, 1]), LAMP), size=64)
-    assert len(Seams.of(surfaces.scene, surfaces.atlas)) == 0, "edges of a cube are edges"
 
 
 def test_a_bake_goes_on_to_the_same_bits(lit_floor: Lightmap) -> None:

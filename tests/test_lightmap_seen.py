@@ -1,13 +1,15 @@
-"""Baked scenes as others see them: three.js from the scene's camera, and the Khronos validator."""
+"""Baked scenes as others see them: three.js and Babylon.js from the scene's camera, and the Khronos validator."""
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+import babylon_js
 import numpy as np
 import pygltflib
 import pytest
@@ -31,9 +33,29 @@ def three() -> Iterator[three_js.Viewer]:
         yield viewer
 
 
+@functools.cache
 def our_own() -> np.ndarray:
     """(128, 128, 3): the picture, with all bounces as the lightmap has them."""
     return glpath.render("cornell-box", spp=48, resolution=(128, 128), max_depth=64, roulette=4).mean
+
+
+def lines_of_the_readme(word: str) -> str:
+    """Those in JavaScript that have a word."""
+    readme = Path(__file__).parent.parent.joinpath("README.md").read_text("utf-8")
+    (lines,) = (block for block in re.findall(r"```js\n(.*?)```", readme, re.DOTALL) if word in block)
+    return lines
+
+
+def check_it_is_our_own(seen: np.ndarray) -> None:
+    """That a picture (128, 128, 3), radiance, of the box is that of our own."""
+    own = our_own()
+    lamp = binary_dilation(own.max(axis=2) > 2, iterations=2)
+    assert lamp.sum() < 1500
+    seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, own))
+    print(lamp.sum(), seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1)
+    assert abs(seen.mean() / own.mean() - 1) < 0.01
+    blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
+    assert np.abs(blocks[0] - blocks[1]).mean() < 0.02 * own.mean()
 
 
 class TestInThree:
@@ -45,9 +67,7 @@ class TestInThree:
         baked.save(tmp_path / "a.glb")
         stops = pygltflib.GLTF2().load(tmp_path / "a.glb").extras["exposure_stops"]
         seen = three.picture(tmp_path / "a.glb", 128, 128)
-        own = (
-            glpath.render("cornell-box", spp=48, resolution=(128, 128), max_depth=64, roulette=4).mean * 2.0**stops
-        )
+        own = our_own() * 2.0**stops
         # Where the edge of the lamp crosses a pixel, the mean of what is cut is not the cut of the mean.
         lamp = binary_dilation(own.max(axis=2) > 3, iterations=2)
         assert lamp.sum() < 500
@@ -65,17 +85,23 @@ class TestInThree:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             baked.save(tmp_path / "kept.glb", materials="keep")
-        readme = Path(__file__).parent.parent.joinpath("README.md").read_text("utf-8")
-        (lines,) = (block for block in re.findall(r"```js\n(.*?)```", readme, re.DOTALL) if "lightMap:" in block)
-        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines)
-        own = our_own()
-        lamp = binary_dilation(own.max(axis=2) > 2, iterations=2)
-        assert lamp.sum() < 1500
-        seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, own))
-        print(lamp.sum(), seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1)
-        assert abs(seen.mean() / own.mean() - 1) < 0.01
-        blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
-        assert np.abs(blocks[0] - blocks[1]).mean() < 0.02 * own.mean()
+        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("lightMap:"))
+        check_it_is_our_own(seen)
+
+
+class TestInBabylon:
+    pytestmark = babylon_js.marks()
+
+    def test_the_lines_of_the_readme_show_kept_materials_in_their_light(
+        self, baked: glpath.Lightmap, tmp_path: Path
+    ) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            baked.save(tmp_path / "kept.glb", materials="keep")
+        with babylon_js.viewer() as babylon:
+            lines = lines_of_the_readme("BABYLON")
+            check_it_is_our_own(babylon.picture(tmp_path / "kept.glb", 128, 128, lines=lines))
+            assert babylon.complaints() == []
 
 
 @pytest.mark.evidence

@@ -26,7 +26,7 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -157,9 +157,11 @@ class Viewer:
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    def __init__(self, *arguments: Any, files: dict[str, Path], **keywords: Any) -> None:
-        self.files = files
-        super().__init__(*arguments, **keywords)
+    """Of a page, /models/... and the folders of packages, /three/... and others."""
+
+    def __init__(self, *arguments: Any, page: bytes, files: dict[str, Path], folders: dict[str, Path]) -> None:
+        self.page, self.files, self.folders = page, files, folders
+        super().__init__(*arguments)
 
     def do_GET(self) -> None:
         if self.path != "/":
@@ -167,25 +169,32 @@ class _Handler(SimpleHTTPRequestHandler):
             return
         self.send_response(200)
         self.send_header("Content-Type", "text/html")
-        self.send_header("Content-Length", str(len(PAGE)))
+        self.send_header("Content-Length", str(len(self.page)))
         self.end_headers()
-        self.wfile.write(PAGE)
+        self.wfile.write(self.page)
 
     def translate_path(self, path: str) -> str:
         kind, _, rest = path.lstrip("/").partition("/")
         if kind == "models":
             return str(self.files.get(rest, Path(os.devnull)))
-        return super().translate_path(rest)  # of three's own folder
+        if kind not in self.folders:
+            return os.devnull
+        self.directory = str(self.folders[kind])
+        return super().translate_path(rest)
 
     def log_message(self, *_: object) -> None:
         pass
 
 
 @contextlib.contextmanager
-def viewer() -> Iterator[Viewer]:
-    """A browser with three.js in it, and a server of its files on the loopback."""
+def viewer(page: bytes = PAGE, packages: Sequence[str] = ("three",)) -> Iterator[Viewer]:
+    """A browser with three.js in it, and a server of its files on the loopback.
+
+    page, packages : of another program, of which these are npm's
+    """
     files: dict[str, Path] = {}
-    handler = partial(_Handler, files=files, directory=str(npm.package("three")))
+    folders = {name: folder for name in packages if (folder := npm.package(name))}
+    handler = partial(_Handler, page=page, files=files, folders=folders)
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:

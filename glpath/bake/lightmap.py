@@ -166,7 +166,7 @@ class Lightmap:
     def steps(self) -> NDArray[np.float64]:
         """(K,) at points along seams, how far the luminances on both charts are apart, as a share of their mean.
 
-        Where that is darker than a twentieth of the mean of all texels, as a share of the latter.
+        Where that is darker than a hundredth of the mean of all texels, as a share of the latter.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
         dark = DARK * float(luminance(self.irradiance[self.baked].astype(np.float64)).mean())
