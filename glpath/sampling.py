@@ -81,6 +81,11 @@ class PathSetSampler:
             directions[0, 0] = lattice_point(self.seed, index)
         return PathSetSample(u[_PIXEL], u[_LIGHT], directions)
 
+    def time(self, index: int, shutter: tuple[float, float]) -> float:
+        """When a path set looks, seconds: all of its paths at once [PB 3.3]."""
+        opened, closed = shutter
+        return opened if opened == closed else opened + (closed - opened) * float(self.eye(index)[2])
+
     def eye(self, index: int) -> NDArray[np.float64]:
         """(3,) in [0, 1) of a path set's eye: a point of the lens, and when the shutter is open.
 

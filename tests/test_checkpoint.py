@@ -20,11 +20,11 @@ from typing import Any
 import killing
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import run
+from typer.testing import Result
 
 import glpath
 from glpath import files
-from glpath.cli.main import app
 from glpath.film import Film
 from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
@@ -38,10 +38,6 @@ def same(ours: Film, theirs: Film) -> bool:
     sums = np.array_equal(ours.radiance_sums, theirs.radiance_sums)
     aovs = all(np.array_equal(ours.aov_sums[name], theirs.aov_sums[name]) for name in theirs.aov_sums)
     return sums and aovs and ours.ranges == theirs.ranges and (ours.batch_counts == theirs.batch_counts).all()
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def render(*arguments: object) -> Result:

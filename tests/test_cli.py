@@ -17,8 +17,9 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 import typer
+from command_line import run
 from conftest import MakeFilm
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 import glpath
 from glpath import rendering
@@ -68,10 +69,6 @@ def renderer(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> Renderer:
     fake = Renderer(make_film([(0, 32)]))
     monkeypatch.setattr(rendering, "render", fake)
     return fake
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def python(code: str, *arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:

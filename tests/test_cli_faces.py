@@ -13,18 +13,12 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
+from command_line import run
 
 import glpath
-from glpath.cli.main import app
 from glpath.scene import scene_parameters, shipped_scenes
 
 SMALL = ("--resolution", "16x12", "--spp", "2", "--max-depth", "2")
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(each) for each in arguments])
 
 
 def completed(line: str, folder: Path) -> list[str]:

@@ -16,10 +16,9 @@ import npm
 import numpy as np
 import pygltflib
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import run
 
 import glpath
-from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
 from glpath.image import read_image
 from glpath.integrators.settings import IntegratorSettings
@@ -47,10 +46,6 @@ from glpath.scene.tessellate import box_mesh, unit_sphere
 ROTATED = np.array([[0.0, -2.0, 0.0, 3.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]])
 MIRRORED = np.array([[-1.0, 0.0, 0.0, -3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 SHEARED = np.array([[1.0, 0.5, 0.0, 0.0], [0.0, 1.0, 0.0, 3.0], [0.0, 0.0, 1.0, 0.0]])
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def moved(*maps: Any, by: float = 0.0) -> Any:

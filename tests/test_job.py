@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import run as cli
 
 import glpath
-from glpath.cli.main import app
 from glpath.film_batches import BLOCK
 from glpath.integrators.settings import GatherSettings
 from glpath.rendering import RenderJob, run
@@ -158,10 +157,6 @@ def test_a_source_says_what_it_is() -> None:
     assert SceneSource.of(Path("a.toml"), scene, None) == SceneSource(
         "file", str(Path("a.toml").resolve()), scene.digest(camera=False)
     )
-
-
-def cli(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def test_the_command_line_renders_a_job_file(tmp_path: Path) -> None:

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import run as command
 
 import glpath
 from glpath.buffers.t_buffer import ClassicEye, TBuffer
-from glpath.cli.main import app
 from glpath.compare import relative_mse
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film import Film
@@ -460,9 +459,6 @@ def test_a_camera_is_replaced_by_options_and_then_stands_still(tmp_path: Path) -
 
 
 def test_the_command_line_has_the_camera_and_tells_of_it(tmp_path: Path) -> None:
-    def command(*arguments: object) -> Result:
-        return CliRunner().invoke(app, [str(each) for each in arguments])
-
     scene, small = "cornell-box-36", ("--spp", 1, "--max-depth", 1, "--quiet")
     lens = ("--camera-aperture-radius", 0.2, "--camera-focus-distance", 3, "--camera-shutter", "0,0.5")
     assert command("render", scene, "-o", tmp_path / "a.npz", "--resolution", "16x8", *small, *lens).exit_code == 0

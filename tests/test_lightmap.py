@@ -13,6 +13,7 @@ import numpy as np
 import pygltflib
 import pytest
 from gltf_files import Gltf
+from reference.closed_forms import polygon_irradiance
 from typer.testing import CliRunner
 
 import glpath
@@ -57,14 +58,9 @@ def box(name: str, low: list[float], high: list[float], **more: Any) -> dict[str
     return {"name": name, "type": "box", "min": low, "max": high, "material": "grey", **more}
 
 
-def closed_form(points: np.ndarray) -> np.ndarray:
-    """Irradiance of the lamp on points (..., 3) that face up, over its radiance: Lambert's formula for polygons."""
-    to = np.array(LAMP["corners"], float) - points[..., None, :]
-    to /= np.linalg.norm(to, axis=-1, keepdims=True)
-    following = np.roll(to, -1, axis=-2)
-    across = np.cross(to, following)
-    angle = np.arccos(np.sum(to * following, axis=-1))
-    return np.abs(0.5 * np.sum(angle * across[..., 2] / np.linalg.norm(across, axis=-1), axis=-1))
+def lamp_irradiance(points: np.ndarray) -> np.ndarray:
+    """Of the lamp on points (..., 3) that face up, over its radiance."""
+    return polygon_irradiance(points, (0.0, 0.0, 1.0), LAMP["corners"])
 
 
 def of_shape(surfaces: Surfaces, name: str) -> np.ndarray:
@@ -221,7 +217,7 @@ def lit_floor() -> Lightmap:
 def test_under_a_lamp_every_texel_is_within_a_percent_of_the_closed_form(lit_floor: Lightmap) -> None:
     surfaces = lit_floor.surfaces
     floor = of_shape(surfaces, "floor")
-    expected = closed_form(positions(surfaces)[:, floor]).mean(axis=0)[:, None] * [10, 5, 2]
+    expected = lamp_irradiance(positions(surfaces)[:, floor]).mean(axis=0)[:, None] * [10, 5, 2]
     found = lit_floor.irradiance[surfaces.texels.index][floor]
     assert len(found) > 500
     np.testing.assert_allclose(found, expected, rtol=0.01)
@@ -292,7 +288,7 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
     height = again.scene.bounds[1] - again.scene.bounds[0]
     assert height[1] == pytest.approx(2.0), "y is up in glTF"
     place = positions(again)[:, floor][..., [0, 2, 1]] * [1, -1, 1]
-    expected = closed_form(place).mean(axis=0)[:, None] * [10, 5, 2]
+    expected = lamp_irradiance(place).mean(axis=0)[:, None] * [10, 5, 2]
     np.testing.assert_allclose(found[floor], expected, rtol=0.02)
 
 

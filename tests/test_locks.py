@@ -14,11 +14,10 @@ from pathlib import Path
 
 import killing
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import run
 
 import glpath
 from glpath import locks
-from glpath.cli.main import app
 from glpath.errors import GlpathError, UsageError
 from glpath.film import Film
 from glpath.jobs.checkpoint import Checkpoint
@@ -51,10 +50,6 @@ def ended(process: subprocess.Popen[str], number: int | None = None) -> int:
         process.send_signal(number)
     process.communicate(timeout=60)
     return process.returncode
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def test_who_comes_second_is_told_who_is_first_and_has_it_after_him(tmp_path: Path) -> None:

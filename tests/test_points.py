@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.film import Film
@@ -33,17 +34,9 @@ SPECK = {"type": "quad", "corners": [[0, 0, -50], [0.01, 0, -50], [0.01, 0.01, -
 
 
 def lamp_irradiance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of the lamp on points of the floor that face up, over its radiance.
-
-    By Lambert's formula, half the sum over its edges of the angle that each subtends times the cosine of its plane.
-    """
-    corners = np.array(LAMP["corners"], float)
-    to = corners - np.stack([x, y, np.zeros_like(x)], axis=-1)[..., None, :]
-    to /= np.linalg.norm(to, axis=-1, keepdims=True)
-    following = np.roll(to, -1, axis=-2)
-    across = np.cross(to, following)
-    angle = np.arccos(np.sum(to * following, axis=-1))
-    return np.abs(0.5 * np.sum(angle * across[..., 2] / np.linalg.norm(across, axis=-1), axis=-1))
+    """Of the lamp on points of the floor that face up, over its radiance."""
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    return polygon_irradiance(points, (0.0, 0.0, 1.0), LAMP["corners"])
 
 
 def film_of(scene: glpath.Scene, positions: Any, normals: Any, spp: int = 64, **options: Any) -> Film:

@@ -9,18 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from conftest import MakeFilm
 from killing import SMALL
-from typer.testing import CliRunner, Result
 
 import glpath
-from glpath.cli.main import app
 from glpath.film import Film, read_image
 from glpath.jobs.shards import merge_shards
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 @pytest.fixture

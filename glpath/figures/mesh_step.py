@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from glpath.image import luminance
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
 from glpath.scene.model import Float64
@@ -17,7 +18,7 @@ def mesh_step(picture: Float64, hits: EyeHits, solution: RadiositySolution) -> f
     does not know of its edges, and gives next to nothing.
     """
     scene = hits.scene
-    luminance = picture @ [0.2126, 0.7152, 0.0722]
+    seen = luminance(picture)
     element = hits.element(solution)
     t = hits.triangle[..., 0]
     planes = np.column_stack([scene.normals, np.sum(scene.normals * scene.triangles[:, 0], axis=1)])
@@ -25,7 +26,7 @@ def mesh_step(picture: Float64, hits: EyeHits, solution: RadiositySolution) -> f
     across, within = [np.zeros(0)], [np.zeros(0)]
     for axis in (0, 1):
         a, b = ([slice(None)] * axis + [part] for part in (slice(None, -2), slice(2, None)))
-        (ta, ea, la), (tb, eb, lb) = ([each[tuple(side)] for each in (t, element, luminance)] for side in (a, b))
+        (ta, ea, la), (tb, eb, lb) = ([each[tuple(side)] for each in (t, element, seen)] for side in (a, b))
         fit = (ea >= 0) & (eb >= 0) & (la + lb > 0)
         fit &= (shape[ta] == shape[tb]) & (np.abs(planes[ta] - planes[tb]).max(axis=-1) < 1e-6)
         change = np.abs(la - lb) / np.where(fit, la + lb, 1)

@@ -163,7 +163,7 @@ class PathSetEngine(ABC):
         if moving is None:
             return
         with self.stopwatch.stage("motion"):
-            time = self._time(index)
+            time = self._sampler.time(index, self.sensor.shutter)
             self.scene.move_to(time)
             if self._bvh is not None:
                 self._bvh.move_to(moving.corners())
@@ -212,7 +212,7 @@ class PathSetEngine(ABC):
         if not (camera.moves or camera.aperture_radius > 0):
             return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, place)}
         lens = self._sampler.eye(index)[:2]
-        camera = camera.at(self._time(index))
+        camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         if self.own_lens:
             return self._seen_by(camera, place) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
         return self._seen_by(camera, place, lens) | own
@@ -227,11 +227,6 @@ class PathSetEngine(ABC):
         position = np.asarray(eye["eye_position"])
         extent = float(np.linalg.norm(self.scene.centre - position)) + self.scene.radius
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
-
-    def _time(self, index: int) -> float:
-        """When a path set looks, seconds: all of its paths at once [PB 3.3]."""
-        opened, closed = self.sensor.shutter
-        return opened if opened == closed else opened + (closed - opened) * float(self._sampler.eye(index)[2])
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
         """What programs and passes are made for."""

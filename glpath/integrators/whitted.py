@@ -115,7 +115,7 @@ class WhittedTracer:
         self.move_to(index)
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
-        camera = camera.at(self._time(index))
+        camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         eye = eye_uniforms(camera, self.window, pixel_place(self.settings.seed, index), lens)
         eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
@@ -132,7 +132,7 @@ class WhittedTracer:
             self._held_aovs = self._with_held()
             self._count_shadow_buffer()
             sensor = self.sensor
-            self._set_up(DeviceScene(self.gl, self._moving.still(self._time(index))))
+            self._set_up(DeviceScene(self.gl, self._moving.still(self._sampler.time(index, self.sensor.shutter))))
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
@@ -218,11 +218,6 @@ class WhittedTracer:
         self.stopwatch.milliseconds.clear()
 
     # What the frame is made of.
-
-    def _time(self, index: int) -> float:
-        """When a path set looks, seconds."""
-        opened, closed = self.sensor.shutter
-        return opened if opened == closed else opened + (closed - opened) * float(self._sampler.eye(index)[2])
 
     def _light_samples(self, index: int) -> Uniforms:
         """The light points of a path set, which shaders/light_samples.glsl reads."""

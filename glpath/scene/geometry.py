@@ -319,6 +319,18 @@ def placed(points: Float64, world_from_object: Float64) -> Float64:
     return np.asarray(x * m[:, 0] + y * m[:, 1] + z * m[:, 2] + m[:, 3])
 
 
+def unit_normals(normals: Float64) -> Float64:
+    """(N, 3) normals of length 1, and zero where they are."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0, length, 1.0))
+
+
+def perpendicular(axis: Float64) -> Float64:
+    """(3,) a unit vector at right angles to a unit axis, the same for the same axis."""
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return np.asarray(across / np.linalg.norm(across))
+
+
 def sphere_extent(spheres: Float64) -> Float64:
     """(S, 3) float64: how far spheres (S, 3, 4) reach from their centres along each axis.
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
 from glpath.scene.digest import digest_of
+from glpath.scene.geometry import perpendicular
 
 Float64 = NDArray[np.float64]
 
@@ -77,8 +78,7 @@ class Sky:
         z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
         z = np.clip(z, -1.0, 1.0)[:, None]
         r, phi = np.sqrt(1 - z * z), 2 * np.pi * u[:, 2:]
-        x = np.cross(self.up, np.eye(3)[np.argmin(np.abs(self.up))])
-        x /= np.linalg.norm(x)
+        x = perpendicular(self.up)
         y = np.cross(self.up, x)
         return np.asarray(r * np.cos(phi) * x + r * np.sin(phi) * y + z * self.up)
 

@@ -24,27 +24,30 @@ def furnace_radiance(emission: float, reflectance: float, depth: int, ambient: f
     return emission * sum(reflectance**i for i in range(depth + 1)) + reflectance**depth * ambient
 
 
-def polygon_irradiance(point: ArrayLike, normal: ArrayLike, corners: ArrayLike, radiance: float = 1.0) -> float:
-    """Irradiance at `point` from a polygon of uniform radiance, by Lambert's formula.
+def polygon_irradiance(
+    point: ArrayLike, normal: ArrayLike, corners: ArrayLike, radiance: float = 1.0
+) -> float | Float64:
+    """Irradiance at a point (3,), or at points (..., 3), from a polygon of uniform radiance, by Lambert's formula.
 
     E = L / 2 sum_i theta_i (v_i+1 x v_i) / |v_i+1 x v_i| . n, with v_i the directions to the corners and theta_i
     the angle between neighbours. Lambert 1760, Photometria; Arvo 1994, The irradiance Jacobian for partially
     occluded polyhedral sources, eq. 2.
 
-    corners : (N, 3), counter-clockwise seen from the side that emits; all must be above the point's horizon.
+    normal  : (3,) unit, of all points
+    corners : (N, 3), counter-clockwise seen from the side that emits; all must be above the points' horizons.
     A point behind the polygon gets 0.
     """
-    v = np.asarray(corners, np.float64) - np.asarray(point, np.float64)
+    v = np.asarray(corners, np.float64) - np.asarray(point, np.float64)[..., None, :]
     n = np.asarray(normal, np.float64)
-    if np.any(v @ n < -1e-9 * np.linalg.norm(v, axis=1)):
+    if np.any(v @ n < -1e-9 * np.linalg.norm(v, axis=-1)):
         raise ValueError("Lambert's formula needs the whole polygon above the horizon of the point")
-    v = v / np.linalg.norm(v, axis=1, keepdims=True)
-    following = np.roll(v, -1, axis=0)
+    v = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    following = np.roll(v, -1, axis=-2)
     across = np.cross(following, v)
-    sine = np.linalg.norm(across, axis=1)
-    theta = np.arctan2(sine, np.sum(v * following, axis=1))
-    total = np.sum(theta / np.where(sine > 0, sine, 1) * (across @ n))
-    return max(0.0, 0.5 * radiance * float(total))
+    sine = np.linalg.norm(across, axis=-1)
+    theta = np.arctan2(sine, np.sum(v * following, axis=-1))
+    total = np.sum(theta / np.where(sine > 0, sine, 1) * (across @ n), axis=-1)
+    return np.maximum(0.0, 0.5 * radiance * total)
 
 
 def reflected_radiance(irradiance: float, reflectance: float) -> float:

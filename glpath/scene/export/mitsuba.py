@@ -37,7 +37,7 @@ from glpath.scene.export.geometry import (
     with_all_normals,
 )
 from glpath.scene.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
-from glpath.scene.geometry import Float64, Mesh, Shape
+from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
 
 Sampler = Literal["independent", "multijitter"]
@@ -210,8 +210,7 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
         end = 89.0
     made = {"type": "spot", "intensity": rgb(intensity), "cutoff_angle": end, "beam_width": min(full, end * 0.9999)}
     axis = light.direction
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    across = across / np.linalg.norm(across)
+    across = perpendicular(axis)
     return made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
 
 
@@ -222,8 +221,7 @@ def _sky(sky: Sky | Environment) -> Plugin:
         return _envmap(sky, (left, up, middle), (2 * height + 1, width))
     if np.array_equal(sky.zenith, sky.horizon):
         return {"type": "constant", "radiance": rgb(sky.zenith)}
-    across = np.cross(sky.up, np.eye(3)[np.argmin(np.abs(sky.up))])
-    across = across / np.linalg.norm(across)
+    across = perpendicular(sky.up)
     return _envmap(sky, (across, sky.up, np.cross(across, sky.up)), (_SKY_ROWS, 4))
 
 

@@ -25,6 +25,7 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.scene.formats import obj
 from glpath.scene.formats.text import decoded
 from glpath.scene.formats.values import LARGEST, nearby_files
+from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.place import Place
 from glpath.scene.tessellate import split_faces
@@ -89,7 +90,7 @@ def mesh_of_trimesh(mesh: Any, place: Place) -> Mesh:
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, place)
     normals = _of_each(_given_normals(mesh), mesh, 3)
-    return made if normals is None else replace(made, normals=_unit(normals))
+    return made if normals is None else replace(made, normals=unit_normals(normals))
 
 
 def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, place: Place) -> Mesh:
@@ -230,7 +231,7 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
             raise Place(str(path), f"{name} {number}").wrong(
                 values[number], f"{'two' if values is uv else 'three'} finite numbers", "Mend the file."
             )
-    return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else _unit(normals))
+    return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else unit_normals(normals))
 
 
 def _given_normals(mesh: Any) -> Any:
@@ -247,12 +248,6 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
     if values is None or np.shape(values) != (len(mesh.vertices), width):
         return None
     return np.array(values, np.float64)
-
-
-def _unit(normals: Float64) -> Float64:
-    """Of length 1, and zero where they are."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
 def _parse(path: Path, colours: bool) -> MeshFile:

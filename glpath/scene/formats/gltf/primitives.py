@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from glpath.scene.formats.gltf import compression
 from glpath.scene.formats.gltf.accessors import Accessors
 from glpath.scene.formats.gltf.table import Table, Tables
+from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.tessellate import without_area
 
@@ -208,7 +209,7 @@ class Primitives:
             np.ascontiguousarray(vertices, np.float64),
             faces.astype(np.int32),
             uv[0],
-            _unit(found["NORMAL"]) if "NORMAL" in found else None,
+            unit_normals(found["NORMAL"]) if "NORMAL" in found else None,
             uv[1],
             colours,
         )
@@ -289,9 +290,3 @@ def is_open(mesh: Mesh) -> bool:
     a = number[mesh.faces].astype(np.int64)
     b, count = np.roll(a, -1, axis=1), len(points)
     return not np.array_equal(np.sort((a * count + b).ravel()), np.sort((b * count + a).ravel()))
-
-
-def _unit(normals: Float64) -> Float64:
-    """Of length 1, and zero where they are."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(length > 0, length, 1.0))
