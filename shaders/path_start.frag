@@ -1,4 +1,5 @@
-// path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions].
+// path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions], or, with
+// START_POINTS, at a point.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include "texels.glsl"
 #include <CONSTANTS>
@@ -11,6 +12,10 @@
 #include "path_vertex.glsl"
 #include "path_next.glsl"
 #include "path_state.glsl"
+#ifdef START_POINTS
+#define START_VERTEX
+#include "start_points.glsl"
+#endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 
@@ -18,6 +23,16 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
+#ifdef START_POINTS
+    if (texel(start_positions, pixel).w == 0.0) {
+        leave(pixel, ended(vec3(0.0)), 0.0);
+        return;
+    }
+    PathVertex v = start_vertex(pixel, triangle);
+    // A point's own rounding may be that of coordinates far from the origin: scans, which begin at it, leave its surface.
+    v.surface.position += RAY_ROUNDING * start_distance(v.surface.position) * v.normal;
+    vec3 Le = vec3(0.0);
+#else
     if (triangle < 0) {
 #ifdef HAS_SKY
 #ifdef SPLIT_LIGHT
@@ -37,6 +52,7 @@ void main()
     float light_point;
     vec3 Le = emitted(s, front, light_point);
     PathVertex v = path_vertex(s, triangle, plane, front, -d);
+#endif
     PathState next = lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le);
 #ifdef SPLIT_LIGHT
     direct_part = next.radiance;

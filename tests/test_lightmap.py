@@ -335,7 +335,6 @@ def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
         (["-o", "a.glb", "--materials", "all"], "unlit, keep"),
         (["-o", "a.glb", "--moz-lightmap"], "--materials keep"),
         (["-o", "a.glb", "--materials", "keep", "--exposure", "1"], "irradiance is written as it is"),
-        (["-o", "a.glb", "--directions", "pair"], "own"),
         (["-o", "a.glb", "--integrator", "classic"], "path, gather"),
         (["-o", "a.glb", "--uv", "keep", "--texels", "4"], "kept"),
     ],
@@ -362,6 +361,17 @@ def test_the_command_bakes_and_goes_on(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert out.read_bytes() == whole
     assert not kept.exists()
+
+
+def test_texels_may_share_their_directions() -> None:
+    """As a camera's pixels may: the same light, by scans of the path-buffer."""
+    own, pair = (
+        glpath.lightmap("cornell-box-36", size=64, spp=128, max_depth=4, directions=directions)
+        for directions in ("own", "pair")
+    )
+    assert pair.irradiance[pair.baked].mean() == pytest.approx(own.irradiance[own.baked].mean(), rel=0.02)
+    far = np.abs(pair.irradiance - own.irradiance)[own.baked].mean() / own.irradiance[own.baked].mean()
+    assert 0 < far < 0.15
 
 
 def test_a_lightmap_has_all_bounces_by_itself() -> None:

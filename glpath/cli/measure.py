@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
-_OPTIONS = ("max_depth", "seed", "sampling", "guide", "ambient", "roulette", "radiosity")
+_OPTIONS = ("max_depth", "seed", "sampling", "directions", "guide", "ambient", "roulette", "radiosity")
 _POINTS, _LIGHT = "Points", "Light"
 _RECEIVERS = ("plane", "cylinder")
 

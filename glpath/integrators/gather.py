@@ -35,6 +35,7 @@ from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import GatherSettings, Lookup, PathTraceSettings
 from glpath.sampling import PathSetSample
 from glpath.scene.model import Scene
+from glpath.sensors import Sensor
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
@@ -83,6 +84,7 @@ class GatherTracer(PathStages):
         settings: GatherSettings,
         window: tuple[int, int, int, int],
         *,
+        sensor: Sensor | None = None,
         radiosity: DeviceRadiosity,
         hardware: bool,
         timings: bool = False,
@@ -92,7 +94,14 @@ class GatherTracer(PathStages):
         # Else all light is looked up, and no scan for its shadows is needed.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
         super().__init__(
-            gl, scene, settings, window, max_radiance=radiosity.max_radiance, hardware=hardware, timings=timings
+            gl,
+            scene,
+            settings,
+            window,
+            sensor=sensor,
+            max_radiance=radiosity.max_radiance,
+            hardware=hardware,
+            timings=timings,
         )
         self._advance_passes = self._vertex_passes(
             "advance", "path_advance.frag", inner=settings.max_depth > 2, last=False

@@ -40,14 +40,18 @@ def path_engine(
     assert (radiosity is not None) == needed, "a gather and guided paths have a solution, and none else"
     if settings.directions != "own":
         _check_shared(scene.scene)
+        if isinstance(sensor, PointSensor) and scene.stream is not None:
+            raise SceneError(
+                f"{scene.scene.source or scene.scene.name}: has a stream, on whose triangles no point is found.",
+                "Give the geometry as a mesh.",
+            )
     common = {"hardware": hardware, "timings": timings}
     if settings.directions == "own":
         return RayPathEngine(gl, scene, settings, window, sensor=sensor, radiosity=radiosity, **common)
-    assert not isinstance(sensor, PointSensor), "a job's sensor was not checked"
     if isinstance(settings, GatherSettings):
         assert radiosity is not None, "asked above"
-        return GatherTracer(gl, scene, settings, window, radiosity=radiosity, **common)
-    return PathTracer(gl, scene, settings, window, **common)
+        return GatherTracer(gl, scene, settings, window, sensor=sensor, radiosity=radiosity, **common)
+    return PathTracer(gl, scene, settings, window, sensor=sensor, **common)
 
 
 def _check_shared(scene: Scene) -> None:

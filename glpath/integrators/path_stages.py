@@ -287,6 +287,7 @@ class PathStages(PathSetEngine):
             **self._met,
             "eye_buffer": self._eye_buffer,
             **self.path_buffer.textures,
+            **(self._points.textures if self._points is not None else {}),
         }
         self._deep_textures = {**self._textures, **self._deep.textures, **self._deep_shadows.textures}
         depth = self._settings.max_depth

@@ -17,6 +17,7 @@ from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import PathTraceSettings
 from glpath.lighting import Lighting
+from glpath.sensors import Sensor
 
 
 class PathTracer(PathStages):
@@ -29,6 +30,7 @@ class PathTracer(PathStages):
         settings: PathTraceSettings,
         window: tuple[int, int, int, int],
         *,
+        sensor: Sensor | None = None,
         hardware: bool,
         timings: bool = False,
     ) -> None:
@@ -41,6 +43,7 @@ class PathTracer(PathStages):
             scene,
             settings,
             window,
+            sensor=sensor,
             max_radiance=max(self._ambient),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
             hardware=hardware,

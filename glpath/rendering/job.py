@@ -305,11 +305,6 @@ def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
             f'integrator: "{settings.integrator}" with a sensor of points; its rays start at a camera.',
             'Take integrator "path" or "gather".',
         )
-    if settings.directions != "own":
-        raise UsageError(
-            f'directions: "{settings.directions}" with a sensor of points, whose paths have each their own.',
-            'Take directions "own".',
-        )
     seen = [name for name in settings.aovs if name not in _POINT_AOVS]
     if seen:
         raise UsageError(
