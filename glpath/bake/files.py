@@ -195,7 +195,8 @@ def _unlit(file: Glb, page: int, mode: str, cutoff: float) -> Any:
 
 def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     used = {shape.material for shape in scene.shapes}
-    left_out, black = [], []
+    left_out: list[str] = []
+    black: list[str] = []
     for i, material in enumerate(scene.materials):
         if i not in used or material.unlit or not (material.has_lobes or np.any(material.specular > 0)):
             continue
