@@ -374,6 +374,8 @@ def test_a_normal_is_given_once(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("0,0,0\n1,2,3\n")
     assert read_points(path, (0.0, 1.0, 0.0)).normals.tolist() == [[0, 1, 0], [0, 1, 0]]
+    with pytest.raises(glpath.UsageError, match="--normal: 0, 0, 0 looks nowhere"):
+        read_points(path, (0.0, 0.0, 0.0))
     path.write_text("0,0,0,0,0,1\n")
     with pytest.raises(glpath.UsageError, match="beside the normals"):
         read_points(path, (0.0, 1.0, 0.0))

@@ -382,6 +382,23 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     assert (settings.max_depth, settings.roulette) == (64, 4)
 
 
+def test_metal_is_told_to_be_black(tmp_path: Path) -> None:
+    """As glTF's materials are that leave the factor out; a model of these was black with a word on highlights."""
+    materials = {
+        "gold": {"type": "principled", "reflectance": [1, 0.8, 0.3], "metallic": 1, "roughness": 0.5},
+        "half": {"type": "principled", "reflectance": [1, 0.8, 0.3], "metallic": 0.5, "roughness": 0.5},
+    }
+    shapes = [{**FLOOR, "material": "gold"}, {**box("block", [0, 0, 0.1], [0.5, 0.5, 0.5]), "material": "half"}]
+    scene = load_scene({"camera": CAMERA, "materials": materials, "shapes": shapes, "ambient": 1.0})
+    bake = Bake.of(scene, size=64, spp=1)
+    baked = bake.lightmap(glpath.rendering.run(bake.job, scene=bake.scene))
+    with pytest.warns(SceneWarning) as told:
+        baked.save(tmp_path / "a.glb")
+    half, gold = (str(warning.message) for warning in told)
+    assert 'material "half": the diffuse part alone is baked' in half
+    assert 'material "gold": metal, which has no diffuse part to bake and is black here' in gold
+
+
 def test_what_cannot_be_kept_is_refused_before_it_is_baked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Textures on both texture coordinates leave none for the light, which was told after all path sets."""
     file = Gltf()

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Samples of a texel of which its base colour is the mean, at the most.
 _COLOUR_SAMPLES = 5
+#: From here on a material is called metal.
+_METAL = 0.99
 _CLAMP, _LINEAR, _MIPMAPPED = 33071, 9729, 9987
 
 
@@ -193,19 +195,27 @@ def _unlit(file: Glb, page: int, mode: str, cutoff: float) -> Any:
 
 def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     used = {shape.material for shape in scene.shapes}
-    names = [
-        material.name
-        for i, material in enumerate(scene.materials)
-        if i in used and (material.has_lobes or np.any(material.specular > 0)) and not material.unlit
-    ]
-    if names:
-        warnings.warn(
-            SceneWarning(
-                f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: the diffuse part alone is baked; "
-                "mirrors, highlights, metal and glass look different from everywhere."
-            ),
-            stacklevel=4,
-        )
+    left_out: list[str] = []
+    black: list[str] = []
+    for i, material in enumerate(scene.materials):
+        if i not in used or material.unlit or not (material.has_lobes or np.any(material.specular > 0)):
+            continue
+        metal = material.roughness is not None and material.metallic >= _METAL and material.surface_texture is None
+        (black if metal else left_out).append(material.name)
+    for names, text in (
+        (
+            left_out,
+            "the diffuse part alone is baked; mirrors, highlights, metal and glass look different from everywhere.",
+        ),
+        (
+            black,
+            "metal, which has no diffuse part to bake and is black here but for what it emits. Where that is not "
+            "meant (in glTF all is metal that has no metallicFactor), set it to 0; or take --materials keep.",
+        ),
+    ):
+        if names:
+            listing = f"material{'s' * (len(names) > 1)} {listed(names)}"
+            warnings.warn(SceneWarning(f"{path}: {listing}: {text}"), stacklevel=4)
 
 
 def check_keepable(scene: Scene) -> None:

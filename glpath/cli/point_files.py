@@ -219,6 +219,8 @@ def read_points(path: Path, normal: Vector | None) -> Points:
             raise UsageError(
                 f"--points {path}: has no normals (columns nx, ny, nz).", "Give one for all: --normal X,Y,Z."
             )
+        if not any(normal):
+            raise UsageError("--normal: 0, 0, 0 looks nowhere.", "0,1,0 faces +y.")
         return Points(table, np.broadcast_to(np.array(normal), table.shape))
     if normal is not None:
         raise UsageError(f"--normal beside the normals of {path}.", "Leave one of them out.")
