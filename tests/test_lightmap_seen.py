@@ -85,8 +85,28 @@ class TestInThree:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             baked.save(tmp_path / "kept.glb", materials="keep")
-        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("lightMap:"))
+        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("GLTFLoader"))
         check_it_is_our_own(seen)
+
+    def test_a_baked_room_is_our_own_picture(self, three: three_js.Viewer, tmp_path: Path) -> None:
+        """As floats: what is cut at 1 of noisy texels and of noisy pixels differs by some percent."""
+        room = glpath.lightmap("room", size=512, spp=12)
+        assert room.steps().max() < 0.02
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            room.save(tmp_path / "kept.glb", materials="keep")
+        seen = three.picture(tmp_path / "kept.glb", 96, 96, lines=lines_of_the_readme("GLTFLoader"))
+        film = glpath.render("room", spp=48, resolution=(96, 96), max_depth=64, roulette=4)
+        lamp = binary_dilation(film.mean.max(axis=2) > 8, iterations=2)
+        assert lamp.sum() < 400
+        seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, film.mean))
+        blocks = [image.reshape(12, 8, 12, 8, 3).mean(axis=(1, 3, 4)) for image in (seen, own)]
+        off = blocks[0] / blocks[1] - 1
+        print(seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1, np.median(off))
+        print(np.quantile(off, [0.05, 0.25, 0.75, 0.95]), lamp.sum(), film.relative_error())
+        assert abs(seen.mean() / own.mean() - 1) < 0.01
+        assert abs(np.median(off)) < 0.015
+        assert np.quantile(np.abs(off), 0.8) < 0.12
 
 
 class TestInBabylon:
