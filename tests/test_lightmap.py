@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pygltflib
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import glpath
@@ -241,6 +242,52 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
     place = positions(again)[:, floor][..., [0, 2, 1]] * [1, -1, 1]
     expected = closed_form(place).mean(axis=0)[:, None] * [10, 5, 2]
     np.testing.assert_allclose(found[floor], expected, rtol=0.02)
+
+
+def test_moz_lightmap_has_the_light_of_each_place_on_several_pages(tmp_path: Path) -> None:
+    """By what a reader does: the texture of the index, at the coordinates of texCoord, times the intensity."""
+    wall = FLOOR | {"name": "wall", "corners": [[-1, 1, 0], [1, 1, 0], [1, 1, 2], [-1, 1, 2]], "material": "grey"}
+    baked = glpath.lightmap(scene_of(FLOOR, wall, LAMP), texels=24, size=64, spp=64, max_depth=1)
+    assert baked.atlas.pages > 1
+    quietly(baked, tmp_path / "a.glb", materials="keep", moz=True)
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    assert "MOZ_lightmap" in document.extensionsUsed
+    assert document.extensionsRequired == []
+    used, floors = set(), 0
+    for mesh in document.meshes:
+        for primitive in mesh.primitives:
+            light = document.materials[primitive.material].extensions["MOZ_lightmap"]
+            assert light.keys() == {"index", "texCoord", "intensity"}
+            assert light["texCoord"] == 1
+            used.add(light["index"])
+            texture = document.textures[light["index"]]
+            sampler = document.samplers[texture.sampler]
+            assert sampler.wrapS == sampler.wrapT == 33071, "clamped to the edge"
+            (tmp_path / "light.png").write_bytes(_image(document, texture.source))
+            levels = np.asarray(Image.open(tmp_path / "light.png"))
+            assert levels.max() in (0, 255), "the intensity is the brightest texel's; the lamp itself has no light"
+            # In the middles of triangles, which texels are small beside.
+            faces = _values(document, primitive.indices).reshape(-1, 3)
+            middle = _values(document, primitive.attributes.POSITION)[faces].mean(axis=1)
+            uv = _values(document, primitive.attributes.TEXCOORD_1)[faces].mean(axis=1)
+            column, row = np.floor(uv.T * 64).astype(int)
+            found = levels[row, column] / 255 * light["intensity"]
+            if np.abs(middle[:, 2]).max() > 1e-6:
+                continue  # of the floor alone the light is known; a node turns z, which is up, to y
+            floors += 1
+            expected = closed_form(middle)[:, None] * [10, 5, 2]
+            np.testing.assert_allclose(found, expected, rtol=0.03, atol=light["intensity"] / 255)
+    assert floors == 1
+    assert used == set(range(baked.atlas.pages)) == set(range(len(document.textures)))
+
+
+def _values(document: pygltflib.GLTF2, number: int) -> np.ndarray:
+    accessor = document.accessors[number]
+    view = document.bufferViews[accessor.bufferView]
+    start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
+    kind = {5126: "<f4", 5125: "<u4"}[accessor.componentType]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
+    return np.frombuffer(document.binary_blob(), kind, accessor.count * width, start).reshape(-1, width).squeeze()
 
 
 def _image(document: pygltflib.GLTF2, number: int) -> bytes:
