@@ -148,6 +148,30 @@ def test_texels_under_a_block_are_inside_and_get_the_light_beside_it() -> None:
     assert not baked[surfaces.texels.index][surfaces.inside].any()
 
 
+def test_a_texel_that_a_wall_without_thickness_crosses_is_on_one_side_of_it() -> None:
+    """So that the light of one side alone is on it, and half a texel of the other's at the most."""
+    wall = {
+        "name": "wall",
+        "type": "quad",
+        "corners": [[0.013, -1, 0], [0.013, 1, 0], [0.013, 1, 3], [0.013, -1, 3]],
+    }
+    other = LAMP | {"name": "other", "corners": [[x + 3, y, z] for x, y, z in LAMP["corners"]]}
+    both = [LAMP | {"corners": [[x - 1, y, z] for x, y, z in LAMP["corners"]]}, other]
+    surfaces = Surfaces.of(scene_of(FLOOR, wall | {"material": "grey"}, *both), size=96)
+    floor = of_shape(surfaces, "floor")
+    beyond = positions(surfaces)[:, floor, 0] > 0.013
+    assert (beyond.all(axis=0) | ~beyond.any(axis=0)).all()
+    before = rasterised(surfaces.atlas)
+    was = (
+        np.stack([before.positions(surfaces.scene, surfaces.atlas, s)[floor, 0] for s in range(len(beyond))])
+        > 0.013
+    )
+    crossed = ~(was.all(axis=0) | ~was.any(axis=0))
+    assert crossed.sum() > 20
+    middle = len(beyond) // 2
+    assert np.array_equal(beyond[0, crossed], was[middle, crossed]), "the side that the middle is on"
+
+
 def test_what_is_under_a_wall_gets_light_of_its_own_side() -> None:
     column = np.arange(20)
     texels = Texels(*np.zeros((2, 20), np.int64), column, np.zeros((1, 20), np.int32), np.zeros((1, 20, 2)))
