@@ -115,13 +115,13 @@ class TestInThree:
 
     def test_a_baked_room_is_our_own_picture(self, three: three_js.Viewer, tmp_path: Path) -> None:
         """As floats: what is cut at 1 of noisy texels and of noisy pixels differs by some percent."""
-        room = glpath.lightmap("room", size=512, spp=12)
+        room = glpath.lightmap("room", size=512, spp=16)
         assert room.steps().max() < 0.02
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             room.save(tmp_path / "kept.glb", materials="keep")
         seen = three.picture(tmp_path / "kept.glb", 96, 96, lines=lines_of_the_readme("GLTFLoader"))
-        film = glpath.render("room", spp=48, resolution=(96, 96), max_depth=64, roulette=4)
+        film = glpath.render("room", spp=128, resolution=(96, 96), max_depth=64, roulette=4)
         lamp = binary_dilation(film.mean.max(axis=2) > 8, iterations=2)
         assert lamp.sum() < 400
         seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, film.mean))
