@@ -13,6 +13,7 @@ import numpy as np
 import pygltflib
 import pytest
 from gltf_files import Gltf
+from PIL import Image
 from reference.closed_forms import polygon_irradiance
 from typer.testing import CliRunner
 
@@ -196,6 +197,30 @@ def test_texels_under_a_block_are_inside_and_get_the_light_beside_it() -> None:
     assert not baked[surfaces.texels.index][surfaces.inside].any()
 
 
+def test_a_texel_that_a_wall_without_thickness_crosses_is_on_one_side_of_it() -> None:
+    """So that the light of one side alone is on it, and half a texel of the other's at the most."""
+    wall = {
+        "name": "wall",
+        "type": "quad",
+        "corners": [[0.013, -1, 0], [0.013, 1, 0], [0.013, 1, 3], [0.013, -1, 3]],
+    }
+    other = LAMP | {"name": "other", "corners": [[x + 3, y, z] for x, y, z in LAMP["corners"]]}
+    both = [LAMP | {"corners": [[x - 1, y, z] for x, y, z in LAMP["corners"]]}, other]
+    surfaces = Surfaces.of(scene_of(FLOOR, wall | {"material": "grey"}, *both), size=96)
+    floor = of_shape(surfaces, "floor")
+    beyond = positions(surfaces)[:, floor, 0] > 0.013
+    assert (beyond.all(axis=0) | ~beyond.any(axis=0)).all()
+    before = rasterised(surfaces.atlas)
+    was = (
+        np.stack([before.positions(surfaces.scene, surfaces.atlas, s)[floor, 0] for s in range(len(beyond))])
+        > 0.013
+    )
+    crossed = ~(was.all(axis=0) | ~was.any(axis=0))
+    assert crossed.sum() > 20
+    middle = len(beyond) // 2
+    assert np.array_equal(beyond[0, crossed], was[middle, crossed]), "the side that the middle is on"
+
+
 def test_what_is_under_a_wall_gets_light_of_its_own_side() -> None:
     column = np.arange(20)
     texels = Texels(*np.zeros((2, 20), np.int64), column, np.zeros((1, 20), np.int32), np.zeros((1, 20, 2)))
@@ -290,6 +315,52 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
     place = positions(again)[:, floor][..., [0, 2, 1]] * [1, -1, 1]
     expected = lamp_irradiance(place).mean(axis=0)[:, None] * [10, 5, 2]
     np.testing.assert_allclose(found[floor], expected, rtol=0.02)
+
+
+def test_moz_lightmap_has_the_light_of_each_place_on_several_pages(tmp_path: Path) -> None:
+    """By what a reader does: the texture of the index, at the coordinates of texCoord, times the intensity."""
+    wall = FLOOR | {"name": "wall", "corners": [[-1, 1, 0], [1, 1, 0], [1, 1, 2], [-1, 1, 2]], "material": "grey"}
+    baked = glpath.lightmap(scene_of(FLOOR, wall, LAMP), texels=24, size=64, spp=64, max_depth=1)
+    assert baked.atlas.pages > 1
+    quietly(baked, tmp_path / "a.glb", materials="keep", moz=True)
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    assert "MOZ_lightmap" in document.extensionsUsed
+    assert document.extensionsRequired == []
+    used, floors = set(), 0
+    for mesh in document.meshes:
+        for primitive in mesh.primitives:
+            light = document.materials[primitive.material].extensions["MOZ_lightmap"]
+            assert light.keys() == {"index", "texCoord", "intensity"}
+            assert light["texCoord"] == 1
+            used.add(light["index"])
+            texture = document.textures[light["index"]]
+            sampler = document.samplers[texture.sampler]
+            assert sampler.wrapS == sampler.wrapT == 33071, "clamped to the edge"
+            (tmp_path / "light.png").write_bytes(_image(document, texture.source))
+            levels = np.asarray(Image.open(tmp_path / "light.png"))
+            assert levels.max() in (0, 255), "the intensity is the brightest texel's; the lamp itself has no light"
+            # In the middles of triangles, which texels are small beside.
+            faces = _values(document, primitive.indices).reshape(-1, 3)
+            middle = _values(document, primitive.attributes.POSITION)[faces].mean(axis=1)
+            uv = _values(document, primitive.attributes.TEXCOORD_1)[faces].mean(axis=1)
+            column, row = np.floor(uv.T * 64).astype(int)
+            found = levels[row, column] / 255 * light["intensity"]
+            if np.abs(middle[:, 2]).max() > 1e-6:
+                continue  # of the floor alone the light is known; a node turns z, which is up, to y
+            floors += 1
+            expected = closed_form(middle)[:, None] * [10, 5, 2]
+            np.testing.assert_allclose(found, expected, rtol=0.03, atol=light["intensity"] / 255)
+    assert floors == 1
+    assert used == set(range(baked.atlas.pages)) == set(range(len(document.textures)))
+
+
+def _values(document: pygltflib.GLTF2, number: int) -> np.ndarray:
+    accessor = document.accessors[number]
+    view = document.bufferViews[accessor.bufferView]
+    start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
+    kind = {5126: "<f4", 5125: "<u4"}[accessor.componentType]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
+    return np.frombuffer(document.binary_blob(), kind, accessor.count * width, start).reshape(-1, width).squeeze()
 
 
 def _image(document: pygltflib.GLTF2, number: int) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import re
 import warnings
 from collections.abc import Iterator
@@ -31,6 +30,23 @@ def baked() -> glpath.Lightmap:
 def three() -> Iterator[three_js.Viewer]:
     with three_js.viewer() as viewer:
         yield viewer
+
+
+#: A plugin of three.js's GLTFLoader for MOZ_lightmap, of which the one of three.js itself is not in a release yet.
+MOZ = """
+const loader = new GLTFLoader()
+loader.register(parser => ({
+  name: 'MOZ_lightmap',
+  async loadMaterial(index) {
+    const { [this.name]: light } = parser.json.materials[index].extensions
+    const material = await parser.loadMaterial(index)
+    await parser.assignTexture(material, 'lightMap', light)
+    material.lightMapIntensity = light.intensity
+    return material
+  }
+}))
+const { scene } = await loader.loadAsync('baked.glb')
+"""
 
 
 @functools.cache
@@ -85,8 +101,37 @@ class TestInThree:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             baked.save(tmp_path / "kept.glb", materials="keep")
-        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("lightMap:"))
+        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("GLTFLoader"))
         check_it_is_our_own(seen)
+
+    def test_light_in_the_file_is_shown_by_a_loader_of_moz_lightmap(
+        self, baked: glpath.Lightmap, three: three_js.Viewer, tmp_path: Path
+    ) -> None:
+        """Of an index of a texture, its texCoord and an intensity, as Hubs's loader and three.js's have it."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            baked.save(tmp_path / "kept.glb", materials="keep", moz=True)
+        check_it_is_our_own(three.picture(tmp_path / "kept.glb", 128, 128, lines=MOZ))
+
+    def test_a_baked_room_is_our_own_picture(self, three: three_js.Viewer, tmp_path: Path) -> None:
+        """As floats: what is cut at 1 of noisy texels and of noisy pixels differs by some percent."""
+        room = glpath.lightmap("room", size=512, spp=16)
+        assert room.steps().max() < 0.02
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            room.save(tmp_path / "kept.glb", materials="keep")
+        seen = three.picture(tmp_path / "kept.glb", 96, 96, lines=lines_of_the_readme("GLTFLoader"))
+        film = glpath.render("room", spp=128, resolution=(96, 96), max_depth=64, roulette=4)
+        lamp = binary_dilation(film.mean.max(axis=2) > 8, iterations=2)
+        assert lamp.sum() < 400
+        seen, own = (np.where(lamp[..., None], 0, image) for image in (seen, film.mean))
+        blocks = [image.reshape(12, 8, 12, 8, 3).mean(axis=(1, 3, 4)) for image in (seen, own)]
+        off = blocks[0] / blocks[1] - 1
+        print(seen.mean(axis=(0, 1)) / own.mean(axis=(0, 1)) - 1, seen.mean() / own.mean() - 1, np.median(off))
+        print(np.quantile(off, [0.05, 0.25, 0.75, 0.95]), lamp.sum(), film.relative_error())
+        assert abs(seen.mean() / own.mean() - 1) < 0.01
+        assert abs(np.median(off)) < 0.015
+        assert np.quantile(np.abs(off), 0.8) < 0.12
 
 
 class TestInBabylon:
@@ -113,5 +158,5 @@ def test_the_validator_finds_nothing(baked: glpath.Lightmap, tmp_path: Path) -> 
         baked.save(tmp_path / "c.glb", materials="keep", moz=True)
     assert judged(tmp_path / "a.glb") == []
     assert judged(tmp_path / "b.glb") == []
-    # An extension of Mozilla's is none that it knows, and what it uses it takes for unused: hints, no errors.
-    assert json.dumps(judged(tmp_path / "c.glb")).count("UNSUPPORTED") == 0
+    # An extension of Mozilla's is none that it knows: what it cannot find in that, the tests of MOZ_lightmap do.
+    assert judged(tmp_path / "c.glb") == []

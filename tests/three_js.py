@@ -45,6 +45,7 @@ PAGE = b"""<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><
 </script><script type="module">
 import * as THREE from 'three'
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js'
+import { EXRLoader } from 'three/addons/loaders/EXRLoader.js'
 
 const canvas = document.createElement('canvas')
 const renderer = new THREE.WebGLRenderer({ canvas })
@@ -74,8 +75,8 @@ window.picture = async (url, width, height, samples, show, name, lines) => {
   else camera.left = -(camera.right = camera.top * width / height)
   camera.updateProjectionMatrix()
   gltf.scene.updateMatrixWorld()
-  const scene = lines === null ? gltf.scene
-    : await new AsyncFunction('THREE', 'GLTFLoader', `${lines}\nreturn scene`)(THREE, GLTFLoader)
+  const page = lines && new AsyncFunction('THREE', 'GLTFLoader', 'EXRLoader', `${lines}\nreturn scene`)
+  const scene = page ? await page(THREE, GLTFLoader, EXRLoader) : gltf.scene
   if (show !== 'light')
     scene.traverse(one => { if (one.isMesh) one.material = show === 'position' ? POSITION : base(one.material) })
   const [w, h] = [width * samples, height * samples]

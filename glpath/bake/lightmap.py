@@ -55,6 +55,8 @@ _NEAR = 2.0
 #: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
 #: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
 _BYTES, _FILLED = 1400, 0.5
+#: Whether a wall is between places of a texel is asked so far above the surface, in the size of the texel.
+_ABOVE = 0.1
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -354,18 +356,22 @@ def check_glb(path: str | Path) -> Path:
 def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[Texels, Bools]:
     """Texels whose samples are all outside of other geometry, and (N,) those of which none is.
 
-    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are.
+    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are. What is behind a
+    wall without thickness from there is no sample, either.
     """
     samples, count = texels.face.shape
     middle = samples // 2
+    size = texels.sizes(scene, atlas, middle)
 
     def inside(sample: int, which: NDArray[np.int64]) -> Bools:
         face = texels.face[sample, which]
         points = texels.positions(scene, atlas, sample)[which]
-        edges = atlas.uv[face, 1:] - atlas.uv[face, :1]
-        doubled = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
-        size = np.sqrt(2 * scene.areas[atlas.triangle[face]] / np.maximum(doubled, 1e-12))
-        return sides.inside(atlas.triangle[face], atlas.side[face], points, _NEAR * size)
+        return sides.inside(
+            atlas.triangle[face],
+            atlas.side[face],
+            points,
+            _NEAR * texels.sizes(scene, atlas, sample)[which],
+        )
 
     found = inside(middle, np.arange(count))
     near = np.zeros((atlas.pages, atlas.size[1] + 2, atlas.size[0] + 2), np.bool_)
@@ -375,14 +381,24 @@ def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[
         for right in (-1, 0, 1):
             near[hit[0], hit[1] + down, hit[2] + right] = True
     asked = np.flatnonzero(near[page, row + 1, column + 1])
-    if not len(asked):
-        return texels, np.zeros(count, np.bool_)
     wrong = np.zeros((samples, count), np.bool_)
-    for sample in range(samples):
+    for sample in range(samples) if len(asked) else ():
         wrong[sample, asked] = inside(sample, asked)
-    # In the place of a sample that is inside comes the next one that is not.
+    buried = np.asarray(wrong.all(axis=0))
+    if sides.lit.all(axis=1).any():
+        above = [
+            texels.positions(scene, atlas, s)
+            + _ABOVE * size[:, None] * texels.normals(scene, atlas, s, smooth=False)
+            for s in range(samples)
+        ]
+        own = atlas.triangle[texels.face[middle]]
+        for sample in range(samples):
+            wrong[sample] |= ~wrong[middle] & sides.apart(own, above[middle], above[sample])
+    if not wrong.any():
+        return texels, buried
+    # In the place of a sample that is inside, or behind a wall, comes the next one that is not.
     source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
     for step in range(1, samples):
         still = np.take_along_axis(wrong, source, axis=0)
         source = np.where(still, (np.arange(samples)[:, None] + step) % samples, source)
-    return texels.with_samples_of(source), np.asarray(wrong.all(axis=0))
+    return texels.with_samples_of(source), buried

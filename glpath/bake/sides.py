@@ -94,6 +94,20 @@ class Sides:
         found[left] = True
         return found
 
+    def apart(self, triangle: Int64, points: Float64, others: Float64) -> Bools:
+        """(N,): whether a wall without thickness, lit on both sides, is between points (N, 3) and others.
+
+        triangle : (N,) that the points are on, which is no wall between them
+        """
+        thin = np.asarray(self.lit.all(axis=1))
+        found = np.zeros(len(points), np.bool_)
+        if thin.any():
+            towards, length = _unit(others - points)
+            some = np.flatnonzero(length > 0)
+            hit, _, distance = _hit(self.surfaces, self.rays, points[some], towards[some], triangle[some])
+            found[some] = (hit >= 0) & (distance < length[some]) & thin[hit]
+        return found
+
     def _joined(self, origins: Float64, normals: Float64, own: Int64) -> Bools:
         """Whether something that shines is seen straight on."""
         found = np.zeros(len(origins), np.bool_)

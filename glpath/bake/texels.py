@@ -76,6 +76,12 @@ class Texels:
         _mix(np.ascontiguousarray(corners), self.face[sample], self.b[sample], mixed)
         return mixed
 
+    def sizes(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
+        """(N,) the side of the square that a texel is on the surface, scene units."""
+        face = self.face[sample]
+        doubled = _areas2(atlas.uv)[face]
+        return np.asarray(np.sqrt(2 * scene.areas[atlas.triangle[face]] / np.maximum(doubled, 1e-12)))
+
     def with_samples_of(self, source: Int64) -> Texels:
         """With other samples of the same texel in the place of some: source (S, N) is the number of each's."""
         texel = np.arange(source.shape[1])
