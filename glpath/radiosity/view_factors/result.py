@@ -49,7 +49,7 @@ class ViewFactors:
                  quadratures of each factor are apart, twice, and what a single point stands for, as shadows may
                  pass between points, 1.5 times. In the tests' random closed rooms (slits, blocks that touch, tiny
                  faces beside large ones, sheets that cut each other) no row of thousands is further off, and most
-                 are a hundred times better. A row's `enclosure` is its error in a closed room, and needs no estimate
+                 are a hundred times better. In a closed room `enclosure` is a row's error, without an estimate
     names      : of the groups; empty where the rows are the faces, in their order
     statistics : what it took, and what was enforced, as JSON has values
 
