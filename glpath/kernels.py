@@ -134,7 +134,7 @@ _compilations = _Compilations()
 def waiting(kernels: Iterable[Any]) -> list[Any]:
     """Those of the kernels that have yet to be compiled: neither this process nor the cache has them."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
-    return [k for k in made if not (k.overloads or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
+    return [k for k in made if not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
 
 
 def cache_folder(kernel: Any) -> Path | None:
