@@ -22,4 +22,5 @@ def test_a_small_bench_without_pyviewfactor_measures_and_claims_nothing(monkeypa
     assert report.measured["closure_error_most"] < 1e-3
     assert report.measured["city_facets"] == 57 * 4
     assert {row["faces"] for row in report.rows if "faces" in row} == {96}
+    assert any("228 of 228 rows after" in line for line in said)  # of the city, which takes longest
     assert any(note.startswith("without pyviewfactor") for note in report.notes)

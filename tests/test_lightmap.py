@@ -348,7 +348,7 @@ def test_moz_lightmap_has_the_light_of_each_place_on_several_pages(tmp_path: Pat
             if np.abs(middle[:, 2]).max() > 1e-6:
                 continue  # of the floor alone the light is known; a node turns z, which is up, to y
             floors += 1
-            expected = closed_form(middle)[:, None] * [10, 5, 2]
+            expected = lamp_irradiance(middle)[:, None] * [10, 5, 2]
             np.testing.assert_allclose(found, expected, rtol=0.03, atol=light["intensity"] / 255)
     assert floors == 1
     assert used == set(range(baked.atlas.pages)) == set(range(len(document.textures)))

@@ -191,6 +191,25 @@ def test_a_second_solver_is_refused(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
+def test_a_second_matrix_of_view_factors_is_refused_and_leaves_the_rows_of_the_first(tmp_path: Path) -> None:
+    out = tmp_path / "F.npz"
+    part = tmp_path / "F.npz.part"
+    options = ("viewfactors", "cornell-box-36", "-o", out, "--groups", "shapes", "--error", 0.1, "--resume")
+    first = holding(part)
+    part.write_bytes(b"rows of the first")
+    refused = run(*options)
+    assert refused.exit_code == 1, refused.output
+    assert (
+        f"{part}: a matrix of view factors that goes on with it has it already: process {first.pid}"
+        in refused.stderr
+    )
+    assert part.read_bytes() == b"rows of the first"
+    assert ended(first, signal.SIGKILL) == -signal.SIGKILL
+    part.unlink()
+    assert run(*options).exit_code == 0
+    assert os.listdir(tmp_path) == ["F.npz"]
+
+
 def test_a_checkpoint_in_python_is_a_block(tmp_path: Path) -> None:
     with Checkpoint(tmp_path / "a.npz", path_sets=1) as checkpoint:
         glpath.render("cornell-box-36", spp=2, resolution=(8, 8), on_step=checkpoint)

@@ -43,8 +43,8 @@ def viewfactors(
             "-o",
             "--out",
             metavar="FILE",
-            help="Where the matrix goes: .npz (scipy), .csv, or uDALES's vfsparse.inp.001 and svf.inp.001; may be "
-            "repeated.",
+            help="Where the matrix goes: .npz (scipy), .csv, .idf (EnergyPlus, --groups shapes), or uDALES's "
+            "vfsparse.inp.001, vf.nc.inp.001, svf.inp.001 and facetarea.inp.001; may be repeated.",
         ),
     ],
     groups: Annotated[
@@ -82,10 +82,11 @@ def viewfactors(
     faces, to the sky. Closed forms where nothing stands between two faces, exact visibility from points elsewhere.
     """
     from glpath.radiosity.view_factors.faces import geometry_alone
-    from glpath.radiosity.view_factors.result import file_kind
+    from glpath.radiosity.view_factors.formats import check_names, file_kind
 
     for path in out:
-        file_kind(path)
+        if file_kind(path) == "idf" and groups == "faces":
+            check_names((), path.stem, path)
     check_choice("--progress", progress, MODES)
     check_choice("--groups", groups, _GROUPS)
     wanted = [] if enforce is None else enforce.split(",")
@@ -133,7 +134,8 @@ def _summary(found: ViewFactors) -> Iterator[str]:
     )
     sums = found.row_sums
     worst = found.error.max()
-    yield f"  row sums {sums.min():.6f} to {sums.max():.6f}; error of a row, estimated: {worst:.1e} at most"
+    yield f"  row sums {sums.min():.6f} to {sums.max():.6f}"
+    yield f"  error of a row's sum, a cautious estimate: {worst:.1e} at most"
     if "reciprocity" not in s.get("enforced", ()):
         yield "  reciprocity: exact but for rounding, as each pair is computed once"
     if "enforced" in s:

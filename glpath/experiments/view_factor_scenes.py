@@ -73,6 +73,42 @@ def block_in_a_room(cells: int) -> FaceList:
     return joined(room, box_faces([0.3, 0.3, 0.2], [0.6, 0.7, 0.6], cells, inward=False, triangles=True))
 
 
+def closed_at_random(seed: int) -> FaceList:
+    """A closed room with what view factors find hard, so that every row adds up to 1.
+
+    In each half stands one of: a slab that leaves slits along the walls, two blocks with a common edge, a tiny
+    block beside large faces, and sheets of two sides, alike or large and small, that may cut each other.
+    """
+    rng = np.random.default_rng(seed)
+    size = rng.uniform(0.5, 2.0, 3)
+    parts = [box_faces([0, 0, 0], size, int(rng.integers(1, 4)), inward=True, triangles=bool(rng.integers(2)))]
+    for half, kind in enumerate(rng.integers(5, size=2)):
+        boxes: list[tuple[Any, Any]] = []
+        if kind == 0:
+            gap = 10.0 ** rng.uniform(-3, -1, 3)
+            z = rng.uniform(0.2, 0.8)
+            boxes = [([0.1, gap[0], z], [0.9, 1 - gap[1], z + gap[2]])]
+        elif kind == 1:
+            low, high = rng.uniform(0.1, 0.3, 3), rng.uniform(0.4, 0.6, 3)
+            boxes = [(low, high), ([high[0], low[1], high[2]], [0.9, high[1], 0.8])]
+        elif kind == 2:
+            low = rng.uniform(0.2, 0.8, 3)
+            boxes = [(low, low + 10.0 ** rng.uniform(-3, -1, 3))]
+        else:
+            count = int(rng.integers(2, 9))
+            extent = np.full((count, 1, 1), 0.3) if kind == 3 else 0.3 * 10.0 ** rng.uniform(-2, 0, (count, 1, 1))
+            corners = rng.uniform(0.35, 0.65, (count, 1, 3)) + extent * rng.uniform(-1, 1, (count, 3, 3))
+            sheets = np.arange(3 * count).reshape(-1, 3)
+            parts.append((corners.reshape(-1, 3), [*sheets.tolist(), *sheets[:, ::-1].tolist()]))
+        parts += [box_faces(low, high, 1, inward=False, triangles=bool(rng.integers(2))) for low, high in boxes]
+        for k in range(len(parts) - max(len(boxes), 1), len(parts)):
+            vertices, faces = parts[k]
+            parts[k] = (vertices + np.array([half, 0, 0])) * [0.5, 1, 1] * size, faces
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    vertices, faces = joined(*parts)
+    return vertices @ (turn * np.sign(np.linalg.det(turn))), faces
+
+
 def city(blocks: int, wall: int = 3, seed: int = 1) -> FaceList:
     """blocks^2 buildings of 6 to 24 m on a plane, streets of 8 m, in quads: each 5 wall^2 + 12 facets."""
     heights = 3.0 * np.random.default_rng(seed).integers(2, 9, (blocks, blocks))

@@ -11,10 +11,13 @@ import math
 import os
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +28,7 @@ from glpath import bvh
 from glpath.errors import ImageError, SceneWarning, UsageError
 from glpath.files import check_writable, whole_file
 from glpath.kernels import announced, waiting
+from glpath.locks import Lock
 from glpath.npz import open_npz
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
@@ -42,8 +46,14 @@ _REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
 _BYTES_PER_FACTOR = 40
 #: By how much the sum of a row may be above 1 before a warning.
 _OVERLAP = 0.01
+#: Bytes below which it is not asked whether there are so many.
+_ASKED = 8 << 20
+#: What a row's error is made of: how many times the sum of what two quadratures of each factor are apart; the
+#: root of the summed squares of what single points stand for, as a shadow between points hides about as much; and a
+#: strip along the edges as wide as rounding. The worst row of random closed rooms has less than 0.9 of it.
+_CAUTION, _GRAINS, _STRIPS = 2.0, 1.5, 2.0
 #: Of a partial file: another number is another layout, or another way to compute.
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -69,13 +79,18 @@ Report = Callable[[ViewFactorProgress], None]
 
 @dataclass
 class _Part:
-    """Exchange areas of the facets of some tasks with those that follow, as rows of the matrix."""
+    """Exchange areas of the facets of some tasks with those that follow, as rows of the matrix.
+
+    error : how far two quadratures of each are apart
+    grain : the summed squares of what single points stand for
+    """
 
     tasks: Int64
     i: NDArray[np.int32]
     j: NDArray[np.int32]
     exchange: NDArray[np.float64]
     error: NDArray[np.float32]
+    grain: NDArray[np.float32]
     counts: Int64
 
 
@@ -92,9 +107,10 @@ def view_factors(
 ) -> ViewFactors:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Where shafts prove that nothing stands between two faces, their factor is the double contour integral, without
-    a ray; where something does, visibility is exact from every point of the one face, and quadrature over these
-    goes on until its error is below what is wanted. Both sides of a face hide; only the front sends and receives.
+    Where shafts prove that nothing stands between two faces, there is no ray: of faces apart from each other Gauss
+    points on both, as many as the error asks for, of others the double contour integral. Where something does,
+    visibility is exact from every point of the smaller face, and quadrature over these goes on until its error is
+    below what is wanted. Both sides of a face hide; only the front sends and receives.
 
     Parameters
     ----------
@@ -103,18 +119,21 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7. A single factor F is within about 0.2 sqrt(F) of it; rows of
-                  closed rooms are mostly ten times better
+    error       : wanted of a row's sum, 0.1 to 1e-7; quadratures aim at 0.2 sqrt(F) of it for a factor F. Most
+                  rows of closed rooms are ten times better; beside slits, and where faces cut each other, some
+                  are up to twenty times worse. `ViewFactors.error` is a cautious estimate, row by row
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
     resume      : a file that keeps the rows that are done, every 20 seconds and when it is interrupted, and from
-                  which another call with the same faces and error goes on. It is removed in the end
+                  which another call with the same faces and error goes on. It is removed in the end. One process
+                  has it at a time
     on_progress : called with a `ViewFactorProgress`
 
     Raises SceneError for faces without area, that are not flat or not finite, or infinite planes; UsageError for
-    options out of range, and where the matrix would not fit into memory, which is known after some of its rows.
-    Warns SceneWarning where faces that lie on each other are both seen.
+    options out of range, and where the matrix would not fit into memory, which is known after some of its rows;
+    GlpathError where another process has the file of `resume`. Warns SceneWarning where faces that lie on each
+    other are both seen.
 
     Cost:     about 1 microsecond for a pair that sees all of each other, some 20 for one that sees a part, and
               memory of 40 bytes per factor that is not 0.
@@ -140,15 +159,17 @@ def view_factors(
     run = _Run(
         error, threads or len(os.sched_getaffinity(0)), None if resume is None else Path(resume), on_progress
     )
-    kernels = waiting(kernels_of())
-    with announced(kernels, run.compiling if on_progress is not None else None):
+    with ExitStack() as held:
+        if run.resume is not None:
+            held.enter_context(Lock(run.resume, "a matrix of view factors that goes on with it"))
+        held.enter_context(announced(waiting(kernels_of()), run.compiling if on_progress is not None else None))
         given = faces_of(faces, groups, flip)
         found = run.solve(given)
-    _warn_of_overlaps(found, given.source)
-    if enforce:
-        found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
-    if run.resume is not None:
-        run.resume.unlink(missing_ok=True)
+        _warn_of_overlaps(found, given.source)
+        if enforce:
+            found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
+        if run.resume is not None:
+            run.resume.unlink(missing_ok=True)
     return found
 
 
@@ -197,32 +218,44 @@ class _Run:
             self.parts = [_read_part(self.resume, key)]
         done = np.isin(order, np.concatenate([np.zeros(0, np.int64), *(part.tasks for part in self.parts)]))
         self.rows_done = min(int(done.sum()) * self.task, total)
-        pending = order[~done].tolist()
+        pending = deque(order[~done].tolist())
         saved, wrote_s = time.perf_counter(), 0.0
         self._report("rows", self.rows_done, total, True)
-        pool = ThreadPoolExecutor(self.threads)
-        running: set[Future[_Part]] = set()
+        # A queue, not futures: to hand these about takes as long as some tasks do.
+        ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
+
+        def work() -> None:
+            try:
+                while (task := _next(pending)) is not None:
+                    ended.put(_task(where, faces, task, self.task, self.error))
+            except BaseException as error:
+                ended.put(error)
+
+        running, left = [Thread(target=work, daemon=True) for _ in range(self.threads)], len(pending)
         try:
-            while pending or running:
-                while pending and len(running) < 2 * self.threads:
-                    running.add(pool.submit(_task, where, faces, pending.pop(0), self.task, self.error))
-                ended, running = wait(running, return_when=FIRST_COMPLETED)
-                self._take([future.result() for future in ended], total)
-                self._report("rows", self.rows_done, total, not pending and not running)
+            for thread in running:
+                thread.start()
+            while left:
+                parts = [_whole(ended.get())]
+                while not ended.empty():
+                    parts.append(_whole(ended.get()))
+                left -= len(parts)
+                self._take(parts, total)
+                self._report("rows", self.rows_done, total, not left)
                 now = time.perf_counter()
                 if self.resume is not None and now - saved > max(_SAVE_INTERVAL, wrote_s / _SAVE_SHARE):
                     self._save(key)
                     saved, wrote_s = time.perf_counter(), time.perf_counter() - now
         except BaseException:
-            for future in running:
-                future.cancel()
+            pending.clear()
             if self.resume is not None:
-                finished = wait(running).done
-                self._take([f.result() for f in finished if not f.cancelled() and f.exception() is None], total)
+                _end(running)
+                found = [ended.get() for _ in range(ended.qsize())]
+                self._take([part for part in found if isinstance(part, _Part)], total)
                 self._save(key)
             raise
         finally:
-            pool.shutdown()
+            _end(running)
         return self._result(faces, where)
 
     def _take(self, parts: list[_Part], total: int) -> None:
@@ -233,7 +266,7 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > 1.1 * self.granted:  # to ask takes longer than some rows do
+            if self.bytes > max(1.1 * self.granted, _ASKED):  # to ask takes longer than some rows do
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,
@@ -259,7 +292,7 @@ class _Run:
         with whole_file(self.resume) as temporary, open(temporary, "wb") as file:
             np.savez(
                 file, key=np.array(key), tasks=part.tasks, i=part.i, j=part.j, exchange=part.exchange,
-                error=part.error, counts=part.counts,
+                error=part.error, grain=part.grain, counts=part.counts,
             )  # fmt: skip
 
     def _result(self, faces: Faces, where: Geometry) -> ViewFactors:
@@ -267,9 +300,11 @@ class _Run:
         self.parts.clear()
         n = faces.row_count
         areas = where.areas
-        own = np.zeros(n)
+        own, grain = np.zeros((2, n))
         for at in (part.i, part.j):
             own += np.bincount(at, part.error, n)
+            grain += np.bincount(at, part.grain, n)
+        error = _CAUTION * own + _GRAINS * np.sqrt(grain) + _STRIPS * where.eps * where.perimeters
         half = sparse.coo_array((part.exchange, (part.i, part.j)), shape=(n, n)).tocsr()
         counts, factors = part.counts, len(part.i)
         del part
@@ -286,7 +321,27 @@ class _Run:
             "factors": 2 * factors,
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
-        return ViewFactors(matrix, areas, own / areas, faces.names, statistics)
+        return ViewFactors(matrix, areas, error / areas, faces.names, statistics)
+
+
+def _whole(ended: _Part | BaseException) -> _Part:
+    if isinstance(ended, BaseException):
+        raise ended
+    return ended
+
+
+def _next(pending: deque[int]) -> int | None:
+    """A length that is asked for first may be another one a moment later."""
+    try:
+        return pending.popleft()
+    except IndexError:
+        return None
+
+
+def _end(running: list[Thread]) -> None:
+    for thread in running:
+        if thread.ident is not None:
+            thread.join()
 
 
 def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> _Part:
@@ -296,14 +351,15 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> 
     work = Work.of(where.eps, len(where.occluders.sides), where.depth)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
     room = max(2 * total, 4096)
-    columns, values, errors = np.empty(room, np.int32), np.empty(room), np.empty(room, np.float32)
-    i, j, exchange, off = [], [], [], []
+    columns, values = np.empty(room, np.int32), np.empty(room)
+    errors, grains = np.empty((2, room), np.float32)
+    i, j, exchange, off, grain = [], [], [], [], []
     while first < last:
         ends = np.zeros(last - first, np.int64)
         reached = int(
             exchange_rows(
                 first, last, where.facets, where.tree, where.occluders, float(error), work, columns, values, errors,
-                ends, counts,
+                grains, ends, counts,
             )
         )  # fmt: skip
         ends = ends[: reached - first]
@@ -312,6 +368,7 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> 
         j.append(where.row[columns[:size]].astype(np.int32))
         exchange.append(values[:size].copy())
         off.append(errors[:size].copy())
+        grain.append(grains[:size].copy())
         first = reached
     part = _Part(
         np.array([task]),
@@ -319,6 +376,7 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> 
         np.concatenate(j),
         np.concatenate(exchange),
         np.concatenate(off),
+        np.concatenate(grain),
         counts,
     )
     return _summed(part, faces.row_count) if faces.names else part
@@ -329,8 +387,8 @@ def _summed(part: _Part, rows: int) -> _Part:
     keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
     i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
     exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)
-    error = np.bincount(which, part.error, len(keys)).astype(np.float32)
-    return _Part(part.tasks, i, j, exchange, error, part.counts)
+    error, grain = (np.bincount(which, of, len(keys)).astype(np.float32) for of in (part.error, part.grain))
+    return _Part(part.tasks, i, j, exchange, error, grain, part.counts)
 
 
 def _joined(parts: list[_Part]) -> _Part:
@@ -338,7 +396,9 @@ def _joined(parts: list[_Part]) -> _Part:
         return np.concatenate([getattr(part, name) for part in parts])
 
     counts = np.sum([part.counts for part in parts], axis=0)
-    return _Part(all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), counts)
+    return _Part(
+        all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), all_of("grain"), counts
+    )  # fmt: skip
 
 
 def _read_part(path: Path, key: str) -> _Part:
@@ -352,5 +412,6 @@ def _read_part(path: Path, key: str) -> _Part:
         n = len(i)
         return _Part(
             tasks, i, arrays.read("j", "i", (n,)), arrays.read("exchange", "f", (n,)),
-            arrays.read("error", "f", (n,)), arrays.read("counts", "i", (len(COUNT_NAMES),)),
+            arrays.read("error", "f", (n,)), arrays.read("grain", "f", (n,)),
+            arrays.read("counts", "i", (len(COUNT_NAMES),)),
         )  # fmt: skip

@@ -6,11 +6,38 @@ and distance, so that the height of a point over it is normal . point + distance
 
 from __future__ import annotations
 
+import numpy as np
+
 from glpath.kernels import inner_kernel
 
 #: Most corners of a facet and of an occluder; each of two clips adds one.
 CORNERS = 12
 ROOM = CORNERS + 4
+
+
+#: atan(t) / t by powers of t^2, up to tan(pi / 8): interpolated at Chebyshev's points, good to 3e-14.
+_ATAN = (
+    0.9999999999999736, -0.3333333333080474, 0.19999999605095062, -0.14285690433030468, 0.11110385243084064,
+    -0.09078394365569775, 0.07563718533864056, -0.05874557604431399, 0.030663189607383973,
+)  # fmt: skip
+_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8 = _ATAN
+_EIGHTH = 0.41421356237309503
+
+
+@inner_kernel
+def angle(y, x):  # type: ignore[no-untyped-def]
+    """arctan2(y, x) for y >= 0, to 1e-13: in a third of the time, as it is no call and has no case of its own."""
+    across = abs(x)
+    small, large = min(across, y), max(across, y)
+    folded = small > _EIGHTH * large
+    t = (small - large if folded else small) / (small + large if folded else large) if large > 0 else 0.0
+    z = t * t
+    z2 = z * z
+    low = (_A0 + _A1 * z) + (_A2 + _A3 * z) * z2
+    high = (_A4 + _A5 * z) + (_A6 + _A7 * z + _A8 * z2) * z2
+    found = t * (low + high * (z2 * z2)) + (0.25 * np.pi if folded else 0.0)
+    found = 0.5 * np.pi - found if y > across else found
+    return np.pi - found if x < 0 else found
 
 
 @inner_kernel

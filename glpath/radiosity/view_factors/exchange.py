@@ -5,8 +5,8 @@ theorem, the double contour integral
 
     A_a F_ab = 1 / (2 pi)  sum over edges p, q of  (dp . dq)  int int ln r ds dt
 
-of which the inner integral has a closed form, and the outer one is taken by Gauss points on halves of halves until
-it stands still, so that edges which touch need no case of their own.
+of which the inner integral has a closed form, and the outer one is taken by Gauss's and Kronrod's points on halves
+of halves until both agree, so that edges which touch need no case of their own.
 
 Sources: Sparrow 1963; Mitalas & Stephenson 1966; Schroeder & Hanrahan 1993, "On the form factor between two
 polygons", whose closed form of the outer integral takes more time than the points do.
@@ -19,7 +19,7 @@ from itertools import permutations
 import numpy as np
 
 from glpath.kernels import inner_kernel, inner_sum
-from glpath.radiosity.view_factors.convex import measure, quadrature
+from glpath.radiosity.view_factors.convex import angle, measure, quadrature
 
 #: Halvings of an edge: of what is singular at an end, each leaves a quarter of the error.
 _DEEPEST = 24
@@ -29,10 +29,14 @@ _CLOSE = 1.1
 #: Of what the error may be, what the contour integral is asked for: along an edge far longer than the polygons are
 #: apart, two halves may agree before any point has come near.
 _NEAR = 0.2
+#: Of what Gauss's three points are off Kronrod's seven, what the seven are off at most.
+_SEVEN = 0.1
 
-#: Gauss points of an edge, 0 to 1, and their weights.
-_G1, _G2 = 0.06943184420297371, 0.33000947820757187
-_W1, _W2 = 0.17392742256872693, 0.32607257743127307
+#: Kronrod's seven points of an edge, from its middle in halves of it, of which the second and the middle are
+#: Gauss's three; and the weights of both (Piessens et al. 1983).
+_K1, _K2, _K3 = 0.9604912687080203, 0.7745966692414834, 0.4342437493468026
+_W1, _W2, _W3, _W0 = 0.1046562260264673, 0.2684880898683334, 0.4013974147759622, 0.4509165386584741
+_G2, _G0 = 5 / 9, 8 / 9
 
 
 def _triangle_rule(thrice: list[tuple[float, float]], *others: tuple[float, float, float, float]) -> np.ndarray:
@@ -155,20 +159,42 @@ def _inner(a, k, ex, ey, ez, s, b, m):  # type: ignore[no-untyped-def]
             h2 = (hx * hx + hy * hy + hz * hz) / length2
             mean = 0.5 * (v * log_g - u * log_d)
             if h2 > 1e-30:
-                mean += np.sqrt(h2) * np.arctan2(np.sqrt(h2), h2 + u * v)
+                h = np.sqrt(h2)
+                mean += h * angle(h, h2 + u * v)
             total += dot * mean
         dx, dy, dz, log_d = gx, gy, gz, log_g
     return total
 
 
 @inner_kernel
-def _gauss(a, k, ex, ey, ez, s, width, b, m):  # type: ignore[no-untyped-def]
-    return width * (
-        _W1
-        * (_inner(a, k, ex, ey, ez, s + _G1 * width, b, m) + _inner(a, k, ex, ey, ez, s + (1 - _G1) * width, b, m))
-        + _W2
-        * (_inner(a, k, ex, ey, ez, s + _G2 * width, b, m) + _inner(a, k, ex, ey, ez, s + (1 - _G2) * width, b, m))
-    )
+def _touches(a, k, b, m):  # type: ignore[no-untyped-def]
+    """Whether corner k of a is one of b[:m]: there the logarithm goes to infinity, though its integral does not."""
+    for i in range(m):
+        dx, dy, dz = b[i, 0] - a[k, 0], b[i, 1] - a[k, 1], b[i, 2] - a[k, 2]
+        if dx * dx + dy * dy + dz * dz == 0:
+            return True
+    return False
+
+
+@inner_kernel
+def _along(a, k, ex, ey, ez, start, width, smoothed, b, m):  # type: ignore[no-untyped-def]
+    """The integral of `_inner` over a part of an edge by seven points, and how far three of them are from it.
+
+    smoothed : the part is of t, and the point at t^2 (3 - 2 t), times the derivative: smooth at an end that touches
+    """
+    half = 0.5 * width
+    seven = three = 0.0
+    for i in range(4):
+        node, weight = (0.0, _W0) if i == 0 else (_K2, _W2) if i == 1 else (_K1, _W1) if i == 2 else (_K3, _W3)
+        pair = 0.0
+        for sign in range(1 if i == 0 else 2):
+            s, scale = start + half * (1 + (2 * sign - 1) * node), 1.0
+            if smoothed:
+                s, scale = s * s * (3 - 2 * s), 6 * s * (1 - s)
+            pair += scale * _inner(a, k, ex, ey, ez, s, b, m)
+        seven += weight * pair
+        three += pair * (_G0 if i == 0 else _G2 if i == 1 else 0.0)
+    return half * seven, half * abs(seven - three)
 
 
 @inner_kernel
@@ -176,28 +202,27 @@ def near_exchange(a, n, b, m, tolerance, stack):  # type: ignore[no-untyped-def]
     """Of polygons a[:n] and b[:m], which may touch, and an estimate of its error.
 
     tolerance : of the result, roughly
-    stack     : (_DEEPEST + 2, 3) float64
+    stack     : (_DEEPEST + 2, 2) float64
     """
     total, error = 0.0, 0.0
     allowed = 2 * np.pi * tolerance / n
     for k in range(n):
         j = k + 1 if k + 1 < n else 0
         ex, ey, ez = a[j, 0] - a[k, 0], a[j, 1] - a[k, 1], a[j, 2] - a[k, 2]
+        smoothed = _touches(a, k, b, m) or _touches(a, j, b, m)
         stack[0, 0], stack[0, 1] = 0.0, 1.0
-        stack[0, 2] = _gauss(a, k, ex, ey, ez, 0.0, 1.0, b, m)
         top = 1
         while top:
             top -= 1
-            s, width, whole = stack[top, 0], stack[top, 1], stack[top, 2]
-            half = 0.5 * width
-            left = _gauss(a, k, ex, ey, ez, s, half, b, m)
-            right = _gauss(a, k, ex, ey, ez, s + half, half, b, m)
-            off = abs(left + right - whole)
-            if off <= allowed * max(width, 0.125) or half < 1e-6:
-                total += left + right
+            s, width = stack[top, 0], stack[top, 1]
+            found, off = _along(a, k, ex, ey, ez, s, width, smoothed, b, m)
+            off *= _SEVEN
+            if off <= allowed * max(width, 0.125) or width < 1e-6:
+                total += found
                 error += off
             else:
-                stack[top, 0], stack[top, 1], stack[top, 2] = s, half, left
-                stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = s + half, half, right
+                half = 0.5 * width
+                stack[top, 0], stack[top, 1] = s, half
+                stack[top + 1, 0], stack[top + 1, 1] = s + half, half
                 top += 2
-    return total / (2 * np.pi), 0.25 * error / (2 * np.pi)
+    return total / (2 * np.pi), error / (2 * np.pi)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -189,15 +190,19 @@ def _size(vertices: Float64) -> float:
 def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces:
     if not outlines:
         raise SceneError(f"{source}: there are no faces; view factors are between two at least.")
-    for i, outline in enumerate(outlines):
-        wrong = [v for v in outline if not 0 <= v < len(vertices)]
-        if len(outline) < 3 or wrong:
-            found = f"names vertex {wrong[0]}" if wrong else f"has {len(outline)} corners"
-            raise SceneError(
-                f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
-            )
+    lengths = np.fromiter(map(len, outlines), np.int64, len(outlines))
+    flat = np.fromiter(chain.from_iterable(outlines), np.int64, int(lengths.sum()))
+    ends = np.cumsum(lengths)
+    if lengths.min() < 3 or flat.min() < 0 or flat.max() >= len(vertices):
+        beyond = np.searchsorted(ends, np.flatnonzero((flat < 0) | (flat >= len(vertices))), "right")
+        i = int(min(beyond.min(initial=len(outlines)), np.append(np.flatnonzero(lengths < 3), len(outlines)).min()))
+        wrong = [v for v in outlines[i] if not 0 <= v < len(vertices)]
+        found = f"names vertex {wrong[0]}" if wrong else f"has {lengths[i]} corners"
+        raise SceneError(
+            f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
+        )
     used = np.zeros(len(vertices), np.bool_)
-    used[[v for outline in outlines for v in outline]] = True
+    used[flat] = True
     if (bad := np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))).size:
         at = int(bad[0])
         face = next(i for i, outline in enumerate(outlines) if at in outline)
@@ -212,8 +217,13 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     unique, number = vertices[first], number.ravel()
     size = _size(unique)
-    kept = tuple(_without_repeats([int(number[v]) for v in outline]) for outline in outlines)
-    counts = np.array([len(outline) for outline in kept])
+    merged_flat = number[flat]
+    before = np.roll(merged_flat, 1)
+    before[ends - lengths] = merged_flat[ends - 1]
+    kept = tuple(map(tuple, _divided(merged_flat.tolist(), ends.tolist())))
+    if (merged_flat == before).any():
+        kept = tuple(map(_without_repeats, kept))
+    counts = np.array(list(map(len, kept)))
     degenerate = np.flatnonzero(counts < 3).tolist()
     bent: list[int] = []
     for count in np.unique(counts[counts > 2]):
@@ -248,7 +258,11 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
     return Faces(unique, kept, np.arange(len(kept)), (), source)
 
 
-def _without_repeats(outline: list[int]) -> Outline:
+def _divided(flat: list[int], ends: list[int]) -> Iterator[list[int]]:
+    return (flat[begin:end] for begin, end in pairwise((0, *ends)))
+
+
+def _without_repeats(outline: Outline) -> Outline:
     return tuple(v for k, v in enumerate(outline) if v != outline[k - 1])
 
 
@@ -258,6 +272,7 @@ class Geometry:
 
     row : (n,) int64, the row of the matrix of each facet
     eps : length below which a distance is rounding
+    areas, perimeters : (rows,) float64, summed over the facets of each row
     """
 
     facets: Polygons
@@ -267,6 +282,7 @@ class Geometry:
     depth: int
     eps: float
     areas: Float64
+    perimeters: Float64
 
     @classmethod
     def of(cls, faces: Faces) -> Geometry:
@@ -285,17 +301,20 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
-        plain = polygons_of([vertices[list(outline)] for outline in joined])
+        plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
         facets = plain.taken(bvh.order)
         row = of_row[bvh.order].astype(np.int64)
         areas = np.bincount(row, facets.areas, faces.row_count).astype(np.float64)
+        around = np.linalg.norm(np.roll(facets.corners, -1, axis=1) - facets.corners, axis=2).sum(axis=1)
+        perimeters = np.bincount(row, around, faces.row_count).astype(np.float64)
         return cls(
             facets,
             row,
             Tree.of(bvh),
-            polygons_of([vertices[list(outline)] for outline in walls]),
+            polygons_of(vertices, walls),
             bvh.depth,
             ROUNDING * size,
             areas,
+            perimeters,
         )

@@ -11,7 +11,6 @@ Poor at:  merging faces whose edges meet in T-junctions, which stay apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from operator import itemgetter
 from typing import Any
 
@@ -31,14 +30,16 @@ ROUNDING = 5e-7
 _STRAIGHT = 1e-6
 
 
-def polygons_of(outlines: Sequence[Float64]) -> Polygons:
-    """For the kernels, of convex outlines (n, 3) each with at most `CORNERS` corners."""
+def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygons:
+    """For the kernels, of convex outlines, each with at most `CORNERS` corners."""
     total = len(outlines)
     corners = np.zeros((total, CORNERS, 3))
     count = np.array([len(outline) for outline in outlines], np.int64)
-    for i, outline in enumerate(outlines):
-        corners[i, : len(outline)] = outline
-        corners[i, len(outline) :] = outline[0]
+    for n in np.unique(count):
+        which = np.flatnonzero(count == n)
+        some = vertices[np.array([outlines[i] for i in which.tolist()])]
+        corners[which, :n] = some
+        corners[which, n:] = some[:, :1]
     # A corner that is there more than once adds nothing.
     following = np.roll(corners, -1, axis=1)
     area_vectors = 0.5 * np.cross(corners - corners[:, :1], following - corners[:, :1]).sum(axis=1)
@@ -69,12 +70,13 @@ def merged(
     a quad find each other.
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
-    points = [tuple(map(float, v)) for v in vertices]
-    normals = [_normal(points, shape) for shape in shapes if shape is not None]
+    points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
+    # Of a union the area vector is the sum, so that its normal is that of all it came from.
+    vectors = [_area_vector(points, shape) for shape in shapes if shape is not None]
+    units = [_unit(vector) for vector in vectors]
     labels = list(labels)
     eps = ROUNDING * size
     sides: dict[tuple[int, int], int] = {}
-    lengths: dict[tuple[int, int], float] = {}
     for number, shape in enumerate(shapes):
         assert shape is not None
         for edge in _edges(shape):
@@ -91,18 +93,16 @@ def merged(
                     if (
                         other == number
                         or labels[other] != labels[number]
-                        or _dot(normals[number], normals[other]) < 1 - 1e-9
+                        or _dot(units[number], units[other]) < 1 - 1e-9
                     ):
                         continue
-                    if (a, b) not in lengths:
-                        lengths[a, b] = round(_distance2(points[a], points[b]), 12)
-                    neighbours.append((-lengths[a, b], a, b, other))
+                    neighbours.append((-round(_distance2(points[a], points[b]), 12), a, b, other))
                 neighbours.sort(key=itemgetter(0))
                 for _, a, b, other in neighbours:
                     two = shapes[other]
                     if two is None:
                         continue
-                    union = _union(points, shape, two, a, b, normals[number], eps)
+                    union = _union(points, shape, two, a, b, units[number], eps)
                     if union is not None:
                         break
                 else:
@@ -112,7 +112,8 @@ def merged(
                 for edge in _edges(union):
                     sides[edge] = number
                 shapes[number], shapes[other] = union, None
-                normals[number] = _normal(points, union)
+                vectors[number] = _plus(vectors[number], vectors[other])
+                units[number] = _unit(vectors[number])
                 changed = True
     kept = [i for i, shape in enumerate(shapes) if shape is not None]
     return [shape for shape in shapes if shape is not None], kept
@@ -123,38 +124,62 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
 
 
 def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, eps: float) -> list[int] | None:
-    """Two polygons of one normal that share the edge from a to b of the first as one; None where that is not flat
-    and convex."""
-    origin = points[a]
-    if any(abs(_dot(normal, _minus(points[v], origin))) > eps for v in two):
-        return None
-    i, j = one.index(b), two.index(a)
-    outline = [*one[i:], *one[:i]]  # from b round to a
-    outline += [*two[j:], *two[:j]][1:-1]  # what comes after a, up to before b
-    if len(set(outline)) != len(outline):
-        return None
-    kept = []
-    n = len(outline)
-    for k in range(n):
-        p, q, r = points[outline[k - 1]], points[outline[k]], points[outline[(k + 1) % n]]
-        u, v = _minus(q, p), _minus(r, q)
-        turn = _dot(normal, _cross(u, v))
-        straight = _STRAIGHT * (_dot(u, u) * _dot(v, v)) ** 0.5
-        if turn < -straight or (abs(turn) <= straight and _dot(u, v) < 0):
+    """Two convex polygons of one normal that share the edge from a to b of the first as one; None where that is not
+    flat and convex."""
+    x, y, z = points[a]
+    nx, ny, nz = normal
+    for v in two:
+        px, py, pz = points[v]
+        if abs(nx * (px - x) + ny * (py - y) + nz * (pz - z)) > eps:
             return None
-        if turn > straight:
-            kept.append(outline[k])
-    return kept if 3 <= len(kept) <= CORNERS else None
+    i, j = one.index(b), two.index(a)
+    first = [*one[i:], *one[:i]]  # from b round to a
+    second = [*two[j:], *two[:j]][1:-1]  # what comes of the other after a, up to before b
+    if not set(first).isdisjoint(second) or not second:
+        return None
+    # Where the two meet alone can it turn otherwise than they did: inward, or not at all.
+    at_a, at_b = _turn(points, first[-2], a, second[0], normal), _turn(points, second[-1], b, first[1], normal)
+    if at_a < 0 or at_b < 0:
+        return None
+    union = [*first[0 if at_b else 1 : None if at_a else -1], *second]
+    return union if 3 <= len(union) <= CORNERS else None
+
+
+def _turn(points: list[Any], before: int, at: int, after: int, normal: Any) -> int:
+    """1 where the outline turns left there, 0 where it goes straight on, -1 where it turns right or back."""
+    u, v = _minus(points[at], points[before]), _minus(points[after], points[at])
+    turn = _dot(normal, _cross(u, v))
+    straight = _STRAIGHT * (_dot(u, u) * _dot(v, v)) ** 0.5
+    if turn > straight:
+        return 1
+    return 0 if turn >= -straight and _dot(u, v) >= 0 else -1
+
+
+def _area_vector(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
+    """Twice its area along its normal."""
+    origin = points[outline[0]]
+    x = y = z = 0.0
+    before = _minus(points[outline[1]], origin)
+    for v in outline[2:]:
+        after = _minus(points[v], origin)
+        n = _cross(before, after)
+        x, y, z = x + n[0], y + n[1], z + n[2]
+        before = after
+    return x, y, z
 
 
 def _normal(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
-    x = y = z = 0.0
-    origin = points[outline[0]]
-    for p, q in pairwise(outline[1:]):
-        n = _cross(_minus(points[p], origin), _minus(points[q], origin))
-        x, y, z = x + n[0], y + n[1], z + n[2]
+    return _unit(_area_vector(points, outline))
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
     length = (x * x + y * y + z * z) ** 0.5 or 1.0
     return x / length, y / length, z / length
+
+
+def _plus(a: Any, b: Any) -> tuple[float, float, float]:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _minus(a: Any, b: Any) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from glpath.kernels import inner_kernel
-from glpath.radiosity.view_factors.convex import height
+from glpath.radiosity.view_factors.convex import angle, height
 
 #: Parts of what is seen that wait to be divided further.
 PARTS = 256
@@ -64,16 +64,18 @@ def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-unt
 
 @inner_kernel
 def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
-    """Plane k of the pyramid from a point over occluder o, its normal inward."""
+    """Plane k of the pyramid from a point over occluder o: its normal inward, of any length, and what rounding is
+    of a height over it."""
     n = work.shade_count[o]
     j = k + 1 if k + 1 < n else 0
     ax, ay, az = work.shades[o, k, 0] - x, work.shades[o, k, 1] - y, work.shades[o, k, 2] - z
     bx, by, bz = work.shades[o, j, 0] - x, work.shades[o, j, 1] - y, work.shades[o, j, 2] - z
     # Counter-clockwise from the front, so clockwise seen from a point before it.
-    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    length = np.sqrt(cx * cx + cy * cy + cz * cz)
-    scale = -work.fronts[o] / length if length > 0 else 0.0
-    work.pyramid[o, k, 0], work.pyramid[o, k, 1], work.pyramid[o, k, 2] = cx * scale, cy * scale, cz * scale
+    sign = -work.fronts[o]
+    cx, cy, cz = sign * (ay * bz - az * by), sign * (az * bx - ax * bz), sign * (ax * by - ay * bx)
+    side = work.pyramid[o, k]
+    side[0], side[1], side[2] = cx, cy, cz
+    side[3] = work.eps * np.sqrt(cx * cx + cy * cy + cz * cz)
     work.made[o] = k + 1
 
 
@@ -87,7 +89,7 @@ def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
         cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         sine = np.sqrt(cx * cx + cy * cy + cz * cz)
         if sine > 0:
-            total += np.arctan2(sine, ax * bx + ay * by + az * bz) * (cx * nx + cy * ny + cz * nz) / sine
+            total += angle(sine, ax * bx + ay * by + az * bz) * (cx * nx + cy * ny + cz * nz) / sine
         ax, ay, az = bx, by, bz
     return abs(total)
 
@@ -123,15 +125,16 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             for e in range(sides):
                 if e == made[o]:
                     _make_side(x, y, z, o, e, work)
-                px, py, pz = pyramid[o, e, 0], pyramid[o, e, 1], pyramid[o, e, 2]
+                side = pyramid[o, e]
+                px, py, pz, eps = side[0], side[1], side[2], side[3]
                 lowest, highest = 0.0, 0.0
                 for k in range(n):
                     h = px * parts[top, k, 0] + py * parts[top, k, 1] + pz * parts[top, k, 2]
                     lowest, highest = min(lowest, h), max(highest, h)
-                if highest <= work.eps:
+                if highest <= eps:
                     outside = True
                     break
-                if lowest < -work.eps:
+                if lowest < -eps:
                     inside = False
             if outside:
                 o += 1
@@ -150,14 +153,15 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             left = n
             put = top
             for e in range(sides):
-                px, py, pz = pyramid[o, e, 0], pyramid[o, e, 1], pyramid[o, e, 2]
+                side = pyramid[o, e]
+                px, py, pz, eps = side[0], side[1], side[2], side[3]
                 out, within = 0, 0
                 last = left - 1
                 before = px * parts[rest, last, 0] + py * parts[rest, last, 1] + pz * parts[rest, last, 2]
                 cut = False
                 for k in range(left):
                     h = px * parts[rest, k, 0] + py * parts[rest, k, 1] + pz * parts[rest, k, 2]
-                    if (h > work.eps and before < -work.eps) or (h < -work.eps and before > work.eps):
+                    if (h > eps and before < -eps) or (h < -eps and before > eps):
                         t = before / (before - h)
                         for j in range(3):
                             value = parts[rest, last, j] + t * (parts[rest, k, j] - parts[rest, last, j])
@@ -165,15 +169,15 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
                             parts[rest + 1, within, j] = value
                         out += 1
                         within += 1
-                    if h >= -work.eps:
+                    if h >= -eps:
                         for j in range(3):
                             parts[rest + 1, within, j] = parts[rest, k, j]
                         within += 1
-                    if h <= work.eps:
+                    if h <= eps:
                         for j in range(3):
                             parts[put, out, j] = parts[rest, k, j]
                         out += 1
-                    cut = cut or h < -work.eps
+                    cut = cut or h < -eps
                     last, before = k, h
                 if cut and out > 2 and out < parts.shape[1] - 2:
                     corners[put], following[put] = out, o + 1
@@ -225,7 +229,8 @@ def _at_corners(t, seen, nx, ny, nz, b, m, shades, planes, work):  # type: ignor
 
 @inner_kernel
 def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The share of an exchange area that is seen past occluders, an estimate of its error, and how many points.
+    """The share of an exchange area that is seen past occluders; how far two quadratures of it are apart; the root
+    of the summed squares of what single points stand for; and how many points there were.
 
     The points are on a[:n], and what is seen is b[:m].
 
@@ -234,7 +239,7 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
     tolerance : of the exchange area
     """
     values, corners = work.values, work.triangles
-    seen = whole = error = 0.0
+    seen = whole = error = grain = 0.0
     top = points = 0
     for k in range(1, n - 1):
         for j in range(3):
@@ -254,6 +259,7 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
             seen += s * part
             whole += w * part
             error += 0.5 * min(s, w - s) * part
+            grain += (w * part / 3) ** 2
             continue
         # The four of its edges' middles; the first stands where it stood.
         for j in range(3):
@@ -282,8 +288,9 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
             seen += fine_s * part
             whole += fine_w * part
             error += 0.5 * off
+            grain += (fine_w * part / 12) ** 2
         else:
             top += 4
     if whole <= 0:
-        return 0.0, 0.0, points
-    return seen / whole, error / whole, points
+        return 0.0, 0.0, 0.0, points
+    return seen / whole, error / whole, np.sqrt(grain) / whole, points

@@ -20,6 +20,14 @@ from scipy.sparse.linalg import LinearOperator, cg
 from glpath.errors import ImageError, UsageError
 from glpath.files import whole_file
 from glpath.npz import open_npz
+from glpath.radiosity.view_factors.formats import (
+    check_names,
+    file_kind,
+    write_column,
+    write_idf,
+    write_netcdf,
+    write_text,
+)
 
 Float64 = NDArray[np.float64]
 
@@ -37,8 +45,11 @@ class ViewFactors:
     matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
                  arrives at the front of j without being stopped on its way
     areas      : (N,) float64, scene units squared
-    error      : (N,) float64, estimate of the error of each row's sum: the sum of those of its factors, so that it
-                 is rather too large
+    error      : (N,) float64, a cautious estimate of the error of each row's sum, not a proven bound: what two
+                 quadratures of each factor are apart, twice, and what a single point stands for, as shadows may
+                 pass between points, 1.5 times. In the tests' random closed rooms (slits, blocks that touch, tiny
+                 faces beside large ones, sheets that cut each other) no row of thousands is further off, and most
+                 are a hundred times better. In a closed room `enclosure` is a row's error, without an estimate
     names      : of the groups; empty where the rows are the faces, in their order
     statistics : what it took, and what was enforced, as JSON has values
 
@@ -94,7 +105,7 @@ class ViewFactors:
         if reciprocity or closure:
             exchange = 0.5 * (exchange + exchange.T)
         if closure:
-            self._check_closed()
+            self._check_closed("closure")
             exchange = _closed(sparse.csr_array(exchange), self.areas)
         matrix = sparse.csr_array(sparse.diags_array(1 / self.areas) @ exchange)
         words = [word for word, wanted in (("reciprocity", reciprocity), ("closure", closure)) if wanted]
@@ -103,36 +114,49 @@ class ViewFactors:
         record = {"enforced": words, "before": before, "after": after}
         return replace(done, statistics={**self.statistics, **record})
 
-    def _check_closed(self) -> None:
-        allowed = np.maximum(_OPEN, 3 * self.error)
+    def _check_closed(self, what: str) -> None:
+        allowed = np.maximum(_OPEN, self.error)
         if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
             i = int(far[np.argmax(np.abs(self.enclosure[far]))])
             name = f" ({self.names[i]})" if self.names else ""
             raise UsageError(
-                f"closure: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows "
+                f"{what}: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows "
                 "are farther from 1 than errors are: this is not a closed room, or some fronts face outward.",
-                "Leave closure away: what is missing goes to the sky (`enclosure`). Or turn the faces (flip).",
+                "Without closure, what is missing goes to the sky (`enclosure`). Or turn the faces (flip).",
             )
 
     def save(self, path: str | Path) -> None:
-        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name.
+        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name, and
+        for what the program that reads it has no place for.
 
         .npz : what `scipy.sparse.load_npz` reads, with areas, error, names and statistics beside; see `load`
         .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names
-        vfsparse.inp.001 : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
-                           is their number, matrix.nnz
-        svf.inp.001      : its sky view factors, `enclosure`, a line for each row
+        .idf : EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, for a closed zone that is called as the file
+               is (without .idf), whose surfaces are called as the groups are; all N^2 factors
+        vfsparse.inp.001  : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
+                            is their number, matrix.nnz
+        vf.nc.inp.001     : the same in full, netCDF of float32, for uDALES without `lvfsparse`
+        svf.inp.001       : its sky view factors, `enclosure`, a line for each row
+        facetarea.inp.001 : its areas of facets
         """
         target = Path(path)
         kind = file_kind(target)
+        if kind == "idf":
+            check_names(self.names, target.stem, target)
+            self._check_closed("EnergyPlus")
         with whole_file(target) as temporary:
             if kind == "npz":
                 self._save_npz(temporary)
-            elif kind == "svf":
-                lines = [f"{max(value, 0.0):.6f}\n" for value in self.enclosure.tolist()]
-                temporary.write_text("# sky view factors\n" + "".join(lines), encoding="utf-8")
+            elif kind == "idf":
+                write_idf(self.matrix, self.names, target.stem, temporary)
+            elif kind == "vf.nc.inp":
+                write_netcdf(self.matrix, temporary)
+            elif kind == "svf.inp":
+                write_column(self.enclosure.clip(min=0.0).tolist(), "sky view factors", temporary)
+            elif kind == "facetarea.inp":
+                write_column(self.areas.tolist(), "area of facets", temporary)
             else:
-                self._save_text(temporary, kind == "csv")
+                write_text(self.matrix, temporary, kind == "csv")
 
     def _save_npz(self, path: Path) -> None:
         m = sparse.csr_array(self.matrix)
@@ -143,21 +167,6 @@ class ViewFactors:
                 _is_array=np.array(True), areas=self.areas, error=self.error, names=np.array(self.names, np.str_),
                 statistics=np.array(json.dumps(dict(self.statistics))), glpath_view_factors=np.array(FORMAT),
             )  # fmt: skip
-
-    def _save_text(self, path: Path, csv: bool) -> None:
-        m = sparse.coo_array(self.matrix)
-        i, j = m.coords
-        with open(path, "w", encoding="utf-8") as file:
-            if csv:
-                file.write("i,j,F\n")
-            first, separator = (0, ",") if csv else (1, " ")
-            for begin in range(0, m.nnz, 1 << 16):
-                part = slice(begin, begin + (1 << 16))
-                rows, columns, values = (each[part].tolist() for each in (i, j, m.data))
-                file.writelines(
-                    f"{r + first}{separator}{c + first}{separator}{v:.9g}\n"
-                    for r, c, v in zip(rows, columns, values, strict=True)
-                )
 
     @classmethod
     def load(cls, path: str | Path) -> ViewFactors:
@@ -182,21 +191,6 @@ class ViewFactors:
             f"<ViewFactors of {len(self):,} {what}: {self.matrix.nnz:,} factors, rows to {self.error.max():.1g}, "
             f"enclosure {self.enclosure.min():.3g} to {self.enclosure.max():.3g}>"
         )
-
-
-def file_kind(path: str | Path) -> str:
-    """What a file of that name holds: "npz", "csv", "vfsparse" or "svf". Raises UsageError for other names."""
-    name = Path(path).name.lower()
-    for kind in ("vfsparse", "svf"):
-        if name.startswith(f"{kind}.inp"):
-            return kind
-    for kind in ("npz", "csv"):
-        if name.endswith(f".{kind}"):
-            return kind
-    raise UsageError(
-        f"{path}: is no name of a file of view factors; allowed are .npz, .csv, vfsparse.inp.001 and svf.inp.001.",
-        ".npz is for scipy and keeps everything, .csv for everybody, the others for uDALES (any number).",
-    )
 
 
 def _closed(exchange: Any, areas: Float64) -> Any:

@@ -154,7 +154,7 @@ class Work(NamedTuple):
             shades=np.empty((MOST_SHADES, ROOM, 3)),
             shade_count=np.empty(MOST_SHADES, np.int64),
             shade_plane=np.empty(MOST_SHADES, np.int64),
-            pyramid=np.empty((MOST_SHADES, ROOM, 3)),
+            pyramid=np.empty((MOST_SHADES, ROOM, 4)),
             made=np.empty(MOST_SHADES, np.int64),
             fronts=np.empty(MOST_SHADES),
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
@@ -244,7 +244,8 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
-    """Exchange area of facets i and j, and an estimate of its error; candidates are work.lists[begin:end].
+    """Exchange area of facets i and j, an estimate of its error, and the sum of the squares of what single points
+    stand for; candidates are work.lists[begin:end].
 
     Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
     """
@@ -253,10 +254,10 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
     n = clip(facets.corners[i], facets.sides[i], facets.planes, j, eps, work.a[0])
     m = clip(facets.corners[j], facets.sides[j], facets.planes, i, eps, work.b[0])
     if n == 0 or m == 0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     pairs[0, 0], pairs[0, 1], pairs[0, 2], pairs[0, 3], pairs[0, 4] = n, m, begin, end, 0
     top = 1
-    value = off = 0.0
+    value = off = grain = 0.0
     tolerance = -1.0
     while top:
         top -= 1
@@ -313,18 +314,19 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         area_b, radius_b = measure(b, m, work.centre_b)
         if radius_a <= radius_b:
             normal = facets.planes[i]
-            share, uncertain, points = seen_share(
+            share, uncertain, one, points = seen_share(
                 a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, shades, occluders.planes, work
             )  # fmt: skip
         else:
             normal = facets.planes[j]
-            share, uncertain, points = seen_share(
+            share, uncertain, one, points = seen_share(
                 b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, shades, occluders.planes, work
             )  # fmt: skip
         counts[POINTS] += points
         value += whole * share
         off += wrong + whole * uncertain
-    return value, off
+        grain += (whole * one) ** 2
+    return value, off, grain
 
 
 @inner_kernel
@@ -385,12 +387,12 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
 
 @kernel
 def exchange_rows(  # type: ignore[no-untyped-def]
-    first, last, facets, tree, occluders, error, work, columns, values, errors, ends, counts
+    first, last, facets, tree, occluders, error, work, columns, values, errors, grains, ends, counts
 ):
     """Exchange areas of facets from `first` to `last` with all that follow them.
 
     error   : wanted of the sum of a row of view factors
-    columns, values, errors : (C,) where they go, row after row
+    columns, values, errors, grains : (C,) where they go, row after row; of the last the squares
     ends    : (last - first,) where each row ends there
 
     Returns the row that there was no room for, or `last`.
@@ -470,9 +472,9 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                     continue
             if leaf:
                 floor = 0.5 * error * min(facets.areas[i], facets.areas[j]) / total
-                value, off = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
-                if value > 0:
-                    columns[size], values[size], errors[size] = j, value, off
+                value, off, grain = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
+                if value > 0 or off > 0 or grain > 0:
+                    columns[size], values[size], errors[size], grains[size] = j, value, off, grain
                     size += 1
                 continue
             child = node + 1
