@@ -59,6 +59,12 @@ def test_rows_of_a_room_with_a_block_add_up_to_one_within_the_error() -> None:
         assert np.all(np.abs(found.enclosure) <= found.error)
 
 
+@pytest.mark.parametrize(("seed", "error", "off"), [(2002, 1e-3, 4e-3), (2002, 1e-4, 4e-4), (2003, 1e-4, 1e-4)])
+def test_hard_rows_come_nearer_where_a_smaller_error_is_asked(seed: int, error: float, off: float) -> None:
+    """Sheets that cut each other took all points that a polygon may have in one corner of it."""
+    assert glpath.view_factors(closed_at_random(seed), error=error).closure_error < off
+
+
 def covered(seeds: range, error: float) -> float:
     """The largest share of a row's `error` that its sum is off in closed rooms; the number of rows is checked."""
     worst, rows = 0.0, 0

@@ -21,12 +21,12 @@ from glpath.radiosity.view_factors.convex import angle, height
 PARTS = 256
 #: Share below which nothing is seen, or nothing hidden, and of a triangle that corners stand for then.
 _SAME, _MISSED = 1e-9, 0.03
-#: Quarterings of a triangle.
-_DEEPEST = 7
+#: Quarterings of a triangle, and points of a polygon beyond which it is left at what it is, at errors of `_USUAL` and
+#: more. What is asked for less than that has as many more points, and a quartering for four times as many: points
+#: that end too early are worse than fewer, as they lie in one corner of the polygon.
+_DEEPEST, _MOST_POINTS, _USUAL = 7, 3000, 1e-3
 #: How many tolerances an exchange area has for which three points a triangle will do.
 COARSE = 6.0
-#: Points of a polygon beyond which it is left at what it is.
-_MOST_POINTS = 3000
 
 
 @inner_kernel
@@ -228,7 +228,9 @@ def _at_corners(t, seen, nx, ny, nz, b, m, shades, planes, work):  # type: ignor
 
 
 @inner_kernel
-def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes, work):  # type: ignore[no-untyped-def]
+def seen_share(  # type: ignore[no-untyped-def]
+    a, n, nx, ny, nz, b, m, exchange, area, tolerance, error_wanted, shades, planes, work
+):
     """The share of an exchange area that is seen past occluders; how far two quadratures of it are apart; the root
     of the summed squares of what single points stand for; and how many points there were.
 
@@ -237,7 +239,10 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
     exchange  : of the two polygons, without occluders
     area      : of a[:n]
     tolerance : of the exchange area
+    error_wanted : of a row's sum
     """
+    finer = max(_USUAL / error_wanted, 1.0)
+    most, deepest = _MOST_POINTS * finer, _DEEPEST + 0.5 * np.log2(finer)
     values, corners = work.values, work.triangles
     seen = whole = error = grain = 0.0
     top = points = 0
@@ -284,7 +289,7 @@ def seen_share(a, n, nx, ny, nz, b, m, exchange, area, tolerance, shades, planes
             # All points say the same, but an edge of a shadow may pass between them and a corner.
             off += _MISSED * part * _at_corners(top, fine_s > 0, nx, ny, nz, b, m, shades, planes, work)
             points += 3
-        if off <= 2 * tolerance * np.sqrt(part / area) or depth >= _DEEPEST or points > _MOST_POINTS:
+        if off <= 2 * tolerance * np.sqrt(part / area) or depth >= deepest or points > most:
             seen += fine_s * part
             whole += fine_w * part
             error += 0.5 * off
