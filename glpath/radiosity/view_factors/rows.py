@@ -315,12 +315,14 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         if radius_a <= radius_b:
             normal = facets.planes[i]
             share, uncertain, one, points = seen_share(
-                a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, error, shades, occluders.planes, work
+                a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, error, shades, occluders.planes,
+                work,
             )  # fmt: skip
         else:
             normal = facets.planes[j]
             share, uncertain, one, points = seen_share(
-                b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, error, shades, occluders.planes, work
+                b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, error, shades, occluders.planes,
+                work,
             )  # fmt: skip
         counts[POINTS] += points
         value += whole * share
