@@ -22,8 +22,8 @@ PARTS = 256
 #: Share below which nothing is seen, or nothing hidden, and of a triangle that corners stand for then.
 _SAME, _MISSED = 1e-9, 0.03
 #: Quarterings of a triangle, and points of a polygon beyond which it is left at what it is, at errors of `_USUAL`
-#: and more. What is asked for less has as many more points, and a quartering for four times as many: points that end
-#: too early are worse than fewer, as they lie in one corner of the polygon.
+#: and more. What is asked for less has as many more points, and a quartering for four times as many: points that
+#: end too early are worse than fewer, as they lie in one corner of the polygon.
 _DEEPEST, _MOST_POINTS, _USUAL = 7, 3000, 1e-3
 #: How many tolerances an exchange area has for which three points a triangle will do.
 COARSE = 6.0
