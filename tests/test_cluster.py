@@ -10,6 +10,7 @@ import threading
 import time
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import killing
@@ -186,6 +187,51 @@ def test_a_chunk_that_fails_everywhere_is_told_of_and_the_others_are_kept(
     film = caught.value.film
     assert film.ranges == ((0, 16), (24, 64))
     assert same(film, run(job_of(16)).merge(run(job_of(40, first_path_set=24))))
+
+
+#: As Dask's, which comes when a worker has died of a task.
+KilledWorker = type("KilledWorker", (Exception,), {})
+
+
+class Submitted:
+    """Stands for a future of a worker that dies of it, or for one that goes on."""
+
+    status = "pending"
+
+    def add_done_callback(self, _):
+        pass
+
+    def cancel(self, force):
+        pass
+
+    def exception(self, timeout):
+        return KilledWorker()
+
+
+def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
+    """Under load it notices seconds late; what never began there would count as tried."""
+    given_to = []
+
+    def submit(*_, workers, **__):
+        given_to.extend(workers)
+        return Submitted()
+
+    client = SimpleNamespace(submit=submit)
+    cluster = SimpleNamespace(client=client, workers=lambda: ["a", "b"], address="played")
+    film = SimpleNamespace(path_sets=0, ranges=())
+    render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), SimpleNamespace(film=film), 1.0)
+    chunks = Chunks([(0, 64)], 1.0)
+    render._look_around(chunks)
+    render._hand_out(chunks)
+    assert {"a", "b"} == set(given_to)
+    future = next(future for future, task in render._running.items() if task.worker == "a")
+    given_to.clear()
+    render._take_one(chunks, future, None, 0.0)
+    for _ in range(2):
+        render._hand_out(chunks)
+        render._look_around(chunks)
+    assert "a" not in given_to
+    assert not [task for task in render._running.values() if task.worker == "a"]
 
 
 def test_a_mistake_of_the_user_is_not_tried_again(own_workers, monkeypatch):

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import queue
 import time
 import uuid
@@ -57,6 +58,9 @@ _AHEAD = 2
 _TICK_S, _LOOK_AROUND_S = 0.25, 2.0
 # How long a film may take to come, and how many come at once.
 _GATHER_S, _GATHERERS = 60.0, 4
+# A scheduler notices late who has died: so long nothing is handed to a worker that was lost with a chunk, as that
+# would count as a try of what never began there.
+_SHUN_S = 10.0
 # How long to wait for the first worker before it is said that there is none.
 _SILENCE_S = 10.0
 
@@ -150,6 +154,7 @@ class _Render:
     _order: list[int] = field(default_factory=list)  # first path sets of what was handed out and not merged
     _reasons: dict[int, str] = field(default_factory=dict)  # by the first path set of what has failed
     _workers: list[str] = field(default_factory=list)
+    _dead: dict[str, float] = field(default_factory=dict)  # when each was lost
     _number: int = 0
     _merging: float = 0.0  # seconds that the last film took
 
@@ -307,12 +312,16 @@ class _Render:
             raise error  # the same everywhere
         if type(error).__name__ == "KilledWorker":  # says much of Dask, and nothing more
             error = None
+        if error is None:
+            self._dead[task.worker] = time.monotonic()
+            self._workers = [worker for worker in self._workers if worker != task.worker]
         self._fail(chunks, task, error)
 
     def _look_around(self, chunks: Chunks) -> None:
         """Who is there now; what was at others is handed out again."""
         try:
-            self._workers = self.cluster.workers()
+            recent = time.monotonic() - _SHUN_S
+            self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]
         except Exception as error:
             raise ContextError(
                 f"cluster {self.cluster.address}: the scheduler is gone: {error}.",
