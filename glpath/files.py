@@ -203,9 +203,7 @@ def save_all(
     notes = []
     suffixes = {Path(name).suffix for name in rescue}
     if not written or any(path.suffix.lower() in suffixes for path in failures):
-        kept = _rescued(rescue)
-        names = ", ".join(map(str, kept))
-        notes.append(where.format(names) if kept else "Nor could it be kept in a temporary folder.")
+        notes.append(rescued(rescue, where))
     reasons = [
         error.message if isinstance(error, GlpathError) else f"{path}: cannot be written: {error!r}."
         for path, error in failures.items()
@@ -216,8 +214,14 @@ def save_all(
     return written, failure
 
 
-def _rescued(rescue: Mapping[str, Save]) -> list[Path]:
-    """Where it was written: in the first temporary folder that takes it. Empty where none does."""
+def rescued(rescue: Mapping[str, Save], where: str) -> str:
+    """Write a result into a temporary folder; the sentence that says where it is. See `save_all`."""
+    names = ", ".join(map(str, _into_temporary_folder(rescue)))
+    return where.format(names) if names else "Nor could it be kept in a temporary folder."
+
+
+def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
+    """The files, in the first temporary folder that takes them. Empty where none does."""
     try:
         usual = tempfile.gettempdir()
     except OSError:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -327,6 +329,26 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
 
 
+def test_an_interruption_waits_for_no_row(tmp_path: Path) -> None:
+    """One of `office` takes many seconds at this error. What is ended within a row is computed anew: see above."""
+    scene = glpath.load_scene("office")
+    glpath.view_factors(np.array([FLOOR, LAMP], float))  # compiles
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    start = time.monotonic()
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 1.0)
+        with pytest.raises(KeyboardInterrupt):
+            glpath.view_factors(scene, error=1e-6, resume=tmp_path / "rows.part")
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.monotonic() - start < 4
+
+
 def test_files(tmp_path: Path) -> None:
     found = glpath.view_factors(np.array([FLOOR, LAMP], float))
     for name in ("f.npz", "f.csv", "vfsparse.inp.001", "svf.inp.001"):
@@ -429,6 +451,19 @@ def test_the_command_writes_the_inside_of_a_model(tmp_path: Path) -> None:
     assert "warning" not in done.stderr  # a model needs neither light nor camera
     assert glpath.ViewFactors.load(out).row_sums == pytest.approx(np.ones(6))
     assert not (tmp_path / "F.npz.part").exists()
+
+
+def test_a_matrix_that_cannot_be_closed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That the model is open is known only when all rows are there."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    model, out = stl(tmp_path / "model.stl"), tmp_path / "F.npz"
+    done = CliRunner().invoke(app, ["viewfactors", str(model), "-o", str(out), "--enforce", "closure"])
+    assert done.exit_code == 2
+    assert "this is not a closed room" in done.stderr
+    (kept,) = tmp_path.glob("glpath-*/viewfactors.npz")
+    assert f"The matrix is kept in {kept}." in " ".join(done.stderr.split())
+    assert len(glpath.ViewFactors.load(kept)) == 12
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,12 +16,12 @@ from glpath.cli.signals import result_of
 from glpath.cli.stages import Told, reporting
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.files import check_writable, is_stream, save_all
+from glpath.files import check_writable, is_stream, rescued, save_all
 from glpath.progress import MODES, duration
 from glpath.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.radiosity.view_factors.compute import Property, ViewFactorProgress
+    from glpath.radiosity.view_factors.compute import ViewFactorProgress
     from glpath.radiosity.view_factors.result import ViewFactors
 
 _GROUPS = ("faces", "planar", "shapes")
@@ -106,15 +106,18 @@ def viewfactors(
     def compute() -> ViewFactors:
         from glpath.radiosity.view_factors.compute import view_factors
 
-        properties = cast("list[Property]", wanted)
         with reporting(mode, sys.stderr, _told) as report:
-            return view_factors(
-                loaded, groups=groups, error=error, enforce=properties, flip=flip, resume=part, on_progress=report
-            )
+            return view_factors(loaded, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
 
     found = result_of(compute)
-    rescue = {"viewfactors.npz": found.save}
-    _, failure = save_all(dict.fromkeys(out, found.save), rescue, "The matrix is kept in {}.")
+    rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
+    if wanted:
+        try:
+            found = found.enforced(reciprocity="reciprocity" in wanted, closure="closure" in wanted)
+        except UsageError as failed:
+            failed.remedy = f"{failed.remedy}\n{rescued(rescue, kept)}"
+            raise
+    _, failure = save_all(dict.fromkeys(out, found.save), rescue, kept)
     if failure is not None:
         raise failure
     if not quiet and progress != "json":

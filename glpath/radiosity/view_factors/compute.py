@@ -223,11 +223,13 @@ class _Run:
         self._report("rows", self.rows_done, total, True)
         # A queue, not futures: to hand these about takes as long as some tasks do.
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
+        stop = np.zeros(1, np.int64)
 
         def work() -> None:
             try:
                 while (task := _next(pending)) is not None:
-                    ended.put(_task(where, faces, task, self.task, self.error))
+                    if (part := _task(where, faces, task, self.task, self.error, stop)) is not None:
+                        ended.put(part)
             except BaseException as error:
                 ended.put(error)
 
@@ -248,6 +250,7 @@ class _Run:
                     saved, wrote_s = time.perf_counter(), time.perf_counter() - now
         except BaseException:
             pending.clear()
+            stop[0] = 1  # rows that are hard take minutes
             if self.resume is not None:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
@@ -287,6 +290,8 @@ class _Run:
 
     def _save(self, key: str) -> None:
         assert self.resume is not None
+        if not self.parts:
+            return
         part = _joined(self.parts)
         self.parts = [part]
         with whole_file(self.resume) as temporary, open(temporary, "wb") as file:
@@ -344,11 +349,12 @@ def _end(running: list[Thread]) -> None:
             thread.join()
 
 
-def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> _Part:
-    """Rows of one task. What one core needs of memory is made for it anew, which takes no time beside the rows."""
+def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64) -> _Part | None:
+    """Rows of one task; None where `stop` ended it. What one core needs of memory is made for it anew, which takes
+    no time beside the rows."""
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
-    work = Work.of(where.eps, len(where.occluders.sides), where.depth)
+    work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
     room = max(2 * total, 4096)
     columns, values = np.empty(room, np.int32), np.empty(room)
@@ -362,6 +368,8 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float) -> 
                 grains, ends, counts,
             )
         )  # fmt: skip
+        if reached < 0:
+            return None
         ends = ends[: reached - first]
         size = int(ends[-1])
         i.append(where.row[np.repeat(np.arange(first, reached), np.diff(ends, prepend=0))].astype(np.int32))

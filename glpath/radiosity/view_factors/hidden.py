@@ -22,9 +22,9 @@ PARTS = 256
 #: Share below which nothing is seen, or nothing hidden, and of a triangle that corners stand for then.
 _SAME, _MISSED = 1e-9, 0.03
 #: Quarterings of a triangle, and points of a polygon beyond which it is left at what it is, at errors of `_USUAL`
-#: and more. What is asked for less has as many more points, and a quartering for four times as many: points that
-#: end too early are worse than fewer, as they lie in one corner of the polygon.
-_DEEPEST, _MOST_POINTS, _USUAL = 7, 3000, 1e-3
+#: and more. What is asked for less, down to `_FINEST`, has as many more points, and a quartering for four times as
+#: many: points that end too early are worse than fewer, as they lie in one corner of the polygon.
+_DEEPEST, _MOST_POINTS, _USUAL, _FINEST = 7, 3000, 1e-3, 1e-5
 #: How many tolerances an exchange area has for which three points a triangle will do.
 COARSE = 6.0
 
@@ -241,7 +241,7 @@ def seen_share(  # type: ignore[no-untyped-def]
     tolerance : of the exchange area
     error_wanted : of a row's sum
     """
-    finer = max(_USUAL / error_wanted, 1.0)
+    finer = max(_USUAL / max(error_wanted, _FINEST), 1.0)
     most, deepest = _MOST_POINTS * finer, _DEEPEST + 0.5 * np.log2(finer)
     values, corners = work.values, work.triangles
     seen = whole = error = grain = 0.0
@@ -257,7 +257,7 @@ def seen_share(  # type: ignore[no-untyped-def]
         values[top, 0], values[top, 1], values[top, 3] = s, w, 0.0
         top += 1
         points += 3
-    while top:
+    while top and work.stop[0] == 0:
         top -= 1
         s, w, part, depth = values[top, 0], values[top, 1], values[top, 2], values[top, 3]
         if exchange <= COARSE * tolerance:

@@ -86,9 +86,13 @@ class Tree(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for one thread; see where each is used."""
+    """Room for one thread; see where each is used.
+
+    stop : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
+    """
 
     eps: float
+    stop: Int64
     a: Float64
     b: Float64
     spare: Float64
@@ -124,11 +128,12 @@ class Work(NamedTuple):
     values: Float64
 
     @classmethod
-    def of(cls, eps: float, occluders: int, depth: int) -> Work:
+    def of(cls, eps: float, occluders: int, depth: int, stop: Int64) -> Work:
         shaft, near, extent = empty_shaft()
         points = len(RULE_8) * ROOM
         return cls(
             eps=eps,
+            stop=stop,
             a=np.empty((DEEPEST + 2, ROOM, 3)),
             b=np.empty((DEEPEST + 2, ROOM, 3)),
             spare=np.empty((ROOM, 3)),
@@ -259,7 +264,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
     top = 1
     value = off = grain = 0.0
     tolerance = -1.0
-    while top:
+    while top and work.stop[0] == 0:
         top -= 1
         a, b = work.a[top], work.b[top]
         n, m, begin, end, depth = pairs[top, 0], pairs[top, 1], pairs[top, 2], pairs[top, 3], pairs[top, 4]
@@ -397,7 +402,7 @@ def exchange_rows(  # type: ignore[no-untyped-def]
     columns, values, errors, grains : (C,) where they go, row after row; of the last the squares
     ends    : (last - first,) where each row ends there
 
-    Returns the row that there was no room for, or `last`.
+    Returns the row that there was no room for, or `last`; -1 where it was stopped.
     """
     pending, lists, eps = work.pending, work.lists, work.eps
     boxes, skip = tree.boxes, tree.skip
@@ -424,6 +429,8 @@ def exchange_rows(  # type: ignore[no-untyped-def]
         pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, count
         top = 1
         while top:
+            if work.stop[0] != 0:
+                return -1
             top -= 1
             node, begin, end = pending[top, 0], pending[top, 1], pending[top, 2]
             if tree.first[skip[node]] <= i + 1:
@@ -485,4 +492,5 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                 top += 1
                 child = skip[child]
         ends[i - first] = size
-    return last
+    # The last pair may have been left half done.
+    return last if work.stop[0] == 0 else -1
