@@ -1,7 +1,8 @@
-"""What the system says of this process."""
+"""What the system gives this process."""
 
 from __future__ import annotations
 
+import os
 import resource
 from pathlib import Path
 
@@ -16,3 +17,8 @@ def peak_resident_bytes() -> int:
     except (OSError, ValueError, IndexError):
         pass  # no Linux, or a /proc that is hidden or an emulator's
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def core_count() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))

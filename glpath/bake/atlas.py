@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,24 @@ class Atlas:
     pages: int
     texels: float
 
+    @cached_property
+    def areas(self) -> Float64:
+        """(F,) of the faces on their pages, texels^2."""
+        a, b = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
+        return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+
+    def normals(self, scene: Scene) -> Float64:
+        """(F, 3) unit, of the faces, out of the side that is baked."""
+        return np.asarray(scene.normals[self.triangle] * (1 - 2 * self.side)[:, None])
+
+    def corner_normals(self, scene: Scene) -> Float64:
+        """(F, 3, 3) unit: the smooth normals of the corners, or the face's where one has none."""
+        shapes, plain = scene.shapes, self.normals(scene)
+        corners = shapes.vertex_normals[shapes.faces[self.triangle]] * (1 - 2 * self.side)[:, None, None]
+        flat = ~(np.abs(corners).sum(axis=2) > 0).all(axis=1)
+        corners[flat] = plain[flat, None]
+        return np.asarray(corners)
+
 
 def require_xatlas() -> Any:
     """The module `xatlas`. Raises GlpathError with the line to type where it is missing."""
@@ -107,7 +126,7 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas) -> None:
     """xatlas shrinks what does not fit a page."""
     count = int(atlas.chart.max()) + 1
     wide = np.bincount(atlas.chart, scene.areas[atlas.triangle], count)
-    found = np.sqrt(np.bincount(atlas.chart, _areas(atlas.uv), count) / np.maximum(wide, np.finfo(float).tiny))
+    found = np.sqrt(np.bincount(atlas.chart, atlas.areas, count) / np.maximum(wide, np.finfo(float).tiny))
     shrunken = (found < 0.75 * atlas.texels) & (found * np.sqrt(wide) > 0.25 * max(atlas.size))
     if shrunken.any():
         warnings.warn(
@@ -274,8 +293,3 @@ def _check_apart(scene: Scene, atlas: Atlas, place: str) -> None:
         "texel would be two places (that is so for every mesh with several instances, too).",
         "Leave --uv keep out: others are made.",
     )
-
-
-def _areas(uv: Float64) -> Float64:
-    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))

@@ -179,7 +179,7 @@ def _edges(scene: Scene, atlas: Atlas) -> tuple[Int64, Float64]:
     corners = scene.triangles[atlas.triangle]
     _, vertex = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     vertex = vertex.reshape(-1, 3)
-    normals = _corner_normals(scene, atlas)
+    normals = atlas.corner_normals(scene)
     i, j = np.array([0, 1, 2]), np.array([1, 2, 0])
     start, end = vertex[:, i].ravel(), vertex[:, j].ravel()
     face = np.repeat(np.arange(count), 3)
@@ -200,12 +200,3 @@ def _edges(scene: Scene, atlas: Atlas) -> tuple[Int64, Float64]:
     apart = (atlas.page[fa] != atlas.page[fb]) | (np.abs(uv[:, 0] - uv[:, 1]).max(axis=(1, 2)) > 1e-3)
     wanted = smooth & apart
     return np.stack([fa, fb], axis=1)[wanted], uv[wanted]
-
-
-def _corner_normals(scene: Scene, atlas: Atlas) -> Float64:
-    """(F, 3, 3): the smooth normal of each corner, or the face's, out of the side that is baked."""
-    shapes = scene.shapes
-    smooth = shapes.vertex_normals[shapes.faces[atlas.triangle]]
-    has = np.abs(smooth).sum(axis=2, keepdims=True) > 0
-    normals = np.where(has, smooth, scene.normals[atlas.triangle][:, None])
-    return np.asarray(normals * (1 - 2 * atlas.side)[:, None, None])

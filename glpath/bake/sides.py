@@ -10,7 +10,6 @@ Poor at:  light that gets in by a hole which none of some hundred rays from a su
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import kernel
+from glpath.machine import core_count
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.model import Float64
@@ -258,7 +258,7 @@ def _hit(
     def part(first: int) -> None:
         _cast(rays, *(array[first : first + _TOGETHER] for array in arrays), np.empty(3))
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(part, range(0, len(origins), _TOGETHER)))
     back = np.einsum("ij,ij->i", surfaces.normals[hits], directions) > 0
     return hits, back.astype(np.int64), distances

@@ -55,15 +55,10 @@ class Texels:
 
     def normals(self, scene: Scene, atlas: Atlas, sample: int, smooth: bool = True) -> Float64:
         """(N, 3) unit, out of the side that is baked; the smooth ones of what is shaded smoothly, or the faces'."""
-        facing = (1 - 2 * atlas.side)[:, None]
-        plain = scene.normals[atlas.triangle] * facing
+        plain = atlas.normals(scene)
         if not smooth:
             return np.asarray(plain[self.face[sample]])
-        shapes = scene.shapes
-        corners = shapes.vertex_normals[shapes.faces[atlas.triangle]] * facing[:, None]
-        flat = ~(np.abs(corners).sum(axis=2) > 0).all(axis=1)
-        corners[flat] = plain[flat, None]
-        mixed = self._mixed(corners, sample)
+        mixed = self._mixed(atlas.corner_normals(scene), sample)
         length = np.sqrt(np.einsum("ij,ij->i", mixed, mixed))[:, None]
         gone = length[:, 0] <= 1e-9
         mixed /= np.maximum(length, 1e-9)
@@ -79,8 +74,7 @@ class Texels:
     def sizes(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
         """(N,) the side of the square that a texel is on the surface, scene units."""
         face = self.face[sample]
-        doubled = _areas2(atlas.uv)[face]
-        return np.asarray(np.sqrt(2 * scene.areas[atlas.triangle[face]] / np.maximum(doubled, 1e-12)))
+        return np.asarray(np.sqrt(scene.areas[atlas.triangle] / np.maximum(atlas.areas, 1e-12))[face])
 
     def with_samples_of(self, source: Int64) -> Texels:
         """With other samples of the same texel in the place of some: source (S, N) is the number of each's."""
@@ -91,12 +85,11 @@ class Texels:
 def rasterised(atlas: Atlas) -> Texels:
     """All texels of an atlas, in the order of its pages and rows."""
     width, height = atlas.size
-    area = float(_areas2(atlas.uv).sum())
-    count = next(samples for limit, samples in SAMPLES if 0.5 * area <= limit)
+    count = next(samples for limit, samples in SAMPLES if atlas.areas.sum() <= limit)
     offsets = lattice(count)
     made = []
     for page in range(atlas.pages):
-        faces = np.flatnonzero((atlas.page == page) & (_areas2(atlas.uv) > 0))
+        faces = np.flatnonzero((atlas.page == page) & (atlas.areas > 0))
         best = np.full((height, width, count), np.inf, np.float32)
         face = np.zeros((height, width, count), np.int32)
         b = np.zeros((height, width, count, 2), np.float32)
@@ -124,11 +117,6 @@ def covering(atlas: Atlas) -> tuple[int, int] | None:
     first = np.full((height, width), -1, np.int32)
     found = np.zeros(2, np.int32)
     return (int(found[0]), int(found[1])) if _twice(atlas.uv, first, found) else None
-
-
-def _areas2(uv: Float64) -> Float64:
-    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
 @kernel

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.experiments.verdict import cores
+from glpath.machine import core_count
 from glpath.scene.model import Camera
 
 Float32 = NDArray[np.float32]
@@ -175,7 +175,7 @@ class EmbreeScene:
         assert method == "single" or rays % PACKET == 0, f"{rays} rays are no whole number of packets"
         loop, arguments = _loop(method), _Arguments(_COHERENT, _ALL_FEATURES, None, None, None)
         numbers, distances = np.empty(rays, np.int32), np.empty(rays, np.float32)
-        count = threads or cores()
+        count = threads or core_count()
         # Several parts for each thread, as rays that see more of the scene take longer.
         edges = np.linspace(0, rays // PACKET, (1 if count == 1 else 8 * count) + 1).astype(int) * PACKET
         edges[-1] = rays

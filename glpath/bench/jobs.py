@@ -33,6 +33,7 @@ from glpath.film_batches import BATCHES, BLOCK
 from glpath.gl.context import get_context
 from glpath.jobs.cluster import render_on
 from glpath.jobs.connection import Cluster
+from glpath.machine import core_count
 from glpath.rendering import RenderJob, run
 from glpath.versions import versions
 
@@ -78,7 +79,7 @@ def bench_jobs(scale: float = 1.0, rounds: int = 3, progress: Callable[[str], No
     measured |= {name: float(np.median([each[name] for each in two])) for name in ("merge_s", "gather_s")}
     measured |= {"part_mb": len(pickle.dumps(part)) / 1e6}
     claim, holds = judge("two workers render nearly twice as much as one, and merging is cheap", RULE, measured)
-    cores = len(os.sched_getaffinity(0))
+    cores = core_count()
     first = films["process"][0]
     return Report(
         "jobs",

@@ -21,7 +21,7 @@ import numpy as np
 
 from glpath.errors import GlpathError
 from glpath.experiments import other_python
-from glpath.experiments.verdict import cores
+from glpath.machine import core_count
 from glpath.scene.model import Float64, Scene
 
 #: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
@@ -69,7 +69,7 @@ def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -
         radiance = _Programs(folder)
         start = time.perf_counter()
         radiance.compile(scene)
-        how = ["-I", "-h", "-fff", "-n", str(cores()), *settings.split()]
+        how = ["-I", "-h", "-fff", "-n", str(core_count()), *settings.split()]
         found = radiance.run("rtrace", *how, "scene.oct", given=table)
         seconds = time.perf_counter() - start
     return seconds, np.frombuffer(found, np.float32).reshape(len(points), 3).astype(np.float64)

@@ -8,7 +8,6 @@ all polygons as receivers. Rows are plain dictionaries, for tables and JSON.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +21,8 @@ from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
 from glpath.experiments.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
-from glpath.experiments.verdict import Condition, Report, cores, faults, judge, machine
+from glpath.experiments.verdict import Condition, Report, faults, judge, machine
+from glpath.machine import core_count
 from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Statistics, Visibility, facing
 from glpath.versions import versions
 
@@ -126,7 +126,7 @@ def peer_rows(spacing: float = 0.25, side: int = 4, rounds: int = 5, say: Say = 
     cores it runs in processes, as embreex keeps Python's lock. Its rows are left out where embreex is not
     installed.
     """
-    cores = len(os.sched_getaffinity(0))
+    cores = core_count()
     rows: list[Row] = []
     for name in OFFICES:
         where = office(name, spacing, side)
@@ -354,7 +354,7 @@ def bench_shaft(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: Non
     peer = "vs_embree_1_office" in numbers
     claim, holds = judge(CLAIM, RULE, numbers) if peer else (CLAIM, None)
     if peer:
-        notes.append(f"all: Embree in {cores()} processes against shafts on {cores()} threads")
+        notes.append(f"all: Embree in {core_count()} processes against shafts on {core_count()} threads")
     return Report(
         name="shaft",
         claim=claim,

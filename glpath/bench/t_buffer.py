@@ -26,12 +26,13 @@ from glpath.bench import embree_peer
 from glpath.buffers.t_buffer import TBuffer
 from glpath.errors import GlpathError
 from glpath.experiments.timing import in_turns, seconds_of
-from glpath.experiments.verdict import Condition, Report, cores, faults, judge, machine
+from glpath.experiments.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
+from glpath.machine import core_count
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from glpath.sensors import CameraSensor
@@ -120,7 +121,7 @@ def bench_t_buffer(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: 
     measured |= _frame_times(context, scale, say)
     claim, holds = judge(CLAIM, RULE, measured) if peer else (CLAIM, None)
     if peer:
-        notes.append(f"embreex runs on one thread; packets of 8 rays on {cores()}")
+        notes.append(f"embreex runs on one thread; packets of 8 rays on {core_count()}")
     return Report(
         name="t-buffer",
         claim=claim,

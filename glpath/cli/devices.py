@@ -23,6 +23,7 @@ from glpath.gl.limits import device_limits
 from glpath.gl.opening import REQUIRED_VERSION
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
+from glpath.machine import core_count
 from glpath.terminal import clean_console, say, say_json
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
@@ -294,7 +295,7 @@ def _limits() -> Iterator[Finding]:
 
 
 def _threads(chosen: str | None) -> Iterator[Finding]:
-    cores = len(os.sched_getaffinity(0))
+    cores = core_count()
     text = f"{cores} cores, LP_NUM_THREADS " + (
         f"= {chosen}" if chosen is not None else "not set: llvmpipe uses all"
     )

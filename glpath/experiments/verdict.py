@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+
+from glpath.machine import core_count
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,7 @@ def faults(agreement: tuple[Condition, ...], measured: Mapping[str, float]) -> l
 
 def machine(renderer: str) -> dict[str, Any]:
     """The device that rendered, and the CPU beside it."""
-    return {"renderer": renderer, "cpu": _cpu_name(), "cores": cores()}
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    return {"renderer": renderer, "cpu": _cpu_name(), "cores": core_count()}
 
 
 def _cpu_name() -> str:

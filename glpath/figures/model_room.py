@@ -30,11 +30,12 @@ import numpy as np
 from glpath.compare import relative_mse
 from glpath.errors import SceneWarning
 from glpath.experiments import mitsuba_peer
-from glpath.experiments.verdict import Condition, cores
+from glpath.experiments.verdict import Condition
 from glpath.figures.models import difference
 from glpath.figures.outcome import Outcome, Rows, Say, judged
 from glpath.figures.style import pictures
 from glpath.image import auto_exposure, tonemap
+from glpath.machine import core_count
 from glpath.rendering import render
 from glpath.scene import Scene, load_scene
 from glpath.scene.export import export
@@ -75,7 +76,7 @@ def model_room(scale: float, say: Say) -> Outcome:
         _row("Mitsuba 3", mitsuba, theirs, samples, mitsuba_s),
     ]
     apart, ratio = difference(reference, theirs)
-    measured = {"references_apart": apart, "references_mean": ratio, "cores": float(cores())}
+    measured = {"references_apart": apart, "references_mean": ratio, "cores": float(core_count())}
     for name, row in zip(("gather", "path", "mitsuba"), rows, strict=True):
         keys = ("relmse", "relmse_without_worst", "mean", "processor_seconds")
         measured |= {f"{key}_{name}": row[key] for key in keys}
@@ -93,7 +94,8 @@ def model_room(scale: float, say: Say) -> Outcome:
     ]
     shown += [(f"glpath, {many} samples", reference), (f"Mitsuba 3, {many} samples", theirs)]
     caption = (
-        f"{budget / cores():.1f} s on {cores()} cores each, relMSE (without the worst thousandth of the pixels) "
+        f"{budget / core_count():.1f} s on {core_count()} cores each, relMSE (without the worst thousandth of the "
+        "pixels) "
         + ", ".join(f"{row['program']} {row['relmse_without_worst']:.2g}" for row in rows)
         + f"; the references differ by {100 * apart:.1f} % in blocks of 8 x 8 pixels."
     )

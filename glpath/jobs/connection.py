@@ -14,6 +14,7 @@ from typing import Any
 from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.files import reason_of
 from glpath.jobs.worker import Shared, hold, let_go
+from glpath.machine import core_count
 
 # Of a machine that is this one.
 _LOCAL = "local:"
@@ -102,7 +103,7 @@ def _count(address: str) -> int:
 
 
 def _local_cluster(distributed: Any, count: int) -> Any:
-    cores = len(os.sched_getaffinity(0))
+    cores = core_count()
     share = cores // count
     # llvmpipe takes all cores otherwise, for each process; it has a race with a single thread beside its own.
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}

@@ -18,7 +18,6 @@ Poor at:  receivers that touch an emitter, and the penumbra of a lamp of which 2
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 
 from glpath.heartbeat import heartbeat
 from glpath.kernels import inner_kernel, kernel
+from glpath.machine import core_count
 from glpath.radiosity.mesh.mesh import Elements, Int64, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
 from glpath.radiosity.shafts.ends import Emitter, Receivers
@@ -137,7 +137,7 @@ class FormFactors:
         self, batches: Sequence[int], at: ReceiverPoints
     ) -> list[tuple[NDArray[np.float32], Statistics]]:
         """`of_batch` of several, shared between threads."""
-        threads = min(len(os.sched_getaffinity(0)), len(batches))
+        threads = min(core_count(), len(batches))
         if threads < 2:
             return [self.of_batch(b, at) for b in batches]
         with ThreadPoolExecutor(threads) as pool:

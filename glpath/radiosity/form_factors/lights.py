@@ -11,7 +11,6 @@ Poor at:  a sky that is seen through small openings, which few of a point's rays
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from glpath.kernels import kernel
 from glpath.light_samples import incident
 from glpath.lighting import Lighting
+from glpath.machine import core_count
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of
@@ -66,7 +66,7 @@ class DirectLight:
     def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
         """(P, 3) irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
         parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(core_count()) as pool:
             found = list(pool.map(lambda i: self._part(i, points[parts[i]], normals[parts[i]], triangle[parts[i]]),
                                   range(len(parts))))  # fmt: skip
         return np.concatenate(found) if found else np.zeros((0, 3))

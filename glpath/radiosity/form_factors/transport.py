@@ -5,13 +5,13 @@ What progressive refinement and the full matrix have in common.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.machine import core_count
 from glpath.radiosity.form_factors.form_factor import FormFactors, Kind, ReceiverPoints
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Int64, Mesh
@@ -130,7 +130,7 @@ class Transport:
 
     def _find(self, side: int, next_ones: Callable[[], list[int]]) -> Float32:
         f = self.form_factors
-        cores = len(os.sched_getaffinity(0))
+        cores = core_count()
         batches = [int(f.batch_of[side])]
         for other in next_ones():
             if len(batches) == cores:
@@ -154,7 +154,7 @@ class Transport:
         """(R, Q) float32: all of them."""
         f = self.form_factors
         found = np.empty((len(self.elements), len(self.sides)), np.float32)
-        cores = len(os.sched_getaffinity(0))
+        cores = core_count()
         for first in range(0, len(f.batches), cores):
             some = range(first, min(first + cores, len(f.batches)))
             for batch, (columns, took) in zip(some, f.of_batches(some, self._at), strict=True):
@@ -198,7 +198,7 @@ class Transport:
         """What new elements `numbers` get from all that shot. Fills `now` and makes the kept columns longer."""
         f = self.form_factors
         batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
-        cores = len(os.sched_getaffinity(0))
+        cores = core_count()
         for first in range(0, len(batches), cores):
             some = batches[first : first + cores]
             for batch, (columns, took) in zip(some, f.of_batches(some, self._at), strict=True):

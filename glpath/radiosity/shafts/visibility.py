@@ -15,7 +15,6 @@ Poor at:  few rays per shaft; a volume full of tiny polygons, where every shaft 
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -26,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import Int32, build_bvh
 from glpath.bvh_nodes import Bvh
+from glpath.machine import core_count
 from glpath.radiosity.shafts.casting import cast_groups
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of
@@ -71,7 +71,7 @@ class Visibility:
 
     @property
     def _cores(self) -> int:
-        return self.threads or len(os.sched_getaffinity(0))
+        return self.threads or core_count()
 
     @cached_property
     def _pool(self) -> ThreadPoolExecutor:

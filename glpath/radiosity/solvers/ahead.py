@@ -22,6 +22,7 @@ from multiprocessing.spawn import get_executable
 from typing import Any
 
 from glpath.kernels import cache_folder, waiting
+from glpath.machine import core_count
 
 #: Each with those that it calls behind it.
 LARGEST = ("cast_groups", "shaft_list")
@@ -45,7 +46,7 @@ def compile_ahead(needed: Sequence[Any]) -> None:
     others = [k for k in needed if k.__name__ not in LARGEST]
     if not waiting(largest) or len(waiting(others)) < _WORTH_A_PROCESS:
         return
-    if len(os.sched_getaffinity(0)) == 1 or cache_folder(largest[0]) is None:
+    if core_count() == 1 or cache_folder(largest[0]) is None:
         return
     for i in range(len(LARGEST)):
         with suppress(OSError, RuntimeError):  # no program to be started, or too many of them or of threads

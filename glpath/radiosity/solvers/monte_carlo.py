@@ -13,7 +13,6 @@ Poor at:  smooth pictures of fine meshes: an element with a hundred hits is off 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.machine import core_count
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
@@ -150,7 +150,7 @@ class Shooting:
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
         first = self.particles // BATCH
-        threads = len(os.sched_getaffinity(0))
+        threads = core_count()
         with ThreadPoolExecutor(threads) as pool:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 import warnings
 from collections import deque
@@ -29,6 +28,7 @@ from glpath.errors import ImageError, SceneWarning, UsageError
 from glpath.files import check_writable, whole_file
 from glpath.kernels import announced, waiting
 from glpath.locks import Lock
+from glpath.machine import core_count
 from glpath.npz import open_npz
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
@@ -156,9 +156,7 @@ def view_factors(
         raise UsageError(f"view_factors: threads is {threads!r}; allowed are whole numbers from 1.")
     if resume is not None:
         check_writable(resume)
-    run = _Run(
-        error, threads or len(os.sched_getaffinity(0)), None if resume is None else Path(resume), on_progress
-    )
+    run = _Run(error, threads or core_count(), None if resume is None else Path(resume), on_progress)
     with ExitStack() as held:
         if run.resume is not None:
             held.enter_context(Lock(run.resume, "a matrix of view factors that goes on with it"))
