@@ -19,10 +19,10 @@ from glpath.cli.options import (
     option_values,
     with_integrator_options,
 )
-from glpath.cli.outcome import leave_for_later, settle, without_checkpoint
+from glpath.cli.outcome import conclude, last_words
 from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
+from glpath.cli.signals import go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
     CheckpointOption,
@@ -36,9 +36,8 @@ from glpath.cli.unattended import (
 )
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
-from glpath.errors import UsageError
+from glpath.errors import GlpathError, UsageError
 from glpath.files import check_writable, save_all
-from glpath.film_metadata import RULES
 from glpath.progress import MODES, duration, percent
 from glpath.rendering.options import MAX_SPP
 from glpath.terminal import say
@@ -202,11 +201,6 @@ def lightmap(
 
         going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
         film, failure = film_of(start, {**rules, **going_on}, progress, keeper, silence)
-        complete = film.metadata.stop_rule in RULES
-        if keeper is not None and by_scheduler() and not complete:
-            raise leave_for_later(keeper, film)
-        if not film.path_sets:
-            raise KeyboardInterrupt
         made: list[Lightmap] = []
         written: list[Path] = []
 
@@ -215,23 +209,17 @@ def lightmap(
             kind = cast("Materials", materials)
             written.extend(made[0].save(path, materials=kind, exposure=stops, moz=moz))
 
-        kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-        _, unsaved = save_all({out: save}, {"film.npz": film.save}, kept)
-        failure = failure or unsaved
-        if keeper is not None:
-            settle(keeper, film, failure)
-    if failure is not None:
-        raise failure
+        def write() -> GlpathError | None:
+            kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+            return save_all({out: save}, {"film.npz": film.save}, kept)[1]
+
+        conclude(film, failure, keeper, write)
     if not quiet and progress != "json":
         for line in _summary(made[0]):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)
-    if arrived():
-        say(f"glpath: interrupted: light of {film.path_sets} path sets is in {out}", err=True)
-        raise typer.Exit(INTERRUPTED)
-    if keeper is not None and keeper.failure is not None:
-        raise without_checkpoint(keeper)
+    last_words(keeper, f"light of {film.path_sets} path sets is in {out}")
 
 
 def _summary(baked: Lightmap) -> Iterator[str]:

@@ -20,10 +20,10 @@ from glpath.cli.options import (
     option_values,
     with_integrator_options,
 )
-from glpath.cli.outcome import leave_for_later, settle, without_checkpoint
+from glpath.cli.outcome import conclude, last_words
 from glpath.cli.running import film_of
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import INTERRUPTED, arrived, by_scheduler, go_on_later
+from glpath.cli.signals import go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
     CheckpointBesideOption,
@@ -38,7 +38,6 @@ from glpath.cli.unattended import (
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
-from glpath.film_metadata import RULES
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
 from glpath.terminal import say
@@ -244,11 +243,6 @@ def measure(
     with checkpointed(out, checkpoint, resume, films=False) as (keeper, begun):
         going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
         film, failure = film_of(start, asked | going_on, progress, keeper, silence)
-        complete = film.metadata.stop_rule in RULES
-        if keeper is not None and by_scheduler() and not complete:
-            raise leave_for_later(keeper, film)
-        if not film.path_sets:
-            raise KeyboardInterrupt
         from glpath.rendering.points import Irradiance
 
         found = Irradiance(film, len(at.points))
@@ -261,25 +255,14 @@ def measure(
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
             saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
         rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
-        _, unsaved = save_all(saves, rescue, "What was measured is kept in {}.")
-        failure = failure or unsaved
-        if keeper is not None:
-            settle(keeper, film, failure)
-    if failure is not None:
-        raise failure
+        conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
     if not quiet and progress != "json":
         for line in _summary(found, lumens_per_watt):
             say(line, err=True)
         for path in out:
             if not is_stream(path):
                 say(f"wrote {path}", err=True)
-    if arrived():
-        say(f"glpath: interrupted: what {film.path_sets} paths of each point found is written", err=True)
-        if keeper is not None and keeper.failure is None:
-            say(f"  the same command with --resume goes on with {keeper.path}", err=True)
-        raise typer.Exit(INTERRUPTED)
-    if keeper is not None and keeper.failure is not None:
-        raise without_checkpoint(keeper)
+    last_words(keeper, f"what {film.path_sets} paths of each point found is written")
 
 
 def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:

@@ -1,9 +1,9 @@
-"""What `glpath render` leaves when its film is there: outputs, statistics, words, and an exit code."""
+"""What commands leave when their film is there: outputs, statistics, words, and an exit code."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Exit code: all outputs are written, but not the last checkpoint.
 WITHOUT_CHECKPOINT = 3
+
+_GO_ON = "  the same command with --resume goes on with {}"
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -105,6 +107,43 @@ class Outcome:
             raise without_checkpoint(keeper)
 
 
+def conclude(
+    film: Film, failure: GlpathError | None, keeper: Checkpoint | None, write: Callable[[], GlpathError | None]
+) -> None:
+    """Write what a command makes of its film, which is no picture, and settle the checkpoint.
+
+    failure : why the film is not whole
+    write   : returns why something could not be written
+
+    Raises either; KeyboardInterrupt where there is nothing to write; `typer.Exit` where a scheduler wants the
+    machine.
+    """
+    if keeper is not None and by_scheduler() and film.metadata.stop_rule not in RULES:
+        raise leave_for_later(keeper, film)
+    if not film.path_sets:
+        raise KeyboardInterrupt
+    unsaved = write()
+    failure = failure or unsaved
+    if keeper is not None:
+        settle(keeper, film, failure)
+    if failure is not None:
+        raise failure
+
+
+def last_words(keeper: Checkpoint | None, written: str) -> None:
+    """After `conclude`: raises `typer.Exit` where it was interrupted, or the last checkpoint was not written.
+
+    written : the sentence that says what is
+    """
+    if arrived():
+        say(f"glpath: interrupted: {written}", err=True)
+        if keeper is not None and keeper.failure is None:
+            say(_GO_ON.format(keeper.path), err=True)
+        raise typer.Exit(INTERRUPTED)
+    if keeper is not None and keeper.failure is not None:
+        raise without_checkpoint(keeper)
+
+
 def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> None:
     """Where all was done and is written the checkpoint is removed, and a scheduler's signal has nothing left to
     end; else the film goes into it."""
@@ -150,7 +189,7 @@ def _say_interrupted(film: Film, spp: int | None, written: Sequence[Path], keepe
     if keeper is not None and keeper.failure is None and film.path_sets:
         films = [keeper.path]
     if films and film.metadata.stop_rule == INTERRUPTED_RULE:
-        say(f"  the same command with --resume goes on with {films[0]}", err=True)
+        say(_GO_ON.format(films[0]), err=True)
 
 
 def _summary(
