@@ -290,6 +290,41 @@ def test_unlit_is_base_colour_times_light(lit_floor: Lightmap, tmp_path: Path) -
     assert (shown[texels][of_shape(baked.surfaces, "lamp")] > 0.9)[:, :3].all(axis=1).mean() > 0.4
 
 
+@pytest.mark.parametrize("kind", ["lightmap", "radiosity"])
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")  # backs are culled by viewers alone
+def test_who_does_not_cull_sees_the_side_that_faces_him(kind: str, tmp_path: Path) -> None:
+    """A sheet, red from above and blue from below. Each side is triangles of its own, which were in one place."""
+    sheet = [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]]
+    above = [[x, 3, -z] for x, _, z in sheet]
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0.3, 4, 5], "target": [0, 0, 0], "fov": 40},
+            "materials": {"white": {"reflectance": 0.8, "two_sided": True}, "black": {"reflectance": 0.0}},
+            "shapes": [
+                {"type": "quad", "corners": sheet, "material": "white"},
+                {"type": "quad", "corners": above, "material": "black", "emission": {"radiance": [9, 0, 0]}},
+                {
+                    "type": "quad",
+                    "corners": [[x, -3, z] for x, _, z in sheet],
+                    "material": "black",
+                    "emission": {"radiance": [0, 0, 9]},
+                },
+            ],
+        }
+    )
+    path = tmp_path / "sheet.glb"
+    if kind == "lightmap":
+        glpath.lightmap(scene, size=64, spp=16).save(path, exposure=0)
+    else:
+        glpath.solve_radiosity(scene, patches=60).to_glb(scene, path)
+    for height, channel in ((4, 0), (-4, 2)):
+        camera = {"position": [0.3, height, 5], "target": [0, 0, 0]}
+        seen = glpath.render(path, camera=camera, resolution=(48, 48), max_depth=1, spp=8).mean
+        middle = seen[18:30, 18:30]
+        assert middle[..., channel].min() > 0.05
+        assert middle[..., 2 - channel].max() < 0.1 * middle[..., channel].min()
+
+
 def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_path: Path) -> None:
     written = quietly(lit_floor, tmp_path / "a.glb", materials="keep", moz=True)
     assert [path.name for path in written] == ["a.glb", *(f"a-0.lightmap.{s}" for s in ("exr", "png", "json"))]

@@ -227,7 +227,7 @@ def test_both_sides_of_a_two_sided_shape_are_there_and_up_is_up(tmp_path):
     faces = [_array(document, p.indices).reshape(-1, 3) for p in document.meshes[0].primitives]
     np.testing.assert_array_equal(faces[1], faces[0][:, ::-1])
     bounds = trimesh.load(tmp_path / "b.glb").bounds
-    np.testing.assert_allclose(bounds[1] - bounds[0], [2, 1, 2], atol=1e-6)  # its z is up, as glTF's y
+    np.testing.assert_allclose(bounds[1] - bounds[0], [2, 1, 2], atol=1e-4)  # its z is up, as glTF's y
 
 
 def test_bake_solves_where_there_is_no_solution(tmp_path):

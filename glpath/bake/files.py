@@ -16,7 +16,7 @@ from glpath.bake.pages import pages_of
 from glpath.errors import SceneError, SceneWarning
 from glpath.files import write_bytes
 from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, write_exr
-from glpath.scene.export.geometry import listed
+from glpath.scene.export.geometry import behind, listed
 from glpath.scene.export.glb import Glb
 from glpath.scene.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
@@ -123,6 +123,8 @@ def _parts(
 ) -> list[tuple[int, Mesh]]:
     """Of a shape, in world space, a mesh for each page, whose second texture coordinates are the atlas's.
 
+    Where a triangle has both sides, the back is a little behind, see `behind`.
+
     side   : one alone
     uv_set : with all that the vertices have, of the scene's texture coordinates the first (0) or the second
     """
@@ -135,6 +137,8 @@ def _parts(
     mesh = scene.shapes[number].geometry
     assert isinstance(mesh, Mesh)
     texture = mesh.uv1 if uv_set else mesh.uv
+    both = (np.bincount(atlas.triangle, minlength=len(scene.triangles)) == 2)[atlas.triangle]
+    away = np.where((both & (atlas.side == 1))[:, None, None], behind(scene) * atlas.corner_normals(scene), 0.0)
     for page in np.unique(atlas.page[of_shape]):
         faces = np.flatnonzero(of_shape & (atlas.page == page))
         back = atlas.side[faces] == 1
@@ -151,7 +155,7 @@ def _parts(
         if normals is not None:
             normals = np.where(np.repeat(back, 3)[:, None], -normals, normals)
         whole = Mesh(
-            scene.shapes.vertices[corners],
+            scene.shapes.vertices[corners] + away[faces][row, order].reshape(-1, 3),
             np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
             uv=taken(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
             normals=normals,

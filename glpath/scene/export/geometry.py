@@ -131,3 +131,12 @@ def _square(scene: Scene, plane: Shape) -> Shape:
         emission=plane.emission,
         emission_two_sided=plane.emission_two_sided,
     )
+
+
+def behind(scene: Scene) -> float:
+    """How far, in scene units, the back of a surface is from its front where either is triangles of its own.
+
+    Viewers cull what they see from behind; whoever does not, as path tracers do, would meet either at random. A
+    depth-buffer tells so much apart, and nobody sees it.
+    """
+    return 2e-5 * float(np.linalg.norm(np.ptp(np.stack(scene.bounds), axis=0)))
