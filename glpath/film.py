@@ -267,6 +267,7 @@ class Film:
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
             versions=merged_values(self.metadata.versions, other.metadata.versions),
+            unit=self.metadata.unit or other.metadata.unit,
             elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
             statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             stop_rule="",

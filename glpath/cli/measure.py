@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -41,6 +40,7 @@ from glpath.files import Save, check_writable, is_stream, save_all
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
 from glpath.terminal import say
+from glpath.units import EFFICACY
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,15 +139,6 @@ def measure(
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
-    lumens_per_watt: Annotated[
-        float,
-        typer.Option(
-            metavar="LM",
-            help="Of light whose Rec. 709 channels are equal; 1 where the scene's lights are photometric (candela "
-            "of IES profiles or glTF), which glpath takes one to one.",
-            rich_help_panel=_LIGHT,
-        ),
-    ] = 179.0,
     integrator: Annotated[
         str,
         typer.Option(
@@ -179,7 +170,7 @@ def measure(
     uniformities U0 (minimum over mean) and Ud (minimum over maximum).
 
     Points may lie on surfaces or be free; each has the light of the side that its normal leaves. Lux are the
-    luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance in W/m2 times --lumens-per-watt.
+    luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance; of light in watts times 179 lm/W.
     """
     from glpath.cli.point_files import check_kind, grid_of, read_points, save_csv, save_npz
 
@@ -200,8 +191,6 @@ def measure(
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    if not 0 < lumens_per_watt < math.inf:
-        raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
     rules = stop_rules(time_limit, noise)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     if checkpoint is not None or resume:
@@ -253,11 +242,11 @@ def measure(
             if path in pictures:
                 title = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
-            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
-        rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+            saves[path] = partial(save, at=at, found=found, **more)
+        rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
         conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
     if not quiet and progress != "json":
-        for line in _summary(found, lumens_per_watt):
+        for line in _summary(found):
             say(line, err=True)
         for path in out:
             if not is_stream(path):
@@ -265,8 +254,8 @@ def measure(
     last_words(keeper, f"what {film.path_sets} paths of each point found is written")
 
 
-def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
-    lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
+def _summary(found: Irradiance) -> Iterator[str]:
+    lux, error = found.illuminance(), found.illuminance_errors()
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
     yield f"  illuminance: {_figures(lux)}"
@@ -277,7 +266,8 @@ def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
         yield f"  {_figures(lit)}"
     if found.film.path_sets >= 16:
         yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
-    yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
+    if found.unit == "radiometric":
+        yield f"  of W/m2 by {EFFICACY:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
 
 
 def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
@@ -287,7 +277,7 @@ def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
     return f"{told}; U0 {least / mean:.3f}, Ud {least / most:.3f}" if mean > 0 else told
 
 
-def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
+def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None:
     import numpy as np
 
     from glpath.cli.point_files import AXES
@@ -297,7 +287,7 @@ def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: fl
 
     grid = at.grid
     assert grid is not None, "asked for before"
-    lux = found.illuminance(lumens_per_watt)
+    lux = found.illuminance()
     lit = lux[lux > 0]
     dark = len(lux) - len(lit)
     inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""

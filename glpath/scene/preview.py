@@ -22,6 +22,7 @@ from glpath.errors import UsageError
 from glpath.image import encode_png, encode_srgb
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Camera, Float64, Scene, sphere_extent
+from glpath.units import symbol
 
 #: Rows of a table; a scene can have thousands of shapes.
 ROWS = 12
@@ -332,10 +333,15 @@ def _html(scene: Scene, png: bytes) -> str:
         ],
         len(scene.materials),
     )
-    lamps = [(s.name, "shape", _numbers(s.emission) + " W/(sr m²)") for s in scene.shapes if s.emits]
+    lamps = [
+        (s.name, "shape", f"{_numbers(s.emission)} {symbol(scene.unit, 'radiance')}")
+        for s in scene.shapes
+        if s.emits
+    ]
     for light in scene.lights:
         bound = light.kind != "directional" and light.falloff == "quadratic"
-        lamps.append((light.name, light.kind, _numbers(light.intensity) + (" W/sr" if bound else " W/m²")))
+        unit = symbol(scene.unit, "intensity" if bound else "irradiance")
+        lamps.append((light.name, light.kind, f"{_numbers(light.intensity)} {unit}"))
     lights = _table(
         f"{len(lamps):,} light{'s' * (len(lamps) != 1)}", ("name", "kind", "light"), lamps[:ROWS], len(lamps)
     )

@@ -69,7 +69,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             raise unknown(
                 "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
             )
-        radiance, two_sided = lights.emission(given.emission, here.field("emission"))
+        radiance, two_sided = lights.emission(given.emission, here.field("emission"), file.unit)
         material = number[given.material]
         geometry: Mesh | Stream | Literal["sphere", "plane"]
         subdivisions = 4
@@ -106,7 +106,7 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind, moved)
         )
 
-    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter)
+    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, file.unit)
     assets.add(file.assets, place.field("assets"))
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
@@ -115,10 +115,11 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         materials=tuple(assets.materials),
         source=place.source,
         textures=tuple(assets.textures),
-        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up), *assets.lights),
+        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up, file.unit), *assets.lights),
         ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder, file.unit),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
+        unit=file.unit,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +19,38 @@ from glpath.scene.formats.scene_pictures import stored_picture
 from glpath.scene.formats.values import LARGEST, light, unit
 from glpath.scene.model import Environment, Float64, Light, LightProfile, Sky
 from glpath.scene.place import Place
+from glpath.units import Unit, conversion
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 
 
-def lights(given: Sequence[AnyLight], place: Place, folder: Path, camera_up: Float64) -> tuple[Light, ...]:
-    """Those of the file; `place` is their list's, `folder` where relative paths start. Raises SceneError."""
+def lights(
+    given: Sequence[AnyLight], place: Place, folder: Path, camera_up: Float64, scene_unit: Unit
+) -> tuple[Light, ...]:
+    """Those of the file, in the unit of the scene. Raises SceneError.
+
+    place, folder : of their list; where relative paths start
+    """
     profiles: dict[Path, LightProfile] = {}
+    made = (_light(each, index, place.item(index), folder, camera_up, profiles) for index, each in enumerate(given))
     return tuple(
-        _light(each, index, place.item(index), folder, camera_up, profiles) for index, each in enumerate(given)
+        replace(
+            light, intensity=light.intensity * conversion(_unit_of(each, place.item(i), scene_unit), scene_unit)
+        )
+        for i, (light, each) in enumerate(zip(made, given, strict=True))
     )
+
+
+def _unit_of(given: AnyLight, place: Place, scene_unit: Unit) -> Unit:
+    """The unit that a light's numbers are in. Raises SceneError for a profile in watts."""
+    if isinstance(given, description.PointLight) and not isinstance(given.profile, UnsetType):
+        if given.unit == "radiometric":
+            raise place.field("unit").error(
+                "is radiometric, but the candela of a profile are photometric.",
+                "Leave it out: the light is converted to the unit of the scene.",
+            )
+        return "photometric"
+    return scene_unit if isinstance(given.unit, UnsetType) else given.unit
 
 
 def _light(
@@ -97,7 +120,7 @@ def _plain_intensity(given: description.PointLight, place: Place) -> Float64:
     if isinstance(given.intensity, UnsetType):
         raise place.error(
             "lacks the field `intensity`, which a light without a `profile` must have.",
-            "Radiant intensity in W sr^-1, one number or [r, g, b]; for example intensity = 10.",
+            "Intensity in W sr^-1, or cd where photometric, one number or [r, g, b]; for example intensity = 10.",
         )
     return light(given.intensity, place.field("intensity"))
 
@@ -129,26 +152,31 @@ def _cone(cone: tuple[float, float], place: Place) -> tuple[float, float]:
     return full, end
 
 
-def emission(given: Emission | UnsetType, place: Place) -> tuple[Float64, bool]:
-    """(3,) radiance of a shape, and whether it leaves both sides. Raises SceneError."""
+def emission(given: Emission | UnsetType, place: Place, scene_unit: Unit) -> tuple[Float64, bool]:
+    """(3,) radiance of a shape in the unit of the scene, and whether it leaves both sides. Raises SceneError."""
     if isinstance(given, UnsetType):
         return np.zeros(3), False
-    return light(given.radiance, place.field("radiance")), given.two_sided
+    factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
+    return factor * light(given.radiance, place.field("radiance")), given.two_sided
 
 
 def sky(
-    given: description.Sky | UnsetType, camera_up: Float64, place: Place, folder: Path
+    given: description.Sky | UnsetType, camera_up: Float64, place: Place, folder: Path, scene_unit: Unit
 ) -> Sky | Environment | None:
-    """The sky, or None where the file has none; `folder` is where relative paths start. Raises SceneError."""
+    """The sky in the unit of the scene, or None where the file has none. Raises SceneError.
+
+    folder : where relative paths start
+    """
     if isinstance(given, UnsetType):
         return None
+    factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, place.field("up"), "up = [0, 1, 0]")
     others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
     found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
     if not isinstance(given.file, UnsetType) and not found:
         scale = 1.0 if isinstance(given.scale, UnsetType) else given.scale
         rotation = 0.0 if isinstance(given.rotation, UnsetType) else given.rotation
-        return _environment(folder / given.file, scale, rotation, up, place)
+        return _environment(folder / given.file, factor * scale, rotation, up, place)
     if isinstance(given.zenith, UnsetType) or found:
         names = ("zenith", "horizon", "file", "scale", "rotation")
         has = [name for name in names if not isinstance(getattr(given, name), UnsetType)]
@@ -159,7 +187,7 @@ def sky(
         )
     zenith = light(given.zenith, place.field("zenith"))
     horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, place.field("horizon"))
-    return Sky(zenith, horizon, up)
+    return Sky(factor * zenith, factor * horizon, up)
 
 
 def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
