@@ -439,15 +439,15 @@ def test_5_9_under_an_open_roof(sky: str) -> None:
 
 CASES: dict[str, Callable[[], Case]] = {
     "5.3": lambda: area_source(256, 256),
-    "5.6, 0.5 m": lambda: reflected(0.5, 4096, 256),
+    "5.6, 0.5 m": lambda: reflected(0.5, 4096, 512),
     "5.6, 4 m": lambda: reflected(4.0, 1024, 128),
     "5.6, 500 m": lambda: reflected(500.0, 1024, 128),
     "5.7": lambda: obstructed(2048, 128),
-    "5.9, 1 m, uniform": lambda: roof_light(1.0, "uniform", 4096, 128),
-    "5.9, 1 m, overcast": lambda: roof_light(1.0, "overcast", 4096, 128),
+    "5.9, 1 m, uniform": lambda: roof_light(1.0, "uniform", 4096, 256),
+    "5.9, 1 m, overcast": lambda: roof_light(1.0, "overcast", 4096, 256),
     "5.9, 4 m, uniform": lambda: roof_light(4.0, "uniform", 512, 128),
     "5.9, 4 m, overcast": lambda: roof_light(4.0, "overcast", 512, 128),
-    "5.11, 2 x 1 m": lambda: window(2.0, 1.0, 1.0, 4096, 128),
+    "5.11, 2 x 1 m": lambda: window(2.0, 1.0, 1.0, 4096, 256),
     "5.11, 4 x 3 m": lambda: window(4.0, 0.0, 3.0, 2048, 128),
 }
 

@@ -25,6 +25,7 @@ from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.load import read_scene_file, scene_from_dict
 from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
 from glpath.scene.formats.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
+from glpath.scene.formats.other_files import refuse_other_file
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
@@ -82,6 +83,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
+    refuse_other_file(path)
     if path.suffix.lower() in GLTF_FORMATS:
         return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
     if path.suffix.lower() in MODEL_FORMATS:
