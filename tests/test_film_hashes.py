@@ -49,7 +49,7 @@ MIXED: dict[str, object] = {
 ENVIRONMENT = np.random.default_rng(0).random((9, 16, 3)).astype(np.float32)
 ENVIRONMENT[2, 5] = 60.0
 
-#: Every lobe: rough and brushed metal, plastic, a coat, clear and frosted glass, a pane, a cut-out with a normal map.
+#: Every lobe: rough and brushed metal, plastic, a coat, clear and frosted glass, a pane, a veil; a normal map.
 LOBES: dict[str, object] = {
     "camera": {"position": [0, 1.6, 4.6], "target": [0, 0.5, 0], "fov": 38},
     "textures": {"squares": {"type": "checker", "colors": [[0.9, 0.6, 0.9], [0.5, 0.5, 1.0]], "scale": 6}},
