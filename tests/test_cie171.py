@@ -24,12 +24,12 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
-from test_light_profiles import ies
 
 import glpath
 from glpath.image import luminance
 from glpath.scene import Environment
 from glpath.units import EFFICACY
+from tests.test_light_profiles import ies
 
 Float64 = NDArray[np.float64]
 

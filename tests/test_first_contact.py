@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_light_profiles import ies
 from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError
+from tests.test_light_profiles import ies
 
 
 @pytest.mark.parametrize("command", [["measure", "--plane", "y=0", "-o", "-"], ["info"], ["render", "-o", "a.png"]])

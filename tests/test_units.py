@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import Gltf
-from test_light_profiles import ies
 from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
 from glpath.units import EFFICACY
+from tests.gltf_files import Gltf
+from tests.test_light_profiles import ies
 
 FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]], "material": "black"}
 LAMP = {"type": "point", "position": [0, 2, 0]}
