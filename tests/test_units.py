@@ -247,3 +247,58 @@ def test_units_that_are_none_are_refused(profile: str) -> None:
         glpath.load_scene(scene(LAMP | {"intensity": 1}, unit="lumens"))
     with pytest.raises(SceneError, match=r"(?s)lights.*unit.*candela of a profile are photometric"):
         glpath.load_scene(scene(LAMP | {"profile": profile, "unit": "radiometric"}))
+
+
+def test_lights_are_given_by_their_flux(profile: str) -> None:
+    """In lumens, by closed forms: a point, a profile, a spot with an edge, a panel, a ball."""
+    lm = {"unit": "photometric"}
+    point = LAMP | {"flux": 4000 * np.pi}
+    assert lux(scene(point | lm)) == pytest.approx(250, rel=1e-5)
+    assert lux(scene(point)) == pytest.approx(179 * 250, rel=1e-5)  # in watts
+    form = LAMP | {"profile": profile, "direction": [0, -1, 0], "flux": 4000 * np.pi}
+    assert lux(scene(form)) == pytest.approx(250, rel=1e-3)  # of what is linear between 0, 90 and 180 degrees
+    # Within the cone of full light, 1000 lm spread over the angle that the smooth edge counts half of.
+    spot = {"type": "spot", "position": [0, 2, 0], "target": [0, 0, 0], "cone": [20, 40], "flux": 1000}
+    angle = 2 * np.pi * (1 - np.cos(np.radians([20, 40])).mean())
+    assert lux(scene(spot | lm)) == pytest.approx(1000 / angle / 4, rel=1e-5)
+    corners = [[-0.5, 2, -0.5], [0.5, 2, -0.5], [0.5, 2, 0.5], [-0.5, 2, 0.5]]
+    panel = {"type": "quad", "corners": corners, "material": "black", "emission": {"flux": 500 * np.pi} | lm}
+    assert lux(scene(shapes=[FLOOR, panel]), spp=256) == pytest.approx(500 * below_a_panel(0.5, 2.0), rel=0.01)
+    both = panel | {"emission": {"flux": 500 * np.pi, "two_sided": True} | lm}
+    assert glpath.load_scene(scene(shapes=[FLOOR, both])).shapes[1].emission.max() == pytest.approx(250 / 179)
+    ball = {
+        "type": "sphere",
+        "radius": 0.25,
+        "center": [0, 2, 0],
+        "material": "black",
+        "emission": {"flux": 100} | lm,
+    }
+    # As from its middle: flux / (4 pi d^2).
+    assert lux(scene(shapes=[FLOOR, ball]), spp=1024) == pytest.approx(100 / (16 * np.pi), rel=0.01)
+
+
+def test_the_flux_of_an_ellipsoid_is_by_its_exact_surface() -> None:
+    """A prolate spheroid of axes 1, 1, 2: 2 pi (1 + 2 / e asin e), e its eccentricity."""
+    e = np.sqrt(3) / 2
+    shape = {"type": "sphere", "radius": 1, "transform": [{"scale": [1, 1, 2]}], "emission": {"flux": 1}}
+    loaded = glpath.load_scene(scene(shapes=[FLOOR, shape | {"material": "black"}]))
+    assert 1 / (np.pi * loaded.shapes[1].emission[0]) == pytest.approx(
+        2 * np.pi * (1 + 2 / e * np.arcsin(e)), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("light", "words"),
+    [
+        (LAMP, "lacks the field `intensity`.*or `flux`"),
+        (LAMP | {"intensity": 1, "flux": 1}, "has intensity and flux"),
+        (LAMP | {"flux": 1, "falloff": "none"}, "falloff is .none., which has no flux"),
+        (LAMP | {"flux": -1}, "0 or more"),
+    ],
+)
+def test_a_flux_that_is_none_is_refused(light: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=rf"(?s)lights.*{words}"):
+        glpath.load_scene(scene(light))
+    for emission in ({}, {"flux": 1, "radiance": 1}):
+        with pytest.raises(SceneError, match="an emission is one of `radiance` and `flux`"):
+            glpath.load_scene(scene(shapes=[FLOOR | {"emission": emission}]))

@@ -17,12 +17,22 @@ Intensity = Annotated[
         "or [r, g, b], linear Rec. 709; with falloff none the irradiance in W m^-2 or lx at any distance."
     ),
 ]
+Flux = (
+    Annotated[
+        float | Vector,
+        Meta(
+            description="All that the light sends, in W, or lm where photometric, in place of the intensity: one "
+            "number or [r, g, b]; of a profile it then takes the form alone."
+        ),
+    ]
+    | UnsetType
+)
 OwnUnit = (
     Annotated[
         Unit,
         Meta(
-            description="Of this light alone: radiometric (W sr^-1, W m^-2) or photometric (cd, lx, cd m^-2); that "
-            "of the file without it. A light with a profile is photometric."
+            description="Of this light alone: radiometric (W, W sr^-1, W m^-2) or photometric (lm, cd, lx, "
+            "cd m^-2); that of the file without it. A light with a profile is photometric."
         ),
     ]
     | UnsetType
@@ -45,6 +55,7 @@ class PointLight(Light, tag="point", kw_only=True):
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
     falloff: Falloff = "quadratic"
     profile: (
         Annotated[
@@ -83,7 +94,8 @@ class SpotLight(Light, tag="spot", kw_only=True):
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     target: Annotated[Vector, Meta(description="A point on the axis of the cone.")]
-    intensity: Intensity
+    intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
     cone: Annotated[
         tuple[float, float],
         Meta(

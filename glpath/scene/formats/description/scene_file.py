@@ -26,8 +26,8 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     unit: Annotated[
         Unit,
         Meta(
-            description="Of all light in the file that names none: radiometric (W sr^-1, W m^-2, W sr^-1 m^-2) or "
-            "photometric (cd, lx, cd m^-2); a watt is 179 lumens."
+            description="Of all light in the file that names none: radiometric (W, W sr^-1, W m^-2, "
+            "W sr^-1 m^-2) or photometric (lm, cd, lx, cd m^-2); a watt is 179 lumens."
         ),
     ] = "radiometric"
     camera: Annotated[
@@ -69,8 +69,11 @@ def scene_schema() -> dict[str, Any]:
         ("Principled", "specular_color", positive),
         ("Principled", "attenuation", positive),
         ("Emission", "radiance", positive),
+        ("Emission", "flux", positive),
         ("PointLight", "intensity", positive),
+        ("PointLight", "flux", positive),
         ("SpotLight", "intensity", positive),
+        ("SpotLight", "flux", positive),
         ("DirectionalLight", "irradiance", positive),
         ("Sky", "zenith", positive),
         ("Sky", "horizon", positive),

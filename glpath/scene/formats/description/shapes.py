@@ -23,16 +23,26 @@ Radiance = Annotated[
 
 
 class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Makes a shape a light: diffuse emission, the same over the whole shape."""
+    """Makes a shape a light: diffuse emission, the same over the whole shape; `radiance` or `flux`."""
 
-    radiance: Radiance
+    radiance: Radiance | UnsetType = UNSET
+    flux: (
+        Annotated[
+            float | Vector,
+            Meta(
+                description="All that the shape sends, in W, or lm where photometric, in place of the radiance: "
+                "one number or [r, g, b]; of a material without an emission_texture."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     two_sided: Annotated[bool, Meta(description="true: both sides emit; otherwise the front only.")] = False
     unit: (
         Annotated[
             Unit,
             Meta(
-                description="Of this light alone: radiometric (W sr^-1 m^-2) or photometric (cd m^-2); that of the "
-                "file without it."
+                description="Of this light alone: radiometric (W, W sr^-1 m^-2) or photometric (lm, cd m^-2); "
+                "that of the file without it."
             ),
         ]
         | UnsetType
