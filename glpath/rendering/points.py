@@ -221,4 +221,4 @@ def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> P
     facing = facing.reshape(-1, *place.shape)
     place = np.broadcast_to(place, facing.shape)
     rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
-    return PointSensor.of(*rows, shutter=shutter)
+    return PointSensor.of(*rows, shutter=shutter, independent=True)

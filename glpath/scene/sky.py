@@ -208,6 +208,17 @@ class Environment:
         bright = self._tables.bright
         return bright if 0 < bright < 1 else 0.5
 
+    @property
+    def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
+        """What `directions` chooses by, for shaders that do the same.
+
+        Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
+        of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and
+        (h, w + 1) the cumulated probability of each row's texels.
+        """
+        tables = self._tables
+        return tables.rows, tables.order, self._halves.mass, tables.columns
+
     @cached_property
     def _halves(self) -> _Halves:
         return _Halves.of(self.image.shape[0])
