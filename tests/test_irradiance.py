@@ -159,7 +159,7 @@ def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
     path.write_text(LIT + '[[shapes]]\ntype = "box"\nmin = [0.6, 0.6, 0]\nmax = [2, 2, 1.5]\n')
     pytest.importorskip("matplotlib")
     out = tmp_path / "lux.csv"
-    asked = ("--plane", "z=0.5", "--spacing", 0.5, "--spp", 16, "-o", out, "-o", tmp_path / "lux.png")
+    asked = ("--plane", "z=0.5", "--spacing", 0.5, "--spp", 16, "--max-depth", 1, "-o", out, "-o", tmp_path / "lux.png")
     result = cli(path, *asked)
     assert result.exit_code == 0, result.stderr
     table = np.genfromtxt(out, delimiter=",", skip_header=1)

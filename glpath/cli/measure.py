@@ -43,13 +43,11 @@ from glpath.progress import MODES, duration
 from glpath.terminal import say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from glpath.cli.point_files import Points
     from glpath.film import Film
     from glpath.integrators.settings import Integrator
     from glpath.rendering.points import Irradiance, Receiver
+    from glpath.rendering.uniformity import Estimate, Spread
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
@@ -266,25 +264,50 @@ def measure(
 
 
 def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
+    import numpy as np
+
     lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
-    yield f"  illuminance: {_figures(lux)}"
-    lit = lux[lux > 0]
-    if 0 < len(lit) < len(lux):
-        dark = len(lux) - len(lit)
-        yield f"  {dark:,} points have no light at all: inside of solids, perhaps. Without them:"
-        yield f"  {_figures(lit)}"
+    spread = found.spread(None, lumens_per_watt)
+    yield f"  illuminance: {_figures(spread)}"
+    lit = lux > 0
+    if lit.any() and not lit.all():
+        yield f"  {np.count_nonzero(~lit):,} points have no light at all: inside of solids, perhaps. Without them:"
+        spread = found.spread(lit, lumens_per_watt)
+        yield f"  {_figures(spread)}"
+    elif not lit.any():
+        yield "  no light comes to any of the points: they are inside of solids, or there is no lamp in their room"
     if found.film.path_sets >= 16:
         yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
+    wanted = spread.asks_for(found.film.path_sets)
+    if wanted is not None:
+        plain = spread.minimum.plain / spread.mean.value
+        yield (
+            f"  noise dominates the minimum or the maximum: U0 of the values as they are would be {plain:.3f}; "
+            f"about --spp {wanted} decides"
+        )
     yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
 
 
-def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
-    """What is asked of a grid: U0 is its minimum over its mean, Ud over its maximum."""
-    mean, least, most = float(lux.mean()), float(lux.min()), float(lux.max())
-    told = f"mean {mean:.{digits}g} lx, minimum {least:.{digits}g}, maximum {most:.{digits}g}"
-    return f"{told}; U0 {least / mean:.3f}, Ud {least / most:.3f}" if mean > 0 else told
+def _figures(spread: Spread, digits: int = 4) -> str:
+    """What is asked of a grid, each with its standard error: U0 is its minimum over its mean, Ud over its maximum."""
+    mean, least, most = (
+        _with_error(x, f"{x.value:.{digits}g}", unit)
+        for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
+    )
+    told = f"mean {mean}, minimum {least}, maximum {most}"
+    if not spread.mean.value > 0:
+        return told
+    u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
+    return f"{told}; U0 {u0}, Ud {ud}"
+
+
+def _with_error(of: Estimate, value: str, unit: str = "") -> str:
+    """Two digits of the error; none where it is not known, or beyond what is shown."""
+    if not of.error > 1e-4 * abs(of.value):
+        return f"{value}{unit}"
+    return f"{value} ± {of.error:.2g}{unit}"
 
 
 def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
@@ -298,15 +321,16 @@ def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: fl
     grid = at.grid
     assert grid is not None, "asked for before"
     lux = found.illuminance(lumens_per_watt)
-    lit = lux[lux > 0]
-    dark = len(lux) - len(lit)
+    lit = lux > 0
+    dark = int(np.count_nonzero(~lit))
     inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
+    spread = found.spread(lit if lit.any() else None, lumens_per_watt)
     a, b = (f"{step:.3g}" for step in grid.step)
     page = field(
         f"{title}, {AXES[grid.axis]} = {grid.height:g}",
         f"{grid.shape[1]} x {grid.shape[0]} points, {a if a == b else f'{a} x {b}'} apart, "
-        f"{found.film.path_sets:,} paths each. {inside}{_figures(lit if len(lit) else lux, 3)}.",
-        np.where(lux > 0, lux, np.nan if len(lit) else 0.0).reshape(grid.shape),
+        f"{found.film.path_sets:,} paths each. {inside}{_figures(spread, 3)}.",
+        np.where(lit, lux, np.nan if lit.any() else 0.0).reshape(grid.shape),
         grid.extent,
         (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
         "lux",

@@ -26,6 +26,7 @@ from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import describe
 from glpath.rendering.options import MAX_SPP, check_word, with_options
 from glpath.rendering.stopping import StopRules
+from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import AnyScene, load_scene
 from glpath.scene.formats.values import LARGEST
 from glpath.sensors import PointSensor
@@ -79,6 +80,20 @@ class Irradiance:
         """(N,) float64, lux, one standard deviation of `illuminance`."""
         of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
         return lumens_per_watt * self._of_points(of_light)[:, 0]
+
+    def spread(self, which: NDArray[np.bool_] | None = None, lumens_per_watt: float = LUMENS_PER_WATT) -> Spread:
+        """Mean, minimum, maximum and uniformities of `illuminance`, lux, each with its standard error.
+
+        which : (N,) bool, the points that count; all. One at least
+
+        `min(illuminance())` is too low, as noise chooses the point: `glpath.rendering.uniformity` says what this
+        does in its place, and what its errors are.
+        """
+        lux = luminance(self.film.radiance_sums).reshape(len(self.film.radiance_sums), -1)[:, : self.count]
+        chosen = lux if which is None else lux[:, which]
+        if not chosen.shape[1]:
+            raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
+        return spread_of(lumens_per_watt * np.pi * chosen, self.film.batch_counts)
 
     def _of_points(self, radiance: Float64) -> Float64:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
