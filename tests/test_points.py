@@ -174,7 +174,7 @@ def test_a_surface_shadows_neither_itself_nor_lets_light_through(directions: str
 
 
 def by_all_light_samples(scene: glpath.Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(N, 3) W m^-2 with nothing between: the mean over samples that `Lighting` draws on the CPU, and over no others."""
+    """(N, 3) W m^-2 with nothing between: the mean over samples that `Lighting` draws on the CPU."""
     lighting = Lighting.of(path_traceable(scene))
     u = np.random.default_rng(8).random((60_000, 3))
     u[:, 0] = (np.arange(len(u)) + u[:, 0]) / len(u)

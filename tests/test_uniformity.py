@@ -81,7 +81,7 @@ def test_exact_values_have_their_own_minimum_and_no_error() -> None:
     assert (found.minimum.value, found.maximum.value) == pytest.approx((0.65, 1.0))
     assert found.u0.value == pytest.approx(0.65 / field.mean())
     assert found.u0.error < 1e-12
-    one = spread_of(field[None] * 32, np.array([32]))
+    one = spread_of(np.eye(8, 1) * field * 8, np.array([8] + [0] * 7))
     assert one.minimum.value == pytest.approx(0.65)
     assert np.isnan([one.minimum.error, one.mean.error, one.u0.error]).all()
     assert one.asks_for(8) is None
@@ -96,8 +96,8 @@ def lamp_scene(height: float) -> dict[str, Any]:
 
 
 def test_a_thousand_copies_of_a_point_have_a_mean_as_exact_as_they_are_many() -> None:
-    """Near to a lamp, where the light of its points differs most: with light samples that all points shared, the mean
-    was fifteen of these errors off."""
+    """Near to a lamp, where the light of its points differs most: with light samples that all points share, the
+    mean is fifteen of these errors off."""
     scene, point, up = lamp_scene(0.2), np.array([0.3, 0.2, 0.0]), np.array([0.0, 0, 1])
     truth = 10 * float(polygon_irradiance(point[None], (0.0, 0.0, 1.0), scene["shapes"][0]["corners"])[0])
     off = []
@@ -108,19 +108,23 @@ def test_a_thousand_copies_of_a_point_have_a_mean_as_exact_as_they_are_many() ->
     assert np.max(np.abs(off)) < 3, off
 
 
-def test_the_uniformity_under_a_lamp_is_that_of_its_closed_form() -> None:
-    """At random, so that there is noise: of 400 points, U0 of the values as they are is far too low."""
-    scene = lamp_scene(1.0)
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_the_uniformity_under_a_lamp_is_that_of_its_closed_form(sampling: str) -> None:
+    """Of 400 points with few paths, U0 of the values as they are is far too low. Batches of a Sobol sequence are
+    not independent: read off the other half as it is, the minimum would be above the mean."""
+    scene = lamp_scene(1.0 if sampling == "random" else 0.6)
     x, y = np.meshgrid(np.linspace(-1.2, 1.2, 20), np.linspace(-1.2, 1.2, 20))
     points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     truth = 10 * polygon_irradiance(points, (0.0, 0.0, 1.0), scene["shapes"][0]["corners"])
     u0, mean = truth.min() / truth.mean(), 179 * truth.mean()
-    options: dict[str, Any] = {"spp": 64, "max_depth": 1, "sampling": "random"}
-    found = [glpath.irradiance(scene, points, [0, 0, 1], seed=seed, **options).spread() for seed in range(20)]
-    assert np.mean([s.minimum.plain / s.mean.value for s in found]) < u0 - 0.05
-    assert np.mean([s.u0.value for s in found]) == pytest.approx(u0, abs=0.025)
+    options: dict[str, Any] = {"spp": 64, "max_depth": 1, "sampling": sampling}
+    found = [glpath.irradiance(scene, points, [0, 0, 1], seed=seed, **options).spread() for seed in range(16)]
+    plain = np.mean([s.minimum.plain / s.mean.value for s in found])
+    assert plain < u0 - (0.05 if sampling == "random" else 0.02)
+    assert np.mean([s.u0.value for s in found]) == pytest.approx(u0, abs=0.2 * (u0 - plain) + 0.005)
     off = np.array([[(s.u0.value - u0) / s.u0.error, (s.mean.value - mean) / s.mean.error] for s in found])
     # The errors of means are of eight batches, so that these follow Student's t: its deviation is 1.18.
     assert (np.sqrt(np.mean(off**2, axis=0)) < [1.2, 1.7]).all(), off
-    stated = np.sqrt(np.mean([s.mean.error**2 for s in found]))
-    assert np.std([s.mean.value for s in found]) == pytest.approx(stated, rel=0.4)
+    if sampling == "random":
+        stated = np.sqrt(np.mean([s.mean.error**2 for s in found]))
+        assert np.std([s.mean.value for s in found]) == pytest.approx(stated, rel=0.45)

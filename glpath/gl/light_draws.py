@@ -1,8 +1,8 @@
 """All lights of a scene on the device, for paths that draw light samples of their own: `shaders/light_draw.glsl`.
 
-What a sample is, and how dense it is, says `glpath.lighting`, as of the samples that a path set shares. A light is
-divided into pieces, each of which numbers in [0, 2^32) choose: a side of an emitting triangle, a punctual light, the
-sky. Of an environment map there are tables of its rows and columns besides.
+`glpath.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The lights are
+divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in [0, 2^32)
+chooses each. An environment map has tables of its rows and columns besides.
 
 Cost:     16 bytes for each side of an emitting triangle; 4 a texel of an environment map. A path's sample takes a
           search among the pieces, and a triangle's corners.
@@ -29,8 +29,8 @@ _LAYOUT: Layout = {
         "probability, as the bits of a float; its kind, and 8 for the back of a triangle"
     },
     "sky_half": {
-        "CHOICE": "of a row's upper or lower half: the number from which on it is chosen; which half; its mass as the "
-        "bits of a float"
+        "CHOICE": "of a row's upper or lower half: the number from which on it is chosen; which half; its mass as "
+        "the bits of a float"
     },
     "sky_column": {"CHOICES": "of four texels of a row of the map: the numbers from which on each is chosen"},
 }

@@ -1,14 +1,19 @@
-"""Mean, minimum and maximum of what was measured at points, and the uniformities that standards ask for, with errors.
+"""Mean, minimum, maximum and uniformities of what was measured at points, each with its standard error.
 
-The least of noisy values is too low, as the point that is chosen is the one whose error happened to go down: of a
-thousand points with an error of 10 %, by a third of their mean. A minimum that is chosen by one half of the batches
-of path sets and read off the other half has errors that know nothing of each other: it is the value of a point that
-is nearly the darkest, and so too high, if at all. The expected values of the two have the minimum between them. What
-is given lies three quarters of the way to the second, where simulations have the least bias of fields that are even,
-sloped, lamp-like or without any order; its error has that of the point, and that the minimum may be anywhere between.
+The least of noisy values is too low: the chosen point is the one whose error happened to go down. Of a thousand
+points with an error of 10 %, it is low by a third of their mean. A minimum that one half of the batches of path
+sets chooses, and that is read off the other half, does not have this bias. It is the value of a point that is nearly
+the darkest, and so too high, if at all. The expected values of the two have the minimum between them. The estimate
+lies three quarters of the way to the second. There, simulations have the least bias of fields that are even, sloped,
+lamp-like or without any order. Its error has that of the point, and that the minimum may be anywhere between.
+
+Batches of a Sobol sequence are not independent: where one is too bright, the others are too dark. All points
+together tell how much so (`_gain`). The half that is read then gets as much of the half that chose as makes the two
+independent.
 
 Cost:     all halves of eight batches, 70, each a pass over the points: a second for four million.
-Poor at:  noise above the contrast: then only a bound is known, and the error says so. `Spread.asks_for` has a remedy.
+Poor at:  noise above the contrast: only bounds are known then, and the error is large; `Spread.asks_for` has a
+          remedy. Rare bright light, which most points have not met: it is not in the errors either.
 
 Hado van Hasselt, "Double Q-learning", 2010, for choosing by one half and reading off the other; "Estimating the
 maximum expected value", 2013, for the signs of both biases.
@@ -29,13 +34,15 @@ Float64 = NDArray[np.float64]
 
 # Of the way from the least of all values to that of the halves.
 _TOWARDS_HALVES = 0.75
+# Below, nothing tells how batches of a sequence go together.
+_LEAST_BATCHES = 4
 #: Share of an extreme by which its two bounds may differ before noise is said to dominate it.
 UNDECIDED = 0.1
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its standard error; the error is NaN where there are fewer than two batches of path sets."""
+    """A number and its standard error; NaN where too few batches tell it: two for a mean, four for an extreme."""
 
     value: float
     error: float
@@ -89,40 +96,80 @@ class Spread:
 def spread_of(sums: Float64, counts: NDArray[np.int64]) -> Spread:
     """The mean, minimum and maximum of N points.
 
-    sums   : (B, N) float64 over the path sets of each batch, N from 1
-    counts : (B,) path sets of each; 0 where there are none
+    sums   : (8, N) float64 over the path sets of each of a film's batches, N from 1
+    counts : (8,) path sets of each; 0 where there are none
 
     The error of the mean is the spread of the batches' means, whatever points have in common.
     """
-    sums, counts = sums[counts > 0], counts[counts > 0]
     means = sums.mean(axis=1)
-    error = float(standard_error(means, counts))
-    mean = Estimate(float(means.sum() / counts.sum()), error)
+    mean = Estimate(float(means.sum() / counts.sum()), float(standard_error(means, counts)))
     least, most = _minimum(sums, counts), _minimum(-sums, counts)
-    return Spread(mean, least, Extreme(-most.value, most.error, -most.plain, most.bounds))
+    return Spread(mean, least, Extreme(0.0 - most.value, most.error, 0.0 - most.plain, most.bounds))
 
 
 def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
+    there = counts > 0
+    gain = _gain(sums, counts)
+    sums, counts = sums[there], counts[there]
     batches, total = len(counts), sums.sum(axis=0)
     means = total / counts.sum()
     plain = float(means.min())
-    if batches < 2:
+    if batches < _LEAST_BATCHES:
         return Extreme(plain, np.nan, plain)
-    weights, values = [], []
+    # Batches whose errors have the correlation -k; of halves of them it is -c.
+    k = (1 - gain) / (batches - 1 + gain)
+    c = 0.5 * batches * k / (1 - (0.5 * batches - 1) * k)
+    values, weights = [], []
     for half in _halves(batches):
         by = sums[half].sum(axis=0)
-        point = int(by.argmin())
-        rest = int(counts.sum() - counts[half].sum())
+        point, chose = int(by.argmin()), int(counts[half].sum())
+        rest = int(counts.sum()) - chose
+        values.append((float(total[point] - by[point]) / rest + c * float(by[point]) / chose) / (1 + c))
         weights.append(rest)
-        values.append((total[point] - by[point]) / rest)
-    other = float(np.average(values, weights=weights))
-    # A point that is low by chance has a small spread, too, where noise is skewed: so that of all which may be lowest.
-    own = standard_error(sums, counts)
-    own = own[means - 2 * own <= (means + 2 * own).min()]
+    other = min(float(np.average(values, weights=weights)), float(means.mean()))
     bounds = max(other - plain, 0.0)
     value = plain + _TOWARDS_HALVES * bounds
+    # Where noise is skewed, a point that is low by chance has a small spread, too: all that may be lowest count.
+    own = standard_error(sums, counts)
+    own = own[means - 2 * own <= (means + 2 * own).min()]
     # The variance of a number that may be anywhere between two is a twelfth of the square of their distance.
-    return Extreme(value, float(np.sqrt(np.mean(own**2) + bounds**2 / 12)), plain, bounds)
+    return Extreme(value, float(np.sqrt(np.median(own**2) + bounds**2 / 12)), plain, bounds)
+
+
+def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
+    """The variance of means over all batches, as a share of what independent batches would have.
+
+    A batch's number is three bits of the numbers of its path sets. Where the variance of n path sets falls as
+    n^-(1 + a), batches that differ in the lowest bit differ most. With each further bit the variance falls by 2^-a,
+    down to that of the mean over all of them.
+    """
+    variances: list[float] = []
+    weights: list[int] = []
+    groups: list[tuple[Float64, int] | None] = [
+        (batch, int(n)) if n > 0 else None for batch, n in zip(sums, counts, strict=True)
+    ]
+    while len(groups) > 1:
+        found: list[Float64] = []
+        joined: list[tuple[Float64, int] | None] = []
+        for one, other in zip(groups[::2], groups[1::2], strict=True):
+            if one is not None and other is not None:
+                difference = one[0] / one[1] - other[0] / other[1]
+                found.append(difference**2 / (1 / one[1] + 1 / other[1]))
+                joined.append((one[0] + other[0], one[1] + other[1]))
+            else:
+                joined.append(one if other is None else other)
+        if not found:
+            break
+        variances.append(float(np.mean(found)))
+        weights.append(len(found))
+        groups = joined
+    if len(variances) < 2 or not variances[0] > 0:
+        return 1.0
+    levels = np.arange(1, len(variances))
+    ratios = (np.array(variances[1:]) / variances[0]) ** (1 / levels)
+    ratio = float(np.clip(np.average(ratios, weights=weights[1:]), 0.0, 1.0))
+    alone = float(np.average(variances, weights=weights))
+    return float(min(1.0, variances[0] / (2 - ratio) * ratio ** len(variances) / alone))
 
 
 def _halves(batches: int) -> Iterator[list[int]]:

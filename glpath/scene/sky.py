@@ -38,11 +38,13 @@ class Sky:
 
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
+    assumed         : it stands in for light that a file does not have: pictures have it, what measures refuses it
     """
 
     zenith: Float64
     horizon: Float64
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    assumed: bool = False
 
     def radiance(self, directions: ArrayLike) -> Float64:
         """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3)."""
