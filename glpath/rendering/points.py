@@ -128,8 +128,8 @@ def irradiance(
 
     Parameters
     ----------
-    scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count. It
-                 needs light: the white sky that pictures of a model without light have is not measured
+    scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count.
+                 It needs light: the white sky that pictures of a model without light have is not measured
     points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
     receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all

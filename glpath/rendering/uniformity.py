@@ -2,10 +2,11 @@
 
 The least of noisy values is too low: the chosen point is the one whose error happened to go down. Of a thousand
 points with an error of 10 %, it is low by a third of their mean. A minimum that one half of the batches of path
-sets chooses, and that is read off the other half, does not have this bias. It is the value of a point that is nearly
-the darkest, and so too high, if at all. The expected values of the two have the minimum between them. The estimate
-lies three quarters of the way to the second. There, simulations have the least bias of fields that are even, sloped,
-lamp-like or without any order. Its error has that of the point, and that the minimum may be anywhere between.
+sets chooses, and that is read off the other half, does not have this bias. It is the value of a point that is
+nearly the darkest, and so too high, if at all. The expected values of the two have the minimum between them. The
+estimate lies three quarters of the way to the second. There, simulations have the least bias of fields that are
+even, sloped, lamp-like or without any order. Its error has that of the point, and that the minimum may be anywhere
+between.
 
 Batches of a Sobol sequence are not independent: where one is too bright, the others are too dark. All points
 together tell how much so (`_gain`). The half that is read then gets as much of the half that chose as makes the two
