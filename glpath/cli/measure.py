@@ -219,7 +219,7 @@ def measure(
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
     if pictures:
-        from glpath.figures.style import require_matplotlib
+        from glpath.charts import require_matplotlib
 
         require_matplotlib()
     options = option_values(integrator, options)
@@ -331,8 +331,8 @@ def _with_error(of: Estimate, value: str, unit: str = "") -> str:
 def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
     import numpy as np
 
+    from glpath.charts import Axis, field
     from glpath.cli.point_files import AXES
-    from glpath.figures.style import Axis, field
     from glpath.files import write_bytes
     from glpath.image import encode_png
 
