@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -23,7 +24,7 @@ import pytest
 from PIL import Image
 
 import glpath
-from glpath.notebook.orbit import turned
+from glpath.notebook.orbit import nearer, turned
 
 pytestmark = browser.marks("jupyterlab")
 
@@ -76,6 +77,10 @@ canvas.height = image.naturalHeight
 canvas.getContext('2d').drawImage(image, 0, 0)
 return canvas.toDataURL('image/png').split(',')[1]
 """
+
+
+SHOWN = "return !!document.querySelector('.renderview-wrapper img')"
+SHOWS_AN_IMAGE = "return document.querySelector('.renderview-wrapper img')?.naturalWidth > 1"
 
 
 def wait_for(condition: Callable[[], Any], what: str, seconds: float = SECONDS) -> Any:
@@ -146,6 +151,21 @@ class Lab:
 
     def text(self) -> str:
         return str(self.driver.execute_script("return document.querySelector('.jp-Notebook').innerText"))
+
+    def reload(self) -> None:
+        """As the browser's own button does, with the notebook saved; the kernel lives on."""
+        self.driver.execute_async_script(
+            "const done = arguments[0]; window.jupyterapp.commands.execute('docmanager:save').then(() => done())"
+        )
+        self.driver.refresh()
+        wait_for(lambda: self.driver.execute_script(SHOWN), "the view is in the page again")
+
+    def path_sets(self) -> int:
+        return int(self.ask("print(shown.path_sets)"))
+
+    def counter(self) -> int:
+        """Path sets, as the view itself says."""
+        return int(re.search(r"(\d+) of \d+ path sets", self.text())[1])
 
     def press(self, button: str) -> None:
         self.driver.find_element("xpath", f"//button[contains(., '{button}')]").click()
@@ -232,12 +252,7 @@ def notebook(server: tuple[Path, str], driver: Any) -> Iterator[OpenNotebook]:
         driver.get(f"{url}lab/tree/view.ipynb?reset&token=glpath")
         lab = Lab(driver, folder, folder / "log")
         lab.run_cells()
-        wait_for(
-            lambda: driver.execute_script(
-                "return document.querySelector('.renderview-wrapper img')?.naturalWidth > 1"
-            ),
-            "the view shows an image",
-        )
+        wait_for(lambda: driver.execute_script(SHOWS_AN_IMAGE), "the view shows an image")
         opened.append(lab)
         return lab
 
@@ -306,8 +321,72 @@ def test_the_buttons_stop_save_and_reset(notebook: OpenNotebook) -> None:
     wait_for((lab.folder / "cornell-box.png").exists, "the picture is saved")
     saved = np.asarray(Image.open(lab.folder / "cornell-box.png"))
     wait_for(lambda: np.array_equal(lab.picture(), saved), "what is saved is what is seen", 20)
-    lab.press("Stop")
-    wait_for(lambda: int(lab.ask("print(shown.path_sets)")) > int(sets), "it goes on")
+    lab.drag(60, 25)
+    time.sleep(0.5)
+    assert lab.path_sets() == 0, "it is held, with no image of this camera"
+    lab.press("Save")
+    wait_for((lab.folder / "cornell-box-2.png").exists, "it is made for that, and saved")
+    saved = np.asarray(Image.open(lab.folder / "cornell-box-2.png"))
+    wait_for(lambda: np.array_equal(lab.picture(), saved), "what is saved is what is seen", 20)
+    sets = lab.path_sets()
+    lab.press("Reset")
+    wait_for(lambda: lab.path_sets() > sets, "Reset goes back, and on")
+    assert lab.complaints() == []
+
+
+def test_a_page_loaded_anew_while_the_view_converges_goes_on(notebook: OpenNotebook) -> None:
+    """Frames on their way to the page that is gone are shown by nobody; what goes on needs no word of them."""
+    lab = notebook(CELL.replace("'spp': 24", "'spp': 100000"))
+    wait_for(lambda: lab.path_sets() > 8, "it converges")
+    home = lab.camera()
+    lab.reload()
+    sets = lab.path_sets()
+    wait_for(lambda: lab.driver.execute_script(SHOWS_AN_IMAGE), "the new page shows an image", 20)
+    wait_for(lambda: lab.counter() > sets, "it goes on, and its counter", 20)
+    lab.drag(60, 25)
+    expected = turned(home, 60, 25).position
+    wait_for(lambda: np.allclose(lab.camera().position, expected), "the drag turns it", 20)
+    wait_for(lambda: 0 < lab.counter() < sets, "the image of the new camera begins", 20)
+    lab.press("Reset")
+    wait_for(lambda: np.allclose(lab.camera().position, home.position), "it is back", 20)
+    wait_for(lambda: lab.counter() > 0, "and goes on", 20)
+    assert lab.complaints() == []
+
+
+def test_the_view_takes_keys_and_says_what_it_is(notebook: OpenNotebook) -> None:
+    """Tab reaches it; and Jupyter's own shortcuts, by which R makes a cell raw, do not hear what it takes."""
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.keys import Keys
+
+    lab = notebook(CELL)
+    lab.converged()
+    home = lab.camera()
+    image = lab.driver.find_element("css selector", ".renderview-wrapper img")
+    assert image.accessible_name.startswith("cornell-box, 256 x 192 pixels, by path, up to 24 path sets. Arrow")
+    assert image.aria_role == "application"
+    lab.driver.find_element("xpath", "//button[contains(., 'Save')]").send_keys(Keys.TAB)
+    assert lab.driver.switch_to.active_element == image
+
+    def press(*keys: str) -> None:
+        chain = ActionChains(lab.driver)
+        for key in keys:
+            chain.send_keys(key)
+        chain.perform()
+
+    def sees(camera: glpath.scene.Camera, what: str) -> None:
+        wait_for(lambda: np.allclose(lab.camera().position, camera.position), what, 20)
+
+    press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
+    sees(turned(home, 50, 25), "the arrows turn it")
+    press("+", "+", "-")
+    sees(nearer(turned(home, 50, 25), -1), "it comes nearer")
+    press("r")
+    sees(home, "R resets it")
+    lab.drag(25, 0)  # from here on the keys come by the library's own input
+    press(Keys.ARROW_LEFT)
+    sees(home, "an arrow turns it back")
+    cells = "return [...document.querySelectorAll('.jp-Cell')].map(c => c.className.includes('jp-CodeCell'))"
+    assert all(lab.driver.execute_script(cells)), "no shortcut has made a cell raw"
     assert lab.complaints() == []
 
 

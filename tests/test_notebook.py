@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
+import re
 import subprocess
 import sys
 import time
@@ -142,8 +144,69 @@ def test_stop_holds_the_image_and_reset_goes_back() -> None:
     home = shown.scene.camera
     send(shown, "wheel", dy=-200)
     assert shown.scene.camera is not home
+    shown._stop.value = True
     shown._reset.click()
     assert shown.scene.camera is home
+    assert not shown._stop.value, "Reset goes on with what Stop held"
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_save_makes_a_picture_where_there_is_none_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = view("cornell-box", resolution=SIZE, spp=100000, max_depth=1)
+    shown.picture()
+    shown._stop.value = stopped
+    send(shown, "wheel", dy=-200)
+    if not stopped:
+        rest(shown)
+        shown.draw()
+        shown._reset.click()
+    assert shown.path_sets == 0
+    shown._save.click()
+    assert re.search(r"Saved cornell-box.png: [1-9]\d* of 100000 path sets", shown._message.value)
+    saved = np.asarray(Image.open(tmp_path / "cornell-box.png"))
+    np.testing.assert_array_equal(saved, shown.film.to_srgb(exposure=shown.exposure))
+
+
+def test_keys_turn_shift_come_nearer_and_reset() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=1, max_depth=1)
+    home = shown.scene.camera
+
+    def press(key: str, *modifiers: str) -> Camera:
+        send(shown, "key_down", key=key, modifiers=modifiers)
+        return shown.scene.camera
+
+    np.testing.assert_allclose(press("ArrowLeft").position, turned(home, -25, 0).position)
+    np.testing.assert_allclose(press("ArrowRight").position, home.position)
+    np.testing.assert_allclose(press("ArrowUp", "Shift").target, shifted(home, 0, -25).target)
+    np.testing.assert_allclose(press("ArrowDown", "Shift").target, home.target)
+    np.testing.assert_allclose(press("+").position, nearer(home, -1).position)
+    np.testing.assert_allclose(press("-").position, home.position)
+    assert press("r", "Control") is not home, "that is the browser's own"
+    assert press("r") is home
+
+
+def test_frames_lost_with_a_page_are_not_waited_for() -> None:
+    """A page that is loaded anew says its size; nobody says what became of the frames that went to the old one."""
+    shown = view("cornell-box", resolution=SIZE, spp=100000, max_depth=1)
+
+    async def pages() -> list[int]:
+        drawn = []
+        shown._canvas._has_visible_views = True
+        for _ in range(2):
+            send(shown, "resize", width=48, height=32)
+            for _ in range(20):
+                rest(shown)
+                shown._image._shown_at = -np.inf
+                await asyncio.sleep(0.01)
+            drawn.append(shown._canvas._rfb_frame_index)
+        return drawn
+
+    first, second = asyncio.run(pages())
+    assert first == shown._canvas.max_buffered_frames, "more than these are not sent unheard"
+    assert second > first
 
 
 def test_save_writes_what_is_seen_and_overwrites_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
