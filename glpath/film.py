@@ -15,7 +15,7 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -41,7 +41,7 @@ from glpath.film_metadata import (
     merged_values,
 )
 from glpath.film_npz import FilmParts, read_parts, write_parts
-from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
+from glpath.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 from glpath.noise import MIN_BATCHES, error_bound
 from glpath.npz import open_npz
@@ -79,6 +79,8 @@ class Film:
     metadata: FilmMetadata
     aov_sums: dict[str, Float64] = field(default_factory=dict)
     shape_counts: ShapeCounts | None = None
+    #: Called when a notebook is about to show the film: a picture of it that stands there already gives way.
+    before_shown: Callable[[], None] | None = field(default=None, init=False)
     # What `denoised` has found, and for which path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
@@ -277,7 +279,7 @@ class Film:
         """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
         used = self.batch_counts > 0
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        return {**vars(self), "radiance_sums": sums, "_denoised": None}
+        return {**vars(self), "radiance_sums": sums, "_denoised": None, "before_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -475,11 +477,24 @@ class Film:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the image, at most 1024 pixels long, and a line of text."""
+        """What Jupyter shows: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        if self.before_shown is not None:
+            self.before_shown()
+        return self.shown()
+
+    def shown(self) -> dict[str, object]:
+        """The image by its MIME types, as `_repr_mimebundle_` gives it."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
-            bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            png = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            bundle |= {"image/png": png, "text/html": png_html(png, self.described())}
         return bundle
+
+    def described(self) -> str:
+        """The image in words, for those who do not see it: the scene, the integrator, path sets and size."""
+        m = self.metadata
+        width, height = m.window[2:]
+        return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
         """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a

@@ -6,6 +6,8 @@ Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduc
 
 from __future__ import annotations
 
+import base64
+import html
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -154,6 +156,12 @@ def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> byt
         text.add_text(key, value)
     encoded: bytes = iio.imwrite("<bytes>", picture, extension=".png", plugin="pillow", pnginfo=text)
     return encoded
+
+
+def png_html(png: bytes, alt: str) -> str:
+    """A PNG as HTML, with words for those who do not see it: of a PNG alone JupyterLab shows none."""
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}" style="max-width: 100%">'
 
 
 def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:

@@ -234,25 +234,25 @@ def driver() -> Iterator[Any]:
         yield chrome
 
 
-OpenNotebook = Callable[[str], Lab]
+OpenNotebook = Callable[..., Lab]
 
 
 @pytest.fixture
 def notebook(server: tuple[Path, str], driver: Any) -> Iterator[OpenNotebook]:
-    """Opens a notebook of one cell in JupyterLab and runs it."""
+    """Opens a notebook of one cell in JupyterLab, and runs it until a script of the page finds what is to come."""
     import nbformat
 
     folder, url = server
     opened: list[Lab] = []
 
-    def run(code: str) -> Lab:
+    def run(code: str, shows: str = SHOWS_AN_IMAGE) -> Lab:
         book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
         book.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
         nbformat.write(book, folder / "view.ipynb")
         driver.get(f"{url}lab/tree/view.ipynb?reset&token=glpath")
         lab = Lab(driver, folder, folder / "log")
         lab.run_cells()
-        wait_for(lambda: driver.execute_script(SHOWS_AN_IMAGE), "the view shows an image")
+        wait_for(lambda: driver.execute_script(shows), "the cell shows an image")
         opened.append(lab)
         return lab
 
@@ -387,6 +387,19 @@ def test_the_view_takes_keys_and_says_what_it_is(notebook: OpenNotebook) -> None
     sees(home, "an arrow turns it back")
     cells = "return [...document.querySelectorAll('.jp-Cell')].map(c => c.className.includes('jp-CodeCell'))"
     assert all(lab.driver.execute_script(cells)), "no shortcut has made a cell raw"
+    assert lab.complaints() == []
+
+
+def test_a_film_is_one_picture_and_has_words(notebook: OpenNotebook) -> None:
+    """Shown as it converges, and by the cell's last line; what a reader of the screen says is in the page."""
+    lab = notebook(
+        "import glpath\n"
+        "film = glpath.render('cornell-box', resolution=(64, 48), spp=8, max_depth=1, progress=True)\n"
+        "film",
+        "return document.querySelector('.jp-OutputArea-executeResult img')?.naturalWidth === 64",
+    )
+    images = lab.driver.find_elements("css selector", ".jp-OutputArea img")
+    assert [image.accessible_name for image in images] == ["cornell-box, by path, 8 path sets, 64 x 48 pixels"]
     assert lab.complaints() == []
 
 

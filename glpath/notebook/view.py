@@ -207,7 +207,8 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         png = image.encode_png(self.picture())
         width, height = self._image.camera.resolution
         sets = f"{self.path_sets} of {self.spp} path sets"
-        text = f"<View of {self._home.name}: {width} x {height} pixels, {sets}>"
+        engine = self._image.job.integrator.integrator
+        text = f"<View of {self._home.name}: by {engine}, {width} x {height} pixels, {sets}>"
         return with_picture(super()._repr_mimebundle_(**options), png, text)
 
     @property

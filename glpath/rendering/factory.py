@@ -247,7 +247,7 @@ class _Gathering:
             return []
         return [
             "The scene's ambient light stands for bounces that are not traced; a gather has them all from its "
-            'solution, and leaves it out. integrator = "path" adds it beyond the last vertex.'
+            'solution, and leaves it out. integrator="path" adds it beyond the last vertex.'
         ]
 
     def traceable(self, scene: Scene) -> Scene:
@@ -257,7 +257,7 @@ class _Gathering:
             raise SceneError(
                 f"{scene.source or scene.name}: {listed} move{'s' * (len(names) == 1)} while the shutter is open, "
                 "but a radiosity solution, which a gather looks up, is of one moment.",
-                "Render it with --integrator path; or give the shutter one moment, for a gather of that. (The "
+                'Render it with integrator="path"; or give the shutter one moment, for a gather of that. (The '
                 "camera may move.)",
             )
         return path_traceable(_posed(scene))
@@ -319,14 +319,14 @@ class _Whitted:
             raise SceneError(
                 f"{scene.source or scene.name}: has glass ({names}), but a ray of this ray tracer is mirrored "
                 "and does not part.",
-                "Render it with --integrator path or gather.",
+                'Render it with integrator="path" or "gather".',
             )
         camera = scene.camera
         if self.settings.primary == "t-buffer" and camera.projection == "panorama":
             raise SceneError(
                 f"{scene.source or scene.name}: has a camera of type panorama; a T-buffer bounds "
                 "objects as they are seen on a plane.",
-                "Render it with --integrator classic, which shoots every ray, or with path or gather.",
+                'Render it with integrator="classic", which shoots every ray, or with "path" or "gather".',
             )
         return _posed(scene)
 

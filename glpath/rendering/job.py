@@ -37,7 +37,7 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, shipped_scenes
 from glpath.scene.camera import Projection
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
@@ -115,14 +115,36 @@ class RenderJob:
 
     @classmethod
     @with_options
-    def of(cls, scene: AnyScene, **options: Any) -> RenderJob:
+    def of(
+        cls,
+        scene: AnyScene,
+        *,
+        integrator: str | IntegratorSettings = "path",
+        spp: int | None = None,
+        first_path_set: int = 0,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        camera: Mapping[str, Any] | Camera | None = None,
+        parameters: Mapping[str, object] | None = None,
+        **options: Any,
+    ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 
         {options}
 
         Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
         """
-        return describe(scene, **options)[0]
+        return describe(
+            scene,
+            integrator=integrator,
+            spp=spp,
+            first_path_set=first_path_set,
+            resolution=resolution,
+            crop=crop,
+            camera=camera,
+            parameters=parameters,
+            **options,
+        )[0]
 
     @property
     def spp(self) -> int:
@@ -257,7 +279,7 @@ def describe(
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
-    camera: Mapping[str, Any] | None = None,
+    camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
     sensor: PointSensor | None = None,
     **options: Any,
@@ -338,7 +360,7 @@ _CAMERA_NUMBERS = {
 def with_overrides(
     scene: Scene,
     resolution: tuple[int, int] | None,
-    camera: Mapping[str, Any] | None,
+    camera: Mapping[str, Any] | Camera | None,
     place: Place | None = None,
 ) -> Scene:
     """The scene with what is replaced of its camera, of which an error says that it stands at `place`.
@@ -346,6 +368,10 @@ def with_overrides(
     Raises UsageError, and SceneError for what cannot be.
     """
     changes: dict[str, Any] = {}
+    if isinstance(camera, Camera):
+        scene, camera = scene.with_camera(camera), {"type": camera.projection}
+    elif not isinstance(camera, Mapping | None):
+        raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
     for name, value in (camera or {}).items():
         if name == "type":
             check_word("camera type", value, get_args(Projection))
@@ -357,8 +383,6 @@ def with_overrides(
         count = _CAMERA_NUMBERS[name]
         found = numbers(f"camera {name}", value, count)
         changes[name] = found if count == 3 else tuple(map(float, found)) if count == 2 else float(found[0])
-    if changes.keys() & {"position", "target", "up"}:
-        changes["motion"] = ()  # where it moved along is not there
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, kept_in
 from glpath.heartbeat import heartbeat
 from glpath.kernels import announced, waiting
 from glpath.lighting import Lighting
@@ -65,7 +65,8 @@ class RadiosityInterrupted(KeyboardInterrupt):
     """Ctrl-C came while a solution was under way. `solution` is what there was; None before there was any."""
 
     def __init__(self, solution: RadiositySolution | None) -> None:
-        super().__init__("interrupted")
+        kept = "" if solution is None else kept_in("RadiosityInterrupted", "solution", "render(radiosity=solution)")
+        super().__init__(f"interrupted{kept or ' before anything was solved'}")
         self.solution = solution
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene.model import Camera, Scene, Shape, Sky
 from glpath.scene.place import shown
 
@@ -22,7 +21,7 @@ _FOV = 40.0
 _MARGIN = 1.1
 
 
-def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light: bool = True) -> Scene:
+def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> Scene:
     """The scene with a camera and with light; a SceneWarning says what had to be added.
 
     has_camera    : False sets one that frames everything, of the resolution of the scene's
@@ -46,9 +45,7 @@ def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light:
         what = "no light but what glows faintly" if emitters else "no light"
         notes.append(f"{what}, so a white sky shines from all around")
     if notes:
-        warnings.warn(
-            SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=stacklevel + 1
-        )
+        warn(f"{scene.source or scene.name}: has {', and '.join(notes)}.")
     return scene
 
 
