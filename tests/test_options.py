@@ -198,7 +198,7 @@ def test_a_name_that_is_no_option_is_answered_with_the_one_that_was_meant(call: 
 
 def test_a_camera_is_given_whole_or_by_what_changes() -> None:
     scene = glpath.load_scene(BOX)
-    camera = glpath.load_scene("cornell-box").with_camera(resolution=(8, 6), fov=20.0).camera
+    camera = glpath.load_scene(BOX).with_camera(resolution=(8, 6), fov=20.0).camera
     assert repr(scene.with_camera(camera).camera) == repr(camera)
     assert scene.with_camera(camera, fov=30.0).camera.fov == 30
     film = glpath.render(scene, camera=camera, spp=1, max_depth=1)
