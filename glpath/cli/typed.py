@@ -8,7 +8,10 @@ from __future__ import annotations
 import re
 
 # Of commands, besides the options of integrators.
-_OF_COMMANDS = ("integrator", "crop", "resolution", "device", "require_gpu", "size", "texels", "uv", "materials")
+_OF_COMMANDS = (
+    *("integrator", "crop", "resolution", "device", "require_gpu"),
+    *("size", "texels", "uv", "materials", "white_sky"),
+)
 
 # A name and its value: words in quotes with their alternatives, several in brackets, True, a number.
 _ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|True\b|[\d.]+\b)""")
