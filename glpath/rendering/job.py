@@ -126,9 +126,12 @@ class RenderJob:
         crop: tuple[int, int, int, int] | None = None,
         camera: Mapping[str, Any] | Camera | None = None,
         parameters: Mapping[str, object] | None = None,
+        sensor: PointSensor | None = None,
         **options: Any,
     ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
+
+        sensor : points, in place of the scene's camera
 
         {options}
 
@@ -143,6 +146,7 @@ class RenderJob:
             crop=crop,
             camera=camera,
             parameters=parameters,
+            sensor=sensor,
             **options,
         )[0]
 
