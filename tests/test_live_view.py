@@ -99,6 +99,9 @@ class Lab:
     def __init__(self, driver: Any, folder: Path, log: Path) -> None:
         self.driver, self.folder, self.log = driver, folder, log
         self._client: Any = None
+        # What the page and the kernel of the test before say as they end is not this one's.
+        self._before = len(log.read_text().splitlines())
+        driver.get_log("browser")
 
     def run_cells(self) -> None:
         wait_for(
@@ -191,7 +194,7 @@ class Lab:
         console = [e["message"] for e in self.driver.get_log("browser") if e["level"] == "SEVERE"]
         # Chromium's word on leaving a notebook that was not saved.
         console = [message for message in console if "beforeunload" not in message]
-        lines = self.log.read_text().splitlines()
+        lines = self.log.read_text().splitlines()[self._before :]
         return [*shown, *console, *(line for line in lines if "Traceback" in line or line.startswith("[E "))]
 
     def camera(self) -> glpath.scene.Camera:
