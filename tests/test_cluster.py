@@ -329,9 +329,14 @@ def test_nobody_without_the_certificate_can_run_code_on_a_local_cluster(workers,
         nobody = ssl.create_default_context()
         nobody.check_hostname, nobody.verify_mode = False, ssl.CERT_NONE
         with socket.create_connection((host, int(port)), timeout=5) as plain, pytest.raises((OSError, EOFError)):
-            with nobody.wrap_socket(plain) as connection:  # by TLS 1.3 it ends with the first read
-                if not connection.recv(1):
-                    raise EOFError
+            read_by_tls(nobody, plain)
+
+
+def read_by_tls(context: ssl.SSLContext, plain: socket.socket) -> None:
+    """Raise what ends a connection; by TLS 1.3 it ends with the first read."""
+    with context.wrap_socket(plain) as connection:
+        if not connection.recv(1):
+            raise EOFError
 
 
 def test_a_local_cluster_listens_on_the_loopback_interface_alone(workers):
@@ -347,7 +352,9 @@ def test_a_local_cluster_listens_on_the_loopback_interface_alone(workers):
 
 def family(pid: int) -> list[int]:
     """The processes that a process has started, and those of these."""
-    children = [int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()]
+    children = [
+        int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()
+    ]
     return [*children, *(grandchild for child in children for grandchild in family(child))]
 
 
@@ -409,7 +416,7 @@ def test_a_scheduler_that_dies_is_noticed_in_seconds(capfd):
 
 def test_an_address_where_nobody_listens_is_refused_in_seconds():
     began = time.monotonic()
-    with pytest.raises(ContextError, match="no scheduler answers: .*refused"):
+    with pytest.raises(ContextError, match=r"no scheduler answers: .*refused"):
         Cluster("tcp://127.0.0.1:1")
     assert time.monotonic() - began < 15
 

@@ -29,6 +29,7 @@ from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
@@ -45,7 +46,7 @@ from glpath.sensors import CameraSensor, Sensor
 Uniforms = dict[str, object]
 
 
-class WhittedTracer:
+class WhittedTracer(Owner):
     """Traces path sets of one window of the image.
 
     Parameters

@@ -258,9 +258,9 @@ def _wait_while_refused(address: str) -> None:
 def _warn_if_open(address: str, scheduler: str) -> None:
     if not scheduler.startswith(_ENCRYPTED):
         log.warning(
-            "cluster %s: %s has neither encryption nor a password: whoever reaches its port can run code as you, here "
-            "and on every worker. Start it with --protocol tls and certificates, or keep it on a network that you "
-            "trust as a whole.",
+            "cluster %s: %s has neither encryption nor a password: whoever reaches its port can run code as you, "
+            "here and on every worker. Start it with --protocol tls and certificates, or keep it on a network that "
+            "you trust as a whole.",
             address,
             scheduler,
         )
