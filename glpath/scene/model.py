@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
-from glpath.scene.camera import Camera
+from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
@@ -257,8 +257,16 @@ class Scene:
         )
 
     def with_camera(self, **changes: object) -> Scene:
-        """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
-        return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
+        """The same scene seen otherwise; keyword arguments are the fields of `Camera`.
+
+        A camera that was set for a file without one, to see everything, sees everything at another resolution, too.
+        """
+        camera: Camera = replace(self.camera, **changes)  # type: ignore[arg-type]
+        if changes.keys() == {"resolution"} and may_be_framing(camera):
+            lower, upper = self.bounds
+            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
+                camera = framing(lower, upper, camera.resolution)
+        return replace(self, camera=camera)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
         """A new scene with one shape more, the last one.
