@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import os
 import sys
 import tempfile
@@ -21,11 +22,23 @@ _lock = threading.Lock()
 
 @contextmanager
 def without_lines(*beginnings: str) -> Iterator[None]:
-    """Leave out lines that begin so, of all that is written to the two files within the block.
+    """Leave out lines that begin so, of all that is written to the two files, or to `sys.stdout`, within the block.
 
-    All others are written to standard error at the end: other threads write meanwhile, too.
+    All others are written at the end, those of the files to standard error: other threads write meanwhile, too.
     """
-    with _lock, contextlib.ExitStack() as stack:
+    printed = io.StringIO()
+    try:
+        with _lock, _files_held(beginnings), contextlib.redirect_stdout(printed):
+            yield
+    finally:
+        rest = [line for line in printed.getvalue().splitlines(True) if not line.startswith(beginnings)]
+        if rest and sys.stdout is not None:
+            sys.stdout.write("".join(rest))
+
+
+@contextmanager
+def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
         _flush()
         try:
             held = stack.enter_context(tempfile.TemporaryFile())

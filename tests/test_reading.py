@@ -1,7 +1,8 @@
-"""What is read must be a file: pipes into which nobody writes and devices are refused, and nothing waits for them."""
+"""What is read must be a file: pipes into which nobody writes, and devices, are refused and not waited for."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -15,7 +16,7 @@ from gltf_files import Gltf
 
 import glpath
 from glpath import files, image
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, ImageError
 from glpath.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
@@ -89,7 +90,7 @@ def test_a_buffer_of_a_gltf_is_no_pipe_either(tmp_path: Path) -> None:
 
 def test_points_are_no_device() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "glpath", "measure", "cornell-box-36", "--points", "/dev/zero"],
+        [sys.executable, "-m", "glpath", "measure", "cornell-box-36", "--points", "/dev/zero", "-o", "-"],
         capture_output=True,
         text=True,
         timeout=60,
@@ -108,10 +109,8 @@ def test_openexr_writes_nothing_beside_our_error(tmp_path: Path, capfd: pytest.C
         broken[start : start + 64] = b"\xff" * 64
         for content in (bytes(broken), whole[:start]):
             (tmp_path / "a.exr").write_bytes(content)
-            try:
+            with contextlib.suppress(ImageError):  # a broken pixel is read
                 glpath.read_image(tmp_path / "a.exr")
-            except GlpathError as error:
-                assert "cannot be read as .exr" in str(error)
     assert capfd.readouterr() == ("", "")
 
 
