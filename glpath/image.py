@@ -215,7 +215,8 @@ def write_exr(
 
 
 # What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
-_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "object_id": "X", "material_id": "X", "samples": "X"}
+_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "depth_min": "Z"}
+_LETTERS |= dict.fromkeys(("object_id", "material_id", "samples"), "X")
 
 
 def layer_channels(name: str) -> list[str]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
-from glpath.film_metadata import SHAPES
+from glpath.film_metadata import SHAPES, add_aov
 from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
@@ -193,8 +193,10 @@ class WhittedTracer(Owner):
         """What is on the device of them, and what was held when objects moved."""
         found = self._taken_aovs | ({} if self._aovs is None else self._aovs.take())
         for name, held in self._held_aovs.items():
-            # Of shapes, a picture for each path set.
-            found[name] = np.concatenate([held, found[name]], axis=2) if name == SHAPES else held + found[name]
+            if name == SHAPES:  # a picture for each path set
+                found[name] = np.concatenate([held, found[name]], axis=2)
+            else:
+                add_aov(name, found[name], held)
         return found
 
     def statistics(self) -> dict[str, object]:
