@@ -36,8 +36,10 @@ from glpath.film_metadata import (
     ID_AOVS,
     SHAPES,
     FilmMetadata,
+    add_aov,
     differences,
     joined,
+    least_depths,
     merged_values,
 )
 from glpath.film_npz import FilmParts, read_parts, write_parts
@@ -111,7 +113,7 @@ class Film:
         assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
         self.ranges = united(self.ranges, ((start, stop),))
         for name in self.aov_sums:
-            self.aov_sums[name] += aov_sums[name]
+            add_aov(name, self.aov_sums[name], aov_sums[name])
         if self.shape_counts is not None:
             self.shape_counts += ShapeCounts.of(aov_sums[SHAPES])
         batch = batch_of(start)
@@ -150,9 +152,12 @@ class Film:
         "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
                         samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
                         own extent (of an endless plane) counts as so far
+        "depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
+                        `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
         "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none
-        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order;
-                        0 where there is none. An .exr has the Cryptomatte of objects with it, see `cryptomatte`
+        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
+                        one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
+                        objects with it, see `cryptomatte`
         "material_id" : the same of materials
 
         Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
@@ -183,6 +188,8 @@ class Film:
             light = np.add.reduce(self.radiance_sums, axis=0) - self.aov_sums["direct"]
             return np.asarray(light / self.path_sets)
         sums = self.aov_sums[name]
+        if name == "depth_min":
+            return np.minimum(least_depths(sums[..., 0]), FAR)
         if name in ("depth", "position"):
             value, hits = sums[..., :-1], sums[..., -1:]
             mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
@@ -262,7 +269,7 @@ class Film:
             self.radiance_sums[batch] += other.radiance_sums[batch]
         self.batch_counts += other.batch_counts
         for name, sums in self.aov_sums.items():
-            sums += other.aov_sums[name]
+            add_aov(name, sums, other.aov_sums[name])
         if self.shape_counts is not None and other.shape_counts is not None:
             self.shape_counts = self.shape_counts + other.shape_counts
         self.metadata = replace(

@@ -8,11 +8,25 @@ from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
 from typing import Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from glpath.errors import UsageError
 from glpath.image import check_exposure
 
 #: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
-Aov = Literal["albedo", "normal", "depth", "position", "object_id", "material_id", "direct", "indirect", "samples"]
+Aov = Literal[
+    "albedo",
+    "normal",
+    "depth",
+    "depth_min",
+    "position",
+    "object_id",
+    "material_id",
+    "direct",
+    "indirect",
+    "samples",
+]
 AOVS: tuple[Aov, ...] = get_args(Aov)
 #: Those that a denoiser goes by.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
@@ -25,10 +39,14 @@ _SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
     "albedo": (3, ("albedo",)),
     "normal": (3, ("normal",)),
     "depth": (2, ("depth",)),
+    "depth_min": (1, ("depth_min",)),
     "position": (4, ("position",)),
     "direct": (3, ("direct", "indirect")),
     "dropped": (1, ("samples",)),
 }
+#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was met.
+_GREATEST = ("depth_min",)
+_INFINITY = np.uint32(0x7F800000)
 #: The counts of shapes, by the same name as of a sum.
 SHAPES = "shapes"
 
@@ -60,6 +78,16 @@ _DECIDES = {
 _NAMES = ("shape_names", "material_names", "shape_materials")
 # Of an image, in pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
+
+
+def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
+    """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
+    (np.maximum if name in _GREATEST else np.add)(held, more, out=held)
+
+
+def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths by what a film holds of "depth_min"; infinite where nothing was met."""
+    return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -277,7 +277,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:

@@ -1,6 +1,6 @@
 """One render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
 
-    with Cluster("local:4") as cluster:                    # or "tcp://scheduler:8786": `connection`
+    with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786": `connection`
         film = render_on(cluster, RenderJob.of("cornell-box", spp=4096))
 
 The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
@@ -188,6 +188,7 @@ class _Render:
         while True:
             if interrupted:
                 raise KeyboardInterrupt
+            self.cluster.check()
             now = time.monotonic()
             if now - last_look >= _LOOK_AROUND_S:
                 self._look_around(chunks)
@@ -318,6 +319,8 @@ class _Render:
 
     def _look_around(self, chunks: Chunks) -> None:
         """Who is there now; what was at others is handed out again."""
+        if not self.cluster.connected:
+            return  # a call would wait until Dask gives up
         try:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]

@@ -89,6 +89,9 @@ class Engine(Counts, Protocol):
     def look_from(self, sensor: Sensor) -> None:
         """Go on with another sensor of the same resolution."""
 
+    def close(self) -> None:
+        """Free what it has on the device, in the thread that has the context."""
+
 
 class Plan(Protocol):
     """An integrator with its options, for any scene."""

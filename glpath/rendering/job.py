@@ -22,7 +22,7 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
-from glpath.files import whole_file
+from glpath.files import read_bytes, whole_file
 from glpath.film_batches import BLOCK
 from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
@@ -232,7 +232,7 @@ class RenderJob:
     def load(cls, path: str | Path) -> RenderJob:
         """Read a file that `save` wrote. Raises UsageError."""
         try:
-            text = Path(path).read_text("utf-8")
+            text = read_bytes(path).decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             raise UsageError(f"{path}: cannot be read as a render job: {reason}.") from error

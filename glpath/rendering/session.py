@@ -14,6 +14,7 @@ from glpath.film_metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import WhittedSettings
+from glpath.machine import return_memory
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of
 from glpath.rendering.going_on import check_same_render
@@ -53,12 +54,17 @@ class Session:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Free what is on the device."""
-        if self._engine is not None and self._context is not None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what is on the device, and give its memory back. The next render begins with a new engine."""
+        engine, self._engine = self._engine, None
+        if engine is not None and self._context is not None:
             # Where another thread keeps the context, it will do so: no reason to lose a film.
             with suppress(ContextError), self._context:
-                self._engine = None
-        self._engine = None
+                engine.close()
+                del engine
+                return_memory()
 
     def render(
         self,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError
-from glpath.scene.camera import Camera
+from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
@@ -263,6 +263,8 @@ class Scene:
         changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
                   would stand for them
 
+        A camera that was set for a file without one, to see everything, sees everything at another resolution, too.
+
         Raises UsageError for what is no camera, and for other names.
         """
         if not isinstance(camera, Camera | None):
@@ -276,7 +278,12 @@ class Scene:
                 raise UsageError(f"camera: no field is named {name!r}; allowed are {', '.join(known)}")
         if changes.keys() & {"position", "target", "up"}:
             changes = {"motion": ()} | changes
-        return replace(self, camera=replace(camera or self.camera, **changes))  # type: ignore[arg-type]
+        seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
+        if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
+            lower, upper = self.bounds
+            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
+                seen = framing(lower, upper, seen.resolution)
+        return replace(self, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
         """A new scene with one shape more, the last one.

@@ -9,7 +9,7 @@ M. Cohen, D. Greenberg, D. Immel, P. Brock, "An efficient radiosity approach for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Elements:
         return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))
 
 
-@cache
+@lru_cache(maxsize=64)
 def _cells(n: int) -> Int64:
     """(n * n, 3): i, j and upper of a lattice's elements in their order."""
     row = [(i // 2, i % 2) for i in range(2 * n - 1)]

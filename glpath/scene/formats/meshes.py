@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError, warn
+from glpath.files import read_bytes
 from glpath.scene.formats import obj
 from glpath.scene.formats.text import decoded
 from glpath.scene.formats.values import LARGEST, nearby_files
@@ -252,7 +253,7 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
 def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
-    suffix, content = path.suffix.lower(), path.read_bytes()
+    suffix, content = path.suffix.lower(), read_bytes(path)
     plain, texture = None, None
     options: dict[str, Any] = {}
     if suffix == ".obj":
