@@ -99,9 +99,10 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
             d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
-            wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            bool unbent = is_unbent(b);
+            wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
             d.straight = b.eta == PANE;
-            if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
+            if (!smooth_one && !unbent) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
