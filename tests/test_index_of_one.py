@@ -30,7 +30,11 @@ def ball(ior: float, roughness: float, thin: bool = False) -> Scene:
             },
             "shapes": [
                 {"type": "sphere", "center": [0, 0, 0], "radius": 0.8, "subdivisions": 4, "material": "glass"},
-                {"type": "quad", "corners": [[-3, -3, -2], [0, -3, -2], [0, 3, -2], [-3, 3, -2]], "material": "grey"},
+                {
+                    "type": "quad",
+                    "corners": [[-3, -3, -2], [0, -3, -2], [0, 3, -2], [-3, 3, -2]],
+                    "material": "grey",
+                },
             ],
             "sky": {"zenith": 1.0, "horizon": 1.0},
         }

@@ -152,7 +152,7 @@ def measure(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone (by themselves of 64 vertices, with roulette from the 4th on), or from a radiosity "
+            help="Paths alone (by themselves of any length, ended by roulette from the 4th vertex on), or from a radiosity "
             "solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
