@@ -53,7 +53,7 @@ def windowed_room(ground: float = 0.0, wall: float = 0.2) -> Scene:
 
 @pytest.mark.parametrize("ground", [0.0, 40.0])
 def test_the_gather_of_a_windowed_room_has_the_light_of_paths(ground: float) -> None:
-    """Few particles and few rays to the sky meet the window: 1 to 2 % of the light is missing if these are not chosen."""
+    """Few particles and few rays meet the window: 1 to 2 % of the light is missing where that is left to chance."""
     scene = windowed_room(ground)
     paths = glpath.render(scene, max_depth=1000, roulette=4, spp=2048)
     gathered = [glpath.render(scene, integrator="gather", spp=256, seed=seed) for seed in range(2)]

@@ -58,8 +58,8 @@ _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the
 _MOST_BOUNCES = 14
 # A gather's paths that mirrors and glass send on end by chance from here on.
 _MIRRORED = 6
-#: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is 1e-7 of
-#: the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
+#: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
+#: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
 CEILING = 1 << 14
 # For how many vertices of a path a draw is cut into areas at most.
 _USUAL_DEPTH = 64
@@ -240,7 +240,7 @@ class RayPathEngine(PathSetEngine):
         return self.seen()
 
     def statistics(self) -> dict[str, object]:
-        """As of every engine; nothing is lost in a cell here. `paths_cut`: at a length that only chance should end."""
+        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only chance should end."""
         counts = super().statistics()
         cut = counts.pop("paths_lost")
         return counts | ({"paths_cut": cut} if cut else {})

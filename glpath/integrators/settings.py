@@ -190,8 +190,8 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias; by itself, never. With a max-depth of "
-            "1000, the most, nothing else ends paths that have their own directions",
+            description="from this vertex on, paths end by chance, without bias; by itself, never. With a "
+            'max-depth of 1000, the most, nothing else ends those of directions "own"',
             extra={"metavar": "DEPTH"},
         ),
     ] = None

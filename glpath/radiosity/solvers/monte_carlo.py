@@ -49,8 +49,8 @@ BATCH = 1 << 14
 _MOST_THROUGH = 64
 #: Rays to the sky from where a particle starts.
 _START_RAYS = 4
-#: Cells that reflected light starts in, where a camera says how many start in which, and rays to the sky from each of
-#: four points of a cell.
+#: Cells that reflected light starts in, where a camera says how many start in which, and rays to the sky from each
+#: of four points of a cell.
 _CELLS, _CELL_RAYS = 4096, 16
 #: Batches of paths from a camera that say so.
 _CAMERA_BATCHES = 4
@@ -172,7 +172,7 @@ class Shooting:
 
     def _find_lamps(self, sides: Sides) -> tuple[_Lamps, _Lit, int]:
         """Triangles that emit; sides that reflect the light of what is no patch; particles of a batch for these."""
-        mesh, scene = self.mesh, self.mesh.scene
+        scene = self.mesh.scene
         emitting = np.flatnonzero(sides.emission.any(axis=1))
         of = sides.element[emitting]
         power = sides.emission[emitting] * scene.areas[of, None]
@@ -323,7 +323,7 @@ def start_cells(scene: Scene, surface: Int64) -> Elements:
 
 
 def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, seed: int) -> Int64:
-    """(T,) parts of each triangle's edges: those of `size`, and more on surfaces that matter more than by their area.
+    """(T,) parts of each triangle's edges: those of `size`, and more where a surface matters more than its area.
 
     Of `count` elements each smooth surface gets as many as light from there matters to what the camera sees.
     """
