@@ -191,7 +191,8 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias; by itself, never",
+            description="from this vertex on, paths end by chance, without bias; by itself, never. With a "
+            'max-depth of 1000, the most, nothing else ends those of directions "own"',
             extra={"metavar": "DEPTH"},
         ),
     ] = None

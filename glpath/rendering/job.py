@@ -24,7 +24,7 @@ from msgspec import Meta
 from glpath.errors import SceneError, UsageError
 from glpath.files import read_bytes, whole_file
 from glpath.film_batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.integrators.settings import DEEPEST, INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,
     MAX_SPP,
@@ -317,8 +317,8 @@ def describe(
     return RenderJob(source, settings, starts, window, path_sets), loaded
 
 
-# Of "path": they go on as long as they carry light.
-_ALL_BOUNCES = {"max_depth": 64, "roulette": 4}
+# Of "path": chance alone ends them, so that all of the light is there.
+_ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 

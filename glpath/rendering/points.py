@@ -144,8 +144,8 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
-    lamps and the sky.)
+    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    paths, for all of the light. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 

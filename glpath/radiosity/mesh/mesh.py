@@ -135,8 +135,8 @@ class Mesh:
         return np.asarray(self.scene.areas[self.elements.triangle] / self.elements.n**2)
 
 
-def divisions_of_size(scene: Scene, surface: Int64, size: float) -> Int64:
-    """(T,) parts of each triangle's edges, so that none is longer than `size`.
+def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> Int64:
+    """(T,) parts of each triangle's edges, so that none is longer than `size`, one for all or (T,).
 
     Triangles of one surface whose numbers would differ get powers of two, so that their vertices meet: one that
     lies between two of the neighbour's is in the middle of them, or halfway to the middle, and so on.
