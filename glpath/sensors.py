@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.centre import moved_camera
 from glpath.scene.model import Camera, Scene
 
 Vector = tuple[float, float, float]
@@ -86,6 +87,10 @@ class CameraSensor:
         """What an engine is made for: projection, whether it has a lens, whether it moves."""
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
+    def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
+        """The sensor relative to a point (3,); itself where that is zero."""
+        return CameraSensor.of(moved_camera(self.camera, origin)) if origin.any() else self
+
     def seen(self, scene: Scene) -> Scene:
         """The scene as this sensor sees it: with its camera."""
         return scene.with_camera(**vars(self.camera))
@@ -104,18 +109,20 @@ class CameraSensor:
 class PointTables:
     """Points and what they face, in rows and columns as a film has pixels; row 0 is the film's first.
 
-    positions : (S, H, W, 3) float32, scene units; each path set takes one of the S tables
+    positions : (S, H, W, 3) float32, scene units, relative to `origin`; each path set takes one of the S tables
     normals   : (S, H, W, 3) float32, unit: light from the other side does not count
     valid     : (H, W) bool: elsewhere nothing starts, and the film is black
     shading   : (S, H, W, 3) float32, unit, or None: normals to weigh light by, as a smooth surface does that is
                 made of flat triangles: its cosine counts in place of that to `normals`, which go on to say what is
                 behind the surface
+    origin    : what positions are relative to, scene units
     """
 
     positions: Float32
     normals: Float32
     valid: NDArray[np.bool_]
     shading: Float32 | None = None
+    origin: Vector = (0.0, 0.0, 0.0)
 
     @property
     def digest(self) -> str:
@@ -126,6 +133,8 @@ class PointTables:
             if array is not None:
                 h.update(f"{name} {array.dtype} {array.shape} ".encode())
                 h.update(np.ascontiguousarray(array).data)
+        if any(self.origin):
+            h.update(f"origin {self.origin} ".encode())
         return h.hexdigest()
 
 
@@ -167,6 +176,7 @@ class PointSensor:
         *,
         shading_normals: ArrayLike | None = None,
         shutter: tuple[float, float] = (0.0, 0.0),
+        origin: Vector = (0.0, 0.0, 0.0),
     ) -> PointSensor:
         """The sensor of points.
 
@@ -176,6 +186,8 @@ class PointSensor:
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
+        origin          : what positions are relative to, scene units: they are held in 32 bits. `Scene.centred.origin`
+                          suits points of that scene
 
         What is not valid may be anything. Raises UsageError for shapes that do not match, numbers that are not
         finite, normals that are not unit, and where none is valid.
@@ -196,12 +208,14 @@ class PointSensor:
             raise UsageError("points: a position is not finite.")
         place = np.where(inside[..., None], place, np.float32(0.0))
         among = place[:, inside].reshape(-1, 3).astype(np.float64)
-        points = PointTables(place, directions[0], inside, *directions[1:])
+        x, y, z = map(float, origin)
+        shading = directions[1] if len(directions) > 1 else None
+        points = PointTables(place, directions[0], inside, shading, (x, y, z))
         return cls(
             resolution=(width, height),
             sha256=points.digest,
             count=int(inside.sum()),
-            middle=_plain(0.5 * (among.min(axis=0) + among.max(axis=0))),
+            middle=_plain(0.5 * (among.min(axis=0) + among.max(axis=0)) + points.origin),
             tables=count,
             smooth=shading_normals is not None,
             shutter=(float(shutter[0]), float(shutter[1])),
@@ -212,6 +226,15 @@ class PointSensor:
     def kind(self) -> tuple[object, ...]:
         """What an engine is made for: how many tables there are, and whether there are normals to shade with."""
         return ("points", self.tables > 1, self.smooth)
+
+    def moved(self, origin: NDArray[np.float64]) -> PointSensor:
+        """The sensor relative to a point (3,); itself where that is zero. For an engine: `sha256` stays as it was."""
+        if not origin.any():
+            return self
+        points = self.points
+        if points is not None:
+            points = replace(points, origin=_plain(np.array(points.origin) - origin))
+        return replace(self, middle=_plain(np.array(self.middle) - origin), points=points)
 
     def seen(self, scene: Scene) -> Scene:
         """The scene as this sensor has it: with a camera amid the points, in place of its own, which says nothing.
