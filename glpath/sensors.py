@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.scene.camera import CameraKey, Projection
-from glpath.scene.centre import moved_camera
+from glpath.scene.centre import moved_camera, origin_of
 from glpath.scene.model import Camera, Scene
 
 Vector = tuple[float, float, float]
@@ -22,6 +22,8 @@ Float32 = NDArray[np.float32]
 
 #: By how much the length of a normal may differ from one.
 _UNIT = 1e-3
+#: Of its distance from zero, what is taken for the size of a single point.
+_ALONE = 0.01
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ class PointSensor:
         *,
         shading_normals: ArrayLike | None = None,
         shutter: tuple[float, float] = (0.0, 0.0),
-        origin: Vector = (0.0, 0.0, 0.0),
+        origin: Vector | None = None,
     ) -> PointSensor:
         """The sensor of points.
 
@@ -186,12 +188,14 @@ class PointSensor:
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
-        origin          : what positions are relative to, scene units: they are held in 32 bits. `Scene.centred.origin`
-                          suits points of that scene
+        origin          : what positions are relative to, scene units. None: to the scene's origin; as they are held in
+                          32 bits, those far from it are then made relative to a whole number near them
 
         What is not valid may be anything. Raises UsageError for shapes that do not match, numbers that are not
         finite, normals that are not unit, and where none is valid.
         """
+        if origin is None:
+            positions, origin = _near_origin(positions, valid)
         place = _table("positions", positions)
         if 0 in place.shape:
             raise UsageError(f"points: an array of shape {place.shape}, in which there is none.")
@@ -288,6 +292,24 @@ def _table(name: str, given: ArrayLike) -> Float32:
     if array.ndim not in (3, 4) or array.shape[-1] != 3:
         raise UsageError(f"points: {name} of shape {np.shape(given)} where (H, W, 3) or (S, H, W, 3) is needed")
     return array if array.ndim == 4 else array[None]
+
+
+def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLike, Vector]:
+    """Positions relative to an origin near them, and that; themselves where they are not far from zero, or wrong."""
+    array = np.asarray(positions)
+    if array.dtype != np.float64 or array.ndim not in (3, 4) or array.shape[-1] != 3 or 0 in array.shape:
+        return positions, (0.0, 0.0, 0.0)
+    inside = np.ones(array.shape[-3:-1], bool) if valid is None else np.asarray(valid, bool)
+    if inside.shape != array.shape[-3:-1] or not inside.any():
+        return positions, (0.0, 0.0, 0.0)
+    among = array[..., inside, :].reshape(-1, 3)
+    low, high = among.min(axis=0), among.max(axis=0)
+    if not np.isfinite(low + high).all():
+        return positions, (0.0, 0.0, 0.0)
+    # A single place has no size to tell what is far.
+    size = 0.0 if np.any(high > low) else _ALONE * float(np.abs(low).max())
+    origin = origin_of(low - size, high + size)
+    return (array - origin if origin.any() else positions), _plain(origin)
 
 
 def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[np.bool_]) -> Float32:

@@ -65,7 +65,7 @@ void add_place(ivec2 pixel, bool hit, vec3 position)
 #ifdef EYE_PANORAMA
     vec4 place = vec4(position, length(position - eye_position));
 #else
-    vec4 place = vec4(position, max(eye_from_world(position).z, 0.0));
+    vec4 place = vec4(position, max(eye_from_world(position).z + eye_ahead, 0.0));
 #endif
     vec4 scaled = floor(clamp(place, -place_extent, place_extent) * place_quanta + 0.5);
     bvec4 negative = lessThan(scaled, vec4(0.0));
