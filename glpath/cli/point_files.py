@@ -307,7 +307,12 @@ def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    # Of places all digits, as those of a georeferenced model have many.
+    digits = [15 if name in _POINT else 9 for name in columns]
+    writer.writerows(
+        [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
+        for row in zip(*columns.values(), strict=True)
+    )
     write_bytes(text.getvalue().encode(), path)
 
 
