@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from reference import numpy_ray_tracer as slow
 
 import glpath
+from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import ImageError, UsageError
-from glpath.experiments import mitsuba_peer
 from glpath.film import FAR, Film
 from glpath.film_metadata import AOVS, DENOISER_AOVS
 from glpath.image import read_exr_channels, read_image

@@ -158,7 +158,7 @@ def blocks(image: Float64, side: int = 8) -> Float64:
 @pytest.mark.parametrize("name", BALLS)
 def test_balls_in_the_cornell_box_are_mitsubas(name: str) -> None:
     """The mean within 1 %; of squares of 8 x 8 pixels half within 3 %, and all as far as two of ours differ."""
-    mitsuba_peer = pytest.importorskip("glpath.experiments.mitsuba_peer")
+    mitsuba_peer = pytest.importorskip("benchmarks.peers.mitsuba")
     pytest.importorskip("mitsuba")
     scene, notes = mitsuba_peer.comparable(with_balls(**BALLS[name]))
     assert len(notes) == 1

@@ -16,12 +16,12 @@ import pytest
 from PIL import Image
 
 import glpath
-from glpath.figures.candidates import ShaftScene
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.notebook import View, explore_shafts, view
 from glpath.notebook.live import LiveImage
 from glpath.notebook.orbit import nearer, shifted, turned
+from glpath.notebook.shaft_scene import ShaftScene
 from glpath.radiosity import Strategy
 from glpath.rendering.job import describe
 from glpath.scene import Camera

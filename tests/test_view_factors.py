@@ -15,9 +15,7 @@ from scipy import sparse
 from typer.testing import CliRunner
 
 import glpath
-from glpath.cli.main import app
-from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.experiments.view_factor_scenes import (
+from benchmarks.view_factor_scenes import (
     CLOSED_FORMS,
     block_in_a_room,
     box_faces,
@@ -25,6 +23,8 @@ from glpath.experiments.view_factor_scenes import (
     closed_at_random,
     room_of_outline,
 )
+from glpath.cli.main import app
+from glpath.errors import GlpathError, SceneError, UsageError
 
 Float64 = NDArray[np.float64]
 L_SHAPE = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]

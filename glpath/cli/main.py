@@ -21,20 +21,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import (
-    bench,
-    compare,
-    devices,
-    export,
-    figure,
-    lightmap,
-    measure,
-    merge,
-    radiosity,
-    render,
-    scenes,
-    viewfactors,
-)
+from glpath.cli import compare, devices, export, lightmap, measure, merge, radiosity, render, scenes, viewfactors
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
@@ -125,15 +112,22 @@ def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: 
     say("".join(traceback.format_exception(kind, error, trace)).rstrip(), err=True)
 
 
-app = typer.Typer(
-    name="glpath",
-    cls=Commands,
-    help="Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen.",
-    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
-    "render has more.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+def program(name: str, about: str) -> typer.Typer:
+    """A program whose commands report errors and warnings as lines, and end with the exit codes above."""
+    return typer.Typer(
+        name=name,
+        cls=Commands,
+        help=about,
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
+        "render has more.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+
+app = program(
+    "glpath", "Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen."
 )
 
 
@@ -164,15 +158,13 @@ for _commands in (
     scenes,
     export,
     devices,
-    bench,
-    figure,
 ):
     _commands.register(app)
 
 
-def run() -> None:
-    """The entry point of the `glpath` script and of `python -m glpath`."""
+def run(commands: typer.Typer = app, name: str = "glpath") -> None:
+    """The entry point of the `glpath` script, of `python -m glpath`, and of another program of such commands."""
     sys.excepthook = _traceback_as_lines
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
-    app(prog_name="glpath")
+    commands(prog_name=name)

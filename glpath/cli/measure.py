@@ -210,7 +210,7 @@ def measure(
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
     if pictures:
-        from glpath.figures.style import require_matplotlib
+        from glpath.charts import require_matplotlib
 
         require_matplotlib()
     options = option_values(integrator, options)
@@ -290,8 +290,8 @@ def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
 def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
     import numpy as np
 
+    from glpath.charts import Axis, field
     from glpath.cli.point_files import AXES
-    from glpath.figures.style import Axis, field
     from glpath.files import write_bytes
     from glpath.image import encode_png
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import ipywidgets
 
-from glpath.figures.candidates import ShaftScene
+from glpath.notebook.shaft_scene import ShaftScene
 from glpath.notebook.show import error_html, with_picture
 from glpath.radiosity import Strategy
 from glpath.scene import AnyScene, load_scene
@@ -18,7 +18,7 @@ from glpath.scene import AnyScene, load_scene
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
     """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
 
-    scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets
+    scene : with triangles; see `glpath.notebook.shaft_scene.ShaftScene`, which draws the same without widgets
 
     Cost: the first time kernels are compiled, up to a minute; then well under a second an image.
     """
