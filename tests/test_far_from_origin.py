@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from command_line import run as run_command
+from scipy.ndimage import binary_erosion
 
 import glpath
 from glpath import Film, SceneWarning, load_scene, render
@@ -20,8 +21,9 @@ from glpath.image import read_exr_channels
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import RenderJob, run
 from glpath.rendering.points import irradiance
-from glpath.scene import Mesh, Scene
+from glpath.scene import Scene
 from glpath.scene.centre import FARTHEST, origin_of
+from glpath.scene.model import Mesh
 from glpath.sensors import PointSensor
 
 #: UTM zones: metres to the east and to the north, by a file whose y is up, and by one whose z is.
@@ -139,7 +141,7 @@ def test_a_sensor_of_points_holds_what_32_bits_do_not() -> None:
     assert sensor.middle == pytest.approx((500000.995, 5800000.735, 37.55), abs=1e-6)
     elsewhere = PointSensor.of(points + [0, 1e6, 0], up)
     assert elsewhere.sha256 != sensor.sha256
-    near = PointSensor.of(points % 10, up)
+    near = PointSensor.of(points % 4, up)
     assert near.points is not None
     assert near.points.origin == (0, 0, 0)
     job = RenderJob.of(hut(points[0, 0]), sensor=PointSensor.of(points + [0, 1, 0], up), spp=2)
@@ -154,7 +156,7 @@ def test_a_table_of_measured_points_has_the_coordinates_of_the_file(tmp_path: Pa
     x, y, z = place
     scene.write_text(
         f"[camera]\nposition = [{x}, {y + 1}, {z + 9}]\ntarget = [{x}, {y}, {z}]\n[sky]\nzenith = 1\n"
-        f'[[shapes]]\ntype = "box"\ncenter = [{x}, {y - 2}, {z}]\nsize = 1.5\n'
+        f'[[shapes]]\ntype = "box"\ncenter = [{x}, {y - 2}, {z}]\nsize = [1.5, 1.5, 1.5]\n'
     )
     points = place + [[0.123, 0.0, 0.0], [0.0, 0.456, 0.789]]
     table.write_text("x,y,z\n" + "\n".join(",".join(f"{value:.3f}" for value in row) for row in points) + "\n")
@@ -211,7 +213,7 @@ def test_radiosity_and_view_factors_agree(size: float) -> None:
         options: dict[str, Any] = {"integrator": "gather", "spp": 4}
         pictures = [render(s, radiosity=r, **options).mean for s, r in ((near, solved), (far, found))]
         assert np.abs(pictures[1] - pictures[0]).mean() < 1e-3 * pictures[0].mean()
-        np.testing.assert_allclose(glpath.view_factors(far, error=0.05).matrix, factors.matrix, atol=1e-3)
+        assert abs(glpath.view_factors(far, error=0.05).matrix - factors.matrix).max() < 1e-3
         hits = EyeHits.of(far, 1).position
         np.testing.assert_allclose(hits - place, EyeHits.of(near, 1).position, rtol=0, atol=1e-5 * size)
 
@@ -241,8 +243,7 @@ def check_place(model: Path, scene: Scene) -> None:
 
 def test_exports_keep_their_digits(tmp_path: Path) -> None:
     far = hut(PLACES[0])
-    with pytest.warns(SceneWarning):
-        glpath.export(far, tmp_path / "far.glb")
+    glpath.export(far, tmp_path / "far.glb")
     check_place(tmp_path / "far.glb", far)
     glpath.solve_radiosity(far, patches=20).to_glb(far, tmp_path / "radiosity.glb")
     check_place(tmp_path / "radiosity.glb", far)
@@ -258,8 +259,7 @@ def test_exports_keep_their_digits(tmp_path: Path) -> None:
 
 def test_z_up_models_are_translated_after_they_are_turned(tmp_path: Path) -> None:
     far = hut(PLACES[1]).with_camera(up=(0, 0, 1))
-    with pytest.warns(SceneWarning):
-        glpath.export(far, tmp_path / "far.glb")
+    glpath.export(far, tmp_path / "far.glb")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read = load_scene(tmp_path / "far.glb")
@@ -272,17 +272,14 @@ def test_z_up_models_are_translated_after_they_are_turned(tmp_path: Path) -> Non
 def test_a_file_of_32_bits_there_prints_its_step(tmp_path: Path, name: str, step: float) -> None:
     box = trimesh.creation.box((3.1, 2.3, 4.7))
     box.export(tmp_path / name)  # trimesh writes floats
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", "(?s).*32 bits")
-        warnings.filterwarnings("ignore", "(?s).*has no")
-        load_scene(tmp_path / name)
+    assert not _said_of_bits(tmp_path / name)
     box.apply_translation((450000.3, 5800000.77, 37.2))
     if name == "single.ply":
         _write_ply(tmp_path / name, box, "float")
     else:
         box.export(tmp_path / name)
-    with pytest.warns(SceneWarning, match=rf"32 bits, which are {step:g} apart at 5,80"):
-        load_scene(tmp_path / name)
+    (said,) = _said_of_bits(tmp_path / name)
+    assert f"{name}: its vertices are numbers of 32 bits, which are {step:g} apart at 5,80" in said
 
 
 @pytest.mark.parametrize("name", ["a.obj", "double.ply", "ascii.stl", "a.toml", "node.glb"])
@@ -305,11 +302,18 @@ def test_formats_with_more_digits_keep_them(tmp_path: Path, name: str) -> None:
             f'[camera]\nposition = [0, 0, 9]\ntarget = [0, 0, 0]\n[[shapes]]\ntype = "mesh"\nvertices = '
             f"{box.vertices.tolist()}\nfaces = {box.faces.tolist()}\n"
         )
+    assert not _said_of_bits(path)
     with warnings.catch_warnings():
-        warnings.filterwarnings("error", "(?s).*32 bits")
-        warnings.filterwarnings("ignore", "(?s).*has no")
+        warnings.simplefilter("ignore")
         read = load_scene(path)
     np.testing.assert_allclose(read.bounds, box.bounds, rtol=0, atol=1e-6)
+
+
+def _said_of_bits(path: Path) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        load_scene(path)
+    return [str(each.message) for each in caught if "32 bits" in str(each.message)]
 
 
 def _write_ply(path: Path, mesh: Any, kind: str) -> None:
@@ -342,7 +346,7 @@ class Rows:
 def test_streams_instances_and_what_moves_are_moved_with_the_rest() -> None:
     def scene(place: Any) -> Scene:
         x, y, z = np.asarray(place, float).tolist()
-        ball = {"type": "box", "size": 0.5, "material": "wall"}
+        ball = {"type": "box", "size": [0.5, 0.5, 0.5], "material": "wall"}
         keys = [{"time": t, "transform": [{"translate": [x + t, y + 0.5, z]}]} for t in (0.0, 1.0)]
         made = hut(place, shapes=[ball | {"motion": keys}])
         return made.with_camera(shutter=(0.0, 1.0))
@@ -389,11 +393,10 @@ def test_a_distant_camera_sees_the_same_by_scans_as_by_rays(distance: float, pro
     np.testing.assert_array_equal(pair.aov("depth") < 1e9, met)
     assert pair.mean.mean() == pytest.approx(own.mean.mean(), rel=0.01)
     # What is met lies on the floor, to the last digits of the scene's size, not of the distance.
-    floor = (own.aov("object_id") == 1) & (pair.aov("object_id") == 1)
-    assert floor.sum() > 20
-    inner = floor & (np.abs(own.aov("position")[..., 1]) < 1e-3) & (np.abs(pair.aov("position")[..., 1]) < 1e-3)
-    assert inner.sum() > 20
-    assert np.abs(pair.aov("position")[inner][:, 1]).max() < 1e-5
+    inner = binary_erosion((own.aov("object_id") == 1) & (pair.aov("object_id") == 1), np.ones((3, 3)))
+    assert inner.sum() > 10
+    for film in (own, pair):
+        assert np.abs(film.aov("position")[inner][:, 1]).max() < 1e-5
     away = np.linalg.norm(scene.camera.position - own.aov("position")[inner], axis=1)
     np.testing.assert_allclose(own.aov("depth")[inner], away, rtol=1e-3)
 
