@@ -148,8 +148,8 @@ class Film:
         "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
                         samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
                         own extent (of an endless plane) counts as so far
-        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a scene
-                        far from the origin an .exr has them relative to `position_origin`, which its header names
+        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
+                        scene far from the origin an .exr has them relative to its header's `position_origin`
         "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order;
                         0 where there is none. An .exr has the Cryptomatte of objects with it, see `cryptomatte`
         "material_id" : the same of materials

@@ -188,8 +188,8 @@ class PointSensor:
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
-        origin          : what positions are relative to, scene units. None: to the scene's origin; as they are held in
-                          32 bits, those far from it are then made relative to a whole number near them
+        origin          : what positions are relative to, scene units. None: to its origin; as they are held in 32
+                          bits, those far from that are then made relative to a whole number near them
 
         What is not valid may be anything. Raises UsageError for shapes that do not match, numbers that are not
         finite, normals that are not unit, and where none is valid.
@@ -232,7 +232,7 @@ class PointSensor:
         return ("points", self.tables > 1, self.smooth)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
-        """The sensor relative to a point (3,); itself where that is zero. For an engine: `sha256` stays as it was."""
+        """The sensor relative to a point (3,); itself where that is zero. `sha256` stays as it was."""
         if not origin.any():
             return self
         points = self.points
@@ -295,7 +295,7 @@ def _table(name: str, given: ArrayLike) -> Float32:
 
 
 def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLike, Vector]:
-    """Positions relative to an origin near them, and that; themselves where they are not far from zero, or wrong."""
+    """Positions relative to an origin near them, and that; themselves where they are near zero, or wrong."""
     array = np.asarray(positions)
     if array.dtype != np.float64 or array.ndim not in (3, 4) or array.shape[-1] != 3 or 0 in array.shape:
         return positions, (0.0, 0.0, 0.0)

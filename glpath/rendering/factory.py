@@ -104,7 +104,7 @@ class Plan(Protocol):
         """What a scene has that this integrator hardly renders as it is meant."""
 
     def traceable(self, scene: Scene) -> Scene:
-        """The scene as the engine knows it, relative to its `origin`. Raises SceneError for what it does not know."""
+        """The scene as the engine knows it, relative to its `origin`. Raises SceneError for what it is not for."""
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         """The plan with all that takes the traceable scene and no context: a radiosity solution.

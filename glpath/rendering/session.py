@@ -113,9 +113,7 @@ class Session:
                 self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
                 with context:
                     sensor = sensor_in(self._traced, job.sensor, scene)
-                    self._engine = self._plan.engine(
-                        context, self._traced, sensor, self._tiles[0].window, timings
-                    )
+                    self._engine = self._plan.engine(context, self._traced, sensor, self._tiles[0].window, timings)
             else:
                 with context:
                     self._go_on(self._engine, job, scene)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.camera import Camera
-from glpath.scene.geometry import Shape, Shapes
+from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.stream import Stream
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def moved(scene: Scene, origin: Float64) -> Scene:
     """The scene relative to a point (3,)."""
     lower, upper = scene.bounds
     middle = 0.5 * (lower + upper) - origin
+    meshes: dict[Mesh, tuple[Mesh, Float64]] = {mesh: _about_itself(mesh) for mesh in scene.shapes.meshes}
     lights = (
         light if light.kind == "directional" else replace(light, position=light.position - origin)
         for light in scene.lights
@@ -65,7 +66,7 @@ def moved(scene: Scene, origin: Float64) -> Scene:
     return replace(
         scene,
         camera=moved_camera(scene.camera, origin),
-        shapes=Shapes(_moved_shape(scene, shape, origin, middle) for shape in scene.shapes),
+        shapes=Shapes(_moved_shape(scene, shape, origin, middle, meshes) for shape in scene.shapes),
         lights=tuple(lights),
         centred_by=scene.origin + origin,
     )
@@ -75,17 +76,29 @@ def moved_camera(camera: Camera, origin: Float64) -> Camera:
     """The camera relative to a point (3,); itself where that is zero."""
     if not origin.any():
         return camera
-    keys = (
-        replace(key, position=key.position - origin, target=key.target - origin) for key in camera.motion
-    )
-    return replace(
-        camera, position=camera.position - origin, target=camera.target - origin, motion=tuple(keys)
-    )
+    keys = (replace(key, position=key.position - origin, target=key.target - origin) for key in camera.motion)
+    return replace(camera, position=camera.position - origin, target=camera.target - origin, motion=tuple(keys))
 
 
-def _moved_shape(scene: Scene, shape: Shape, origin: Float64, middle: Float64) -> Shape:
+def _about_itself(mesh: Mesh) -> tuple[Mesh, Float64]:
+    """A mesh whose own vertices are near zero, as files of 32 bits hold them, and what was subtracted, (3,)."""
+    origin = origin_of(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) if len(mesh.vertices) else np.zeros(3)
+    return (replace(mesh, vertices=mesh.vertices - origin) if origin.any() else mesh), origin
+
+
+def _moved_shape(
+    scene: Scene, shape: Shape, origin: Float64, middle: Float64, meshes: dict[Mesh, tuple[Mesh, Float64]]
+) -> Shape:
     if isinstance(shape.geometry, Stream):
         return replace(shape, geometry=_moved_stream(shape.geometry, origin))
+    if isinstance(shape.geometry, Mesh):
+        mesh, within = meshes[shape.geometry]
+        if within.any():
+            motion = shape.motion
+            if motion is not None:
+                motion = replace(motion, placed=_before(motion.placed, within))
+            maps = _before(shape.world_from_object, within)
+            shape = replace(shape, geometry=mesh, world_from_object=maps, motion=motion)
     maps = _shifted(shape.world_from_object, origin)
     if shape.geometry == "plane" and not scene.materials[shape.material].needs_uv:
         maps = _about(maps, middle)
@@ -99,6 +112,13 @@ def _shifted(maps: Float64, origin: Float64) -> Float64:
     """(N, 3, 4), what they place being relative to the origin (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] -= origin
+    return found
+
+
+def _before(maps: Float64, within: Float64) -> Float64:
+    """(N, 3, 4), of an object that is relative to a point (3,) of its own."""
+    found = np.array(maps, np.float64)
+    found[:, :, 3] += found[:, :, :3] @ within
     return found
 
 

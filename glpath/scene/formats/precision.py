@@ -14,20 +14,20 @@ COARSE = 1e-4
 
 
 def step_at(low: Float64, high: Float64) -> float:
-    """How far numbers of 32 bits are apart at the farther of two corners (3,), along the axis where it is farthest."""
+    """How far numbers of 32 bits are apart at the farther of two corners (3,), where it is farthest."""
     return float(np.spacing(np.float32(max(np.abs(low).max(), np.abs(high).max()))))
 
 
 def warn_of_steps(source: object, step: float, low: Float64, high: Float64, stacklevel: int) -> None:
-    """Warn where a step is coarse beside what lies between two corners (3,), world space; `source` names the file."""
+    """Warn where a step is coarse beside the box between two corners (3,); `source` names the file."""
     if not step > COARSE * float(np.linalg.norm(high - low)):
         return
     farthest = max((*low, *high), key=abs)
     warnings.warn(
         SceneWarning(
-            f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far from the "
-            f"origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer to the "
-            "origin (glTF: with a node's translation), or in a format with more digits: OBJ, or PLY of doubles."
+            f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far from "
+            f"the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer to it "
+            "(glTF: with a node's translation), or in a format with more digits: OBJ, or PLY of doubles."
         ),
         stacklevel=stacklevel + 1,
     )
