@@ -157,6 +157,9 @@ class PointSensor:
     tables     : how many a path set has to choose from: a texel of so many places has the mean of their light
     smooth     : there are normals to shade with
     shutter    : when it opens and when it closes, seconds: of what moves
+    independent : each point draws light samples of its own, where paths have directions of their own: errors of
+                 points are independent, so that their mean is as exact as they are many. Else a set's few light
+                 samples serve all, which takes 5 to 25 % less time
     points     : the points; None where they have to be handed in
     """
 
@@ -167,6 +170,7 @@ class PointSensor:
     tables: int = 1
     smooth: bool = False
     shutter: tuple[float, float] = (0.0, 0.0)
+    independent: bool = False
     points: PointTables | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -179,6 +183,7 @@ class PointSensor:
         shading_normals: ArrayLike | None = None,
         shutter: tuple[float, float] = (0.0, 0.0),
         origin: Vector | None = None,
+        independent: bool = False,
     ) -> PointSensor:
         """The sensor of points.
 
@@ -223,13 +228,14 @@ class PointSensor:
             tables=count,
             smooth=shading_normals is not None,
             shutter=(float(shutter[0]), float(shutter[1])),
+            independent=independent,
             points=points,
         )
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: how many tables there are, and whether there are normals to shade with."""
-        return ("points", self.tables > 1, self.smooth)
+        """What an engine is made for: how many tables there are, normals to shade with, light samples of whom."""
+        return ("points", self.tables > 1, self.smooth, self.independent)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
         """The sensor relative to a point (3,); itself where that is zero. `sha256` stays as it was."""

@@ -317,8 +317,8 @@ def check_same_kind(made_for: tuple[object, ...], found: tuple[object, ...]) -> 
 
 
 def _kind_in_words(kind: tuple[object, ...]) -> str:
-    projection, lens, moves, shutter = kind
-    if projection == "points":
+    if kind[0] == "points":
         return "points"
+    projection, lens, moves, shutter = kind
     told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
     return told if shutter is None else f"{told}, with a shutter of {shutter}"

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.light_draws import LightDraws
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
@@ -41,7 +42,7 @@ from glpath.light_samples import LightSamples
 from glpath.lighting import Lighting
 from glpath.sampling import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
-from glpath.sensors import Sensor
+from glpath.sensors import PointSensor, Sensor
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -116,6 +117,10 @@ class RayPathEngine(PathSetEngine):
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
+        # What is measured at points is also their mean: with light samples that all share, all would err alike.
+        self._draws: LightDraws | None = None
+        if isinstance(self.sensor, PointSensor) and self.sensor.independent:
+            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
         # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
@@ -129,7 +134,9 @@ class RayPathEngine(PathSetEngine):
         if self._points is not None:
             textures |= self._points.textures
         # Includes are put in place before #ifdef is looked at.
-        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": ""}
+        generated = {
+            **scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": "", "LIGHT_DRAWS": ""
+        }  # fmt: skip
         defines: dict[str, object] = {
             **scene.defines,
             **self._eye_defines,
@@ -141,6 +148,11 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
             **self._sums.defines,
         }
+        if self._draws is not None:
+            self._constant |= self._draws.uniforms
+            textures |= self._draws.textures
+            generated |= self._draws.generated
+            defines |= self._draws.defines
         if any(material.is_pane for material in scene.scene.materials):
             defines["HAS_PANES"] = 1
         self._lamp_edges: LampEdges | None = None
@@ -233,8 +245,13 @@ class RayPathEngine(PathSetEngine):
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
-            "light_table": self._light_table(index),
+            **self._light_uniforms(index),
         }
+
+    def _light_uniforms(self, index: int) -> Uniforms:
+        if self._draws is None:
+            return {"light_table": self._light_table(index)}
+        return {"light_point": tuple(map(int, _words(self._sampler[index].light)))}
 
     def _light_table(self, index: int) -> bytes:
         """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.

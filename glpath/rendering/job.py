@@ -235,6 +235,7 @@ class _PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
     tables: Annotated[int, Meta(ge=1)] = 1
     smooth: bool = False
     shutter: tuple[float, float] = (0.0, 0.0)
+    independent: bool = False
 
 
 class _JobFile(msgspec.Struct, forbid_unknown_fields=True):

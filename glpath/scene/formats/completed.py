@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -20,16 +24,41 @@ _VIEW = np.array([0.5, 0.4, 1.0])
 _FOV = 40.0
 # How much farther off the eye is than it must be.
 _MARGIN = 1.1
+#: What of a scene has no part in what is done with it.
+_ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
+
+
+@contextmanager
+def aside(*parts: Literal["camera", "light"]) -> Iterator[None]:
+    """Scenes that are loaded within need none of these parts: what stands in for them is no reason for a warning.
+
+    Nor is a scene file without a camera one for an error.
+    """
+    before = _ASIDE.set(_ASIDE.get() | set(parts))
+    try:
+        yield
+    finally:
+        _ASIDE.reset(before)
+
+
+def is_aside(part: Literal["camera", "light"]) -> bool:
+    """Within `aside` of this part."""
+    return part in _ASIDE.get()
+
+
+def uniform_sky(*, assumed: bool = False) -> Sky:
+    """White, of radiance 1 from all around."""
+    return Sky(np.ones(3), np.ones(3), assumed=assumed)
 
 
 def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light: bool = True) -> Scene:
-    """The scene with a camera and with light; a SceneWarning says what had to be added.
+    """The scene with a camera and with light; a SceneWarning says what had to be added, and was not `aside`.
 
     has_camera    : False sets one that frames everything, of the resolution of the scene's
     glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
     notes = []
-    if not has_camera:
+    if not has_camera and not is_aside("camera"):
         scene = replace(scene, camera=framing(scene, scene.camera.resolution))
         c = scene.camera
         notes.append(
@@ -42,9 +71,10 @@ def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light:
     # What is unlit all over is seen without light.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     if needs_light and not is_lit:
-        scene = replace(scene, sky=Sky(np.ones(3), np.ones(3)))
+        scene = replace(scene, sky=uniform_sky(assumed=True))
         what = "no light but what glows faintly" if emitters else "no light"
-        notes.append(f"{what}, so a white sky shines from all around")
+        if not is_aside("light"):
+            notes.append(f"{what}, so a white sky shines from all around")
     if notes:
         warnings.warn(
             SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=stacklevel + 1

@@ -9,7 +9,7 @@ import numpy as np
 from glpath.errors import SceneWarning
 from glpath.scene.geometry import Float64
 
-#: Of the diagonal of what a file holds: a larger step between neighbouring numbers is said.
+#: Of the diagonal of what a file holds: a larger step between neighbouring numbers is told.
 COARSE = 1e-4
 
 
@@ -25,9 +25,9 @@ def warn_of_steps(source: object, step: float, low: Float64, high: Float64, stac
     farthest = max((*low, *high), key=abs)
     warnings.warn(
         SceneWarning(
-            f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far from "
-            f"the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer to it "
-            "(glTF: with a node's translation), or in a format with more digits: OBJ, or PLY of doubles."
+            f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far "
+            f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file "
+            "nearer to it (glTF: with a node's translation), or in a format with more digits: OBJ, or PLY of doubles."
         ),
         stacklevel=stacklevel + 1,
     )
