@@ -73,6 +73,7 @@ _DECIDES = {
     "full_resolution": "resolution",
     "window": "crop",
     "aovs": "aovs",
+    "position_origin": "position_origin",
 }
 # What counts of shapes are of.
 _NAMES = ("shape_names", "material_names", "shape_materials")
@@ -114,6 +115,8 @@ class FilmMetadata:
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise
     shape_materials : the material of each shape, likewise
+    position_origin : what the sums of "position" are relative to, in the coordinates of the scene, of one far from
+                      the origin; None: to that
     stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
                       of films that were merged
     error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
@@ -139,6 +142,7 @@ class FilmMetadata:
     shape_names: tuple[str, ...] = ()
     material_names: tuple[str, ...] = ()
     shape_materials: tuple[int, ...] = ()
+    position_origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
@@ -148,6 +152,8 @@ class FilmMetadata:
         object.__setattr__(self, "window", tuple(self.window))
         for name in ("aovs", *_NAMES):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+        if self.position_origin is not None:
+            object.__setattr__(self, "position_origin", tuple(self.position_origin))
 
     @property
     def aov_sums(self) -> dict[str, int]:
@@ -167,7 +173,7 @@ class FilmMetadata:
         plain = {
             key: value if isinstance(value, str) else json.dumps(value)
             for key, value in asdict(self).items()
-            if key not in _NAMES
+            if key not in _NAMES and not (key == "position_origin" and value is None)
         }
         return {f"glpath.{key}": value for key, value in plain.items()}
 
@@ -191,6 +197,9 @@ def metadata_of(text: str) -> FilmMetadata:
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
     _check_names(metadata)
+    origin = metadata.position_origin
+    if origin is not None and not (len(origin) == 3 and all(isinstance(x, int | float) for x in origin)):
+        raise ValueError(f"its position_origin is {shown(origin)}")
     sizes = (*metadata.full_resolution, *metadata.window)
     if [len(metadata.full_resolution), len(metadata.window)] != [2, 4] or not all(type(n) is int for n in sizes):
         raise ValueError(f"its resolution and window are {shown(sizes)}")

@@ -82,9 +82,7 @@ class Grid:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        said = (
-            f"plane: {AXES[self.axis]} = {self.height:g}, {u} from {a:.4g} to {b:.4g}, {v} from {c:.4g} to {d:.4g}"
-        )
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
@@ -193,7 +191,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     axis = int(nearest.argmax())
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
         return  # above open ground
-    low, high = f"{lower[axis]:.4g}", f"{upper[axis]:.4g}"
+    low, high = _at(lower[axis]), _at(upper[axis])
     told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
         raise UsageError(
@@ -203,6 +201,11 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
     warn(told + other)
+
+
+def _at(x: float) -> str:
+    """A coordinate for people: four digits, or two decimals of what is far from the origin."""
+    return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
 
 
 def _apart(spacing: str) -> float:
@@ -351,7 +354,12 @@ def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    # Of places all digits, as those of a georeferenced model have many.
+    digits = [15 if name in _POINT else 9 for name in columns]
+    writer.writerows(
+        [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
+        for row in zip(*columns.values(), strict=True)
+    )
     write_bytes(text.getvalue().encode(), path)
 
 

@@ -19,6 +19,7 @@ from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
+from glpath.scene.place import coordinates
 from glpath.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
@@ -172,8 +173,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     for label, value in {
         "source": summary["source"],
         "hash": f"sha256:{summary['sha256'][:16]}",
-        "bounds": f"{_numbers(bounds['min'])} to {_numbers(bounds['max'])}",
-        "camera": f"at {_numbers(camera['position'])} to {_numbers(camera['target'])}, up {_numbers(camera['up'])}",
+        "bounds": f"{coordinates(bounds['min'])} to {coordinates(bounds['max'])}",
+        "camera": f"at {coordinates(camera['position'])} to {coordinates(camera['target'])}, "
+        f"up {_numbers(camera['up'])}",
         "field of view": _told_of_view(camera),
         "lens": f"of radius {camera['aperture_radius']:g}, sharp at {camera['focus_distance']:g}"
         if camera["aperture_radius"]
@@ -247,7 +249,7 @@ def _described(light: dict[str, Any]) -> str:
     """What makes this light another than the others, in words."""
     if light["kind"] == "shape":
         return "both sides" if light["two_sided"] else "front"
-    words = [f"at {_numbers(light['position'])}"] if "position" in light else []
+    words = [f"at {coordinates(light['position'])}"] if "position" in light else []
     if "direction" in light:
         words.append(f"towards {_numbers(light['direction'])}")
     if "cone" in light:

@@ -168,7 +168,7 @@ def irradiance(
         integrator=integrator,
         spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
-        sensor=_in_rows(place, facing, loaded.camera.shutter),
+        sensor=_in_rows(place, facing, loaded),
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
@@ -264,15 +264,18 @@ def _around(axes: Float64) -> Float64:
     return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
 
 
-def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
-    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated.
+def _in_rows(place: Float64, facing: Float64, scene: Scene) -> PointSensor:
+    """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
 
     facing : (N, 3), or (S, N, 3), of which a path set takes one
     """
+    origin = scene.centred.origin - scene.origin
+    place = place - origin
     width = math.isqrt(len(place) - 1) + 1
     height = -(-len(place) // width)
     more = ((0, 0), (0, width * height - len(place)), (0, 0))
     facing = facing.reshape(-1, *place.shape)
     place = np.broadcast_to(place, facing.shape)
     rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
-    return PointSensor.of(*rows, shutter=shutter, independent=True)
+    x, y, z = origin.tolist()
+    return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

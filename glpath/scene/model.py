@@ -88,6 +88,8 @@ class Scene:
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
+    centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
+                   from the origin
     """
 
     name: str
@@ -100,6 +102,7 @@ class Scene:
     ambient: Float64 = field(default_factory=lambda: np.zeros(3))
     sky: Sky | Environment | None = None
     exposure: float | None = None
+    centred_by: Float64 | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
@@ -172,6 +175,21 @@ class Scene:
         Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
         """
         return self.shapes.bounds
+
+    @property
+    def origin(self) -> Float64:
+        """(3,) float64: what all coordinates are relative to, in those of the file; zeros but for `centred`."""
+        return np.zeros(3) if self.centred_by is None else self.centred_by
+
+    @cached_property
+    def centred(self) -> Scene:
+        """The scene relative to its `origin`, a whole number near its middle, as engines take it: in 32 bits, far
+        from the world's origin, numbers are too far apart. Itself where its middle is near the origin: up to four
+        diagonals of the box around its shapes. Found when first asked for.
+        """
+        from glpath.scene.centre import centred  # which imports this module
+
+        return centred(self)
 
     def mean_reflectance(self, material: Material, clear: float = 0.0) -> Float64:
         """(3,) float64: what one of the scene's materials reflects of light from everywhere, mirrors and glass too.

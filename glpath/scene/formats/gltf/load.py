@@ -25,6 +25,7 @@ from glpath.scene.formats.gltf.primitives import Primitives, Skin, is_open, skin
 from glpath.scene.formats.gltf.profiles import Profiles
 from glpath.scene.formats.gltf.surfaces import Surfaces
 from glpath.scene.formats.gltf.table import Table
+from glpath.scene.formats.precision import step_at, warn_of_steps
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
@@ -102,6 +103,8 @@ def read_gltf(
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
     shapes = made.all()
+    if shapes:
+        warn_of_steps(document.place, made.step, made.low, made.high, stacklevel=2)
     profiles = Profiles(document)
     written = nodes.tables.values
     extended = [i for i in nodes.drawn if "extensions" in written[i]]
@@ -244,6 +247,8 @@ class _Shapes:
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
         self.triangles = 0
+        #: How far numbers of 32 bits are apart where the vertices are, and the box around all, world space.
+        self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
         #: Names of meshes that change their form while the shutter is open.
         self.bent: list[str] = []
 
@@ -420,6 +425,10 @@ class _Shapes:
                 f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                 "Check the transforms of its nodes.",
             )
+        if len(maps):
+            self.step = max(self.step, step_at(low, high) * float(np.linalg.norm(maps[:, :, :3], axis=1).max()))
+            self.low = np.minimum(self.low, (centre - extent).min(axis=0))
+            self.high = np.maximum(self.high, (centre + extent).max(axis=0))
 
     def _note_single_sided(self) -> None:
         seen = (
