@@ -67,7 +67,8 @@ _PREVIEW = 1024
 class Film:
     """Sums of radiance over path sets, in batches.
 
-    radiance_sums : (BATCHES, H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709, row 0 at the top
+    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
+                    at the top
     batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
@@ -133,7 +134,7 @@ class Film:
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64, the image: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
+        """(H, W, 3) float64, the image: W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
         Raises UsageError when there is no path set in it.
         """
@@ -285,6 +286,7 @@ class Film:
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
             versions=merged_values(self.metadata.versions, other.metadata.versions),
+            unit=self.metadata.unit or other.metadata.unit,
             elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
             statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             stop_rule="",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.image import check_exposure
+from glpath.units import UNITS, Unit
 
 #: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
 Aov = Literal[
@@ -56,7 +57,7 @@ RULES = (SPP, TIME_LIMIT, NOISE)
 
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
-    "scene scene_hash integrator device stop_rule": str,
+    "scene scene_hash integrator device stop_rule unit": str,
     "seed max_depth": int,
     "elapsed_s": int | float,
     "noisy": bool,
@@ -74,6 +75,7 @@ _DECIDES = {
     "window": "crop",
     "aovs": "aovs",
     "position_origin": "position_origin",
+    "unit": "unit",
 }
 # What counts of shapes are of.
 _NAMES = ("shape_names", "material_names", "shape_materials")
@@ -100,6 +102,7 @@ class FilmMetadata:
     integrator      : for example "path_trace"
     seed, max_depth : of the random numbers; vertices of a path, as in the paper
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
+    unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
     noisy           : whether another seed is another image, so that comparisons have to look at the noise
     full_resolution : (width, height) of the whole image, pixels
@@ -135,6 +138,7 @@ class FilmMetadata:
     elapsed_s: float = 0.0
     noisy: bool = True
     exposure: float | None = None
+    unit: Unit | Literal[""] = ""
     statistics: Mapping[str, Any] = field(default_factory=dict)
     aovs: tuple[str, ...] = ()
     stop_rule: str = ""
@@ -193,6 +197,8 @@ def metadata_of(text: str) -> FilmMetadata:
         check_exposure(metadata.exposure)
     except UsageError as error:
         raise ValueError(error.message) from error
+    if metadata.unit not in ("", *UNITS):
+        raise ValueError(f"its unit is {shown(metadata.unit)}, expected one of {', '.join(UNITS)}")
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
@@ -263,7 +269,7 @@ def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str
             keys = sorted({*mine, *other})
             pairs = {f"settings.{key}": (mine.get(key, "absent"), other.get(key, "absent")) for key in keys}
         else:
-            pairs = {word: (mine, other)}
+            pairs = {word: (mine, other)} if name != "unit" or (mine and other) else {}
         found += [(key, shown(a), shown(b)) for key, (a, b) in pairs.items() if a != b]
     return found
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -341,15 +342,19 @@ def _number(cell: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
-    """A line for each point: where, which way, irradiance and illuminance with their standard errors."""
+def save_csv(path: Path, at: Points, found: Irradiance) -> None:
+    """A line for each point: where, which way, irradiance and illuminance with their standard errors.
+
+    Irradiance is in the unit of the scene, which the titles of its columns name.
+    """
+    unit = symbol(found.unit, "irradiance").replace(" m^-2", "/m2")
     columns = {
         **{name: at.points[:, i] for i, name in enumerate(_POINT)},
         **{name: at.normals[:, i] for i, name in enumerate(_NORMAL)},
-        **{f"{name} [W/m2]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
-        **{f"{name} [W/m2]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
-        "E [lx]": found.illuminance(lumens_per_watt),
-        "se [lx]": found.illuminance_errors(lumens_per_watt),
+        **{f"{name} [{unit}]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
+        **{f"{name} [{unit}]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
+        "E [lx]": found.illuminance(),
+        "se [lx]": found.illuminance_errors(),
     }
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -363,10 +368,11 @@ def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
     write_bytes(text.getvalue().encode(), path)
 
 
-def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+def save_npz(path: Path, at: Points, found: Irradiance) -> None:
     """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    A grid's have its shape before, (rows, columns, ...). Raises ImageError where it cannot be written.
+    `unit` is that of irradiance: "W m^-2" or "lx". A grid's have its shape before, (rows, columns, ...). Raises
+    ImageError where it cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -374,12 +380,12 @@ def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
         "normals": at.normals,
         "irradiance": found.values,
         "standard_errors": found.standard_errors,
-        "illuminance": found.illuminance(lumens_per_watt),
-        "illuminance_errors": found.illuminance_errors(lumens_per_watt),
+        "illuminance": found.illuminance(),
+        "illuminance_errors": found.illuminance_errors(),
     }
     shaped = {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
     with whole_file(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, lumens_per_watt=lumens_per_watt, **shaped)
+        np.savez_compressed(file, unit=symbol(found.unit, "irradiance"), **shaped)
 
 
 def check_kind(path: Path) -> None:

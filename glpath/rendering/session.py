@@ -99,6 +99,7 @@ class Session:
             check_same_render(
                 film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
             )
+            film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
         clock = Clock(
             film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
         )
@@ -194,6 +195,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
+        unit=scene.unit,
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),

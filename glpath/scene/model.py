@@ -22,6 +22,7 @@ from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
+from glpath.units import Unit
 
 __all__ = [
     "Camera",
@@ -55,9 +56,10 @@ class Light:
     """A punctual light, without extent. Shapes with an emission are lights too, but not here.
 
     kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
-    intensity : (3,) float64, linear Rec. 709: radiant intensity W sr^-1 (a spot's on its axis), or, with
-                falloff "none" and for a directional light, the irradiance W m^-2 on a surface that faces it. With
-                a profile, what that is multiplied by
+    intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity W sr^-1 or cd (a spot's on its
+                axis), or, with falloff "none" and for a directional light, the irradiance W m^-2 or lx on a surface
+                that faces it. With a profile, what its candela are multiplied by: 1 in a photometric scene,
+                1 / `glpath.units.EFFICACY` in a radiometric one
     position  : (3,) float64; of no meaning for a directional light
     direction : (3,) float64 unit, the way the light goes; of a point light with a profile, where gamma is 0; of no
                 meaning for one without
@@ -90,6 +92,7 @@ class Scene:
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
+    unit         : of all its light: "radiometric" (W) or "photometric" (lm); see `glpath.units`
     """
 
     name: str
@@ -103,6 +106,7 @@ class Scene:
     sky: Sky | Environment | None = None
     exposure: float | None = None
     centred_by: Float64 | None = None
+    unit: Unit = "radiometric"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))

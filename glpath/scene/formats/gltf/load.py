@@ -30,6 +30,7 @@ from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.place import shown
+from glpath.units import Unit
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
 _FLAT = 1e-9
@@ -54,6 +55,7 @@ class Model:
     camera    : the one that was asked for, else the first; None where there is none
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each said once
+    unit      : of its light; None where the format has none
     """
 
     source: str
@@ -66,6 +68,7 @@ class Model:
     camera: ModelCamera | None
     notes: tuple[str, ...]
     shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit | None = None
 
 
 def read_gltf(
@@ -75,15 +78,18 @@ def read_gltf(
     shutter: float = 0.0,
     camera: str | int | None = None,
     light_factor: float = 1.0,
+    unit: Unit = "photometric",
 ) -> Model:
     """Read a .gltf or .glb.
 
     time         : seconds into its animations; None shows it at rest
     shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
-    light_factor : what the intensity of punctual lights is multiplied by: candela are taken as W sr^-1, lux as
-                   W m^-2. Blender's exporter writes 683 lumen for a watt, so 1 / 683 brings back its watts.
-                   Surfaces that send light keep theirs
+    light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
+                   Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
+                   back its watts
+    unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
+                   "radiometric", as programs write them whose light is in watts
 
     Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
     a camera that it does not have and numbers that are not finite.
@@ -131,6 +137,7 @@ def read_gltf(
         camera=_chosen(cameras, camera, document),
         notes=tuple(document.notes.texts),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
+        unit=unit,
     )
 
 
