@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Literal
 
@@ -48,12 +48,11 @@ _BYTES_PER_FACTOR = 40
 _OVERLAP = 0.01
 #: Bytes below which it is not asked whether there are so many.
 _ASKED = 8 << 20
-#: What a row's error is made of: how many times the sum of what two quadratures of each factor are apart; the
-#: root of the summed squares of what single points stand for, as a shadow between points hides about as much; and a
-#: strip along the edges as wide as rounding. The worst row of random closed rooms has less than 0.9 of it.
-_CAUTION, _GRAINS, _STRIPS = 2.0, 1.5, 2.0
+#: What a row's error is made of: how many standard errors, and the width of a strip along its edges, in lengths
+#: below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to rounding.
+_CAUTION, _STRIPS = 2.5, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,7 @@ Report = Callable[[ViewFactorProgress], None]
 class _Part:
     """Exchange areas of the facets of some tasks with those that follow, as rows of the matrix.
 
-    error : how far two quadratures of each are apart
-    grain : the summed squares of what single points stand for
+    error : of each, one standard error
     """
 
     tasks: Int64
@@ -90,7 +88,6 @@ class _Part:
     j: NDArray[np.int32]
     exchange: NDArray[np.float64]
     error: NDArray[np.float32]
-    grain: NDArray[np.float32]
     counts: Int64
 
 
@@ -223,20 +220,28 @@ class _Run:
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
         stop = np.zeros(1, np.int64)
 
-        def work() -> None:
+        within = [np.zeros(1, np.int64) for _ in range(self.threads)]
+
+        def work(done: Int64) -> None:
             try:
                 while (task := _next(pending)) is not None:
-                    if (part := _task(where, faces, task, self.task, self.error, stop)) is not None:
+                    done[0] = 0
+                    if (part := _task(where, faces, task, self.task, self.error, stop, done)) is not None:
                         ended.put(part)
             except BaseException as error:
                 ended.put(error)
 
-        running, left = [Thread(target=work, daemon=True) for _ in range(self.threads)], len(pending)
+        running = [Thread(target=work, args=(done,), daemon=True) for done in within]
+        left = len(pending)
         try:
             for thread in running:
                 thread.start()
             while left:
-                parts = [_whole(ended.get())]
+                try:
+                    parts = [_whole(ended.get(timeout=_REPORT_INTERVAL))]
+                except Empty:  # tasks that are hard take minutes
+                    self._report("rows", self.rows_done + sum(int(done[0]) for done in within), total, False)
+                    continue
                 while not ended.empty():
                     parts.append(_whole(ended.get()))
                 left -= len(parts)
@@ -295,7 +300,7 @@ class _Run:
         with whole_file(self.resume) as temporary, open(temporary, "wb") as file:
             np.savez(
                 file, key=np.array(key), tasks=part.tasks, i=part.i, j=part.j, exchange=part.exchange,
-                error=part.error, grain=part.grain, counts=part.counts,
+                error=part.error, counts=part.counts,
             )  # fmt: skip
 
     def _result(self, faces: Faces, where: Geometry) -> ViewFactors:
@@ -303,11 +308,10 @@ class _Run:
         self.parts.clear()
         n = faces.row_count
         areas = where.areas
-        own, grain = np.zeros((2, n))
+        variance = np.zeros(n)
         for at in (part.i, part.j):
-            own += np.bincount(at, part.error, n)
-            grain += np.bincount(at, part.grain, n)
-        error = _CAUTION * own + _GRAINS * np.sqrt(grain) + _STRIPS * where.eps * where.perimeters
+            variance += np.bincount(at, part.error.astype(np.float64) ** 2, n)
+        error = _CAUTION * np.sqrt(variance) + _STRIPS * where.eps * where.perimeters
         half = sparse.coo_array((part.exchange, (part.i, part.j)), shape=(n, n)).tocsr()
         counts, factors = part.counts, len(part.i)
         del part
@@ -347,23 +351,25 @@ def _end(running: list[Thread]) -> None:
             thread.join()
 
 
-def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64) -> _Part | None:
+def _task(
+    where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64, done: Int64
+) -> _Part | None:
     """Rows of one task; None where `stop` ended it. What one core needs of memory is made for it anew, which takes
     no time beside the rows."""
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
-    work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop)
+    work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop, done)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
     room = max(2 * total, 4096)
     columns, values = np.empty(room, np.int32), np.empty(room)
-    errors, grains = np.empty((2, room), np.float32)
-    i, j, exchange, off, grain = [], [], [], [], []
+    errors = np.empty(room, np.float32)
+    i, j, exchange, off = [], [], [], []
     while first < last:
         ends = np.zeros(last - first, np.int64)
         reached = int(
             exchange_rows(
                 first, last, where.facets, where.tree, where.occluders, float(error), work, columns, values, errors,
-                grains, ends, counts,
+                ends, counts,
             )
         )  # fmt: skip
         if reached < 0:
@@ -374,7 +380,6 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float, sto
         j.append(where.row[columns[:size]].astype(np.int32))
         exchange.append(values[:size].copy())
         off.append(errors[:size].copy())
-        grain.append(grains[:size].copy())
         first = reached
     part = _Part(
         np.array([task]),
@@ -382,7 +387,6 @@ def _task(where: Geometry, faces: Faces, task: int, rows: int, error: float, sto
         np.concatenate(j),
         np.concatenate(exchange),
         np.concatenate(off),
-        np.concatenate(grain),
         counts,
     )
     return _summed(part, faces.row_count) if faces.names else part
@@ -393,8 +397,8 @@ def _summed(part: _Part, rows: int) -> _Part:
     keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
     i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
     exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)
-    error, grain = (np.bincount(which, of, len(keys)).astype(np.float32) for of in (part.error, part.grain))
-    return _Part(part.tasks, i, j, exchange, error, grain, part.counts)
+    error = np.sqrt(np.bincount(which, part.error.astype(np.float64) ** 2, len(keys))).astype(np.float32)
+    return _Part(part.tasks, i, j, exchange, error, part.counts)
 
 
 def _joined(parts: list[_Part]) -> _Part:
@@ -402,9 +406,7 @@ def _joined(parts: list[_Part]) -> _Part:
         return np.concatenate([getattr(part, name) for part in parts])
 
     counts = np.sum([part.counts for part in parts], axis=0)
-    return _Part(
-        all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), all_of("grain"), counts
-    )  # fmt: skip
+    return _Part(all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), counts)
 
 
 def _read_part(path: Path, key: str) -> _Part:
@@ -418,6 +420,5 @@ def _read_part(path: Path, key: str) -> _Part:
         n = len(i)
         return _Part(
             tasks, i, arrays.read("j", "i", (n,)), arrays.read("exchange", "f", (n,)),
-            arrays.read("error", "f", (n,)), arrays.read("grain", "f", (n,)),
-            arrays.read("counts", "i", (len(COUNT_NAMES),)),
+            arrays.read("error", "f", (n,)), arrays.read("counts", "i", (len(COUNT_NAMES),)),
         )  # fmt: skip
