@@ -31,10 +31,12 @@ from glpath.locks import Lock
 from glpath.machine import core_count
 from glpath.npz import open_npz
 from glpath.radiosity.memory import require_memory
+from glpath.radiosity.view_factors.backs import back_rays, back_shares, is_closed
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.radiosity.view_factors.rows import COUNT_NAMES, Work, exchange_rows
 
+Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Property = Literal["reciprocity", "closure"]
 
@@ -59,7 +61,7 @@ _FORMAT = 3
 class ViewFactorProgress:
     """How far the matrix is; what `on_progress` is called with.
 
-    stage       : "compiling kernels: ...", "preparing", "rows"
+    stage       : "compiling kernels: ...", "preparing", "rows", "backs"
     done, total : facets whose row is done, and all of them
     factors     : found so far
     bytes       : of memory that all of them will take, an estimate; 0 while nothing is known
@@ -161,6 +163,7 @@ def view_factors(
         given = faces_of(faces, groups, flip)
         found = run.solve(given)
         _warn_of_overlaps(found, given.source)
+        _warn_of_backs(found, given.source)
         if enforce:
             found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
         if run.resume is not None:
@@ -181,9 +184,24 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
         warnings.warn(SceneWarning(text), stacklevel=3)
 
 
+def _warn_of_backs(found: ViewFactors, source: str) -> None:
+    """What arrives at backs is in no factor, and no sky either."""
+    if (seen := np.flatnonzero(found.backs > np.maximum(found.statistics["error"], found.backs_error))).size:
+        i = int(seen[np.argmax(found.backs[seen])])
+        name = f" ({found.names[i]})" if found.names else ""
+        text = (
+            f"{source}: {len(seen):,} of {len(found):,} rows see backs of faces: "
+            f"{100 * found.statistics['backs']:.2g} % of what leaves all faces arrives there, of row {i}{name} "
+            f"{100 * found.backs[i]:.3g} %. "
+            "It is in `backs`, in no factor, and not in the sky. Cut the ground out below solids, close them, give "
+            "sheets two sides, or flip what is inside out."
+        )
+        warnings.warn(SceneWarning(text), stacklevel=3)
+
+
 def kernels_of() -> tuple[Any, ...]:
     """Those that view factors take."""
-    return (bvh._build, exchange_rows)
+    return (bvh._build, exchange_rows, back_rays)
 
 
 class _Run:
@@ -251,6 +269,10 @@ class _Run:
                 if self.resume is not None and now - saved > max(_SAVE_INTERVAL, wrote_s / _SAVE_SHARE):
                     self._save(key)
                     saved, wrote_s = time.perf_counter(), time.perf_counter() - now
+            backs = back_shares(
+                where, is_closed(faces.outlines), self.error, self.threads, stop,
+                lambda: self._report("backs", total, total, False),
+            )  # fmt: skip
         except BaseException:
             pending.clear()
             stop[0] = 1  # rows that are hard take minutes
@@ -262,7 +284,7 @@ class _Run:
             raise
         finally:
             _end(running)
-        return self._result(faces, where)
+        return self._result(faces, where, *backs)
 
     def _take(self, parts: list[_Part], total: int) -> None:
         self.parts += parts
@@ -303,7 +325,7 @@ class _Run:
                 error=part.error, counts=part.counts,
             )  # fmt: skip
 
-    def _result(self, faces: Faces, where: Geometry) -> ViewFactors:
+    def _result(self, faces: Faces, where: Geometry, backs: Float64, backs_error: Float64) -> ViewFactors:
         part = _joined(self.parts)
         self.parts.clear()
         n = faces.row_count
@@ -326,9 +348,13 @@ class _Run:
             "occluders": len(where.occluders.sides),
             **dict(zip(COUNT_NAMES, counts.tolist(), strict=True)),
             "factors": 2 * factors,
+            "rows_beyond_error": int((error > self.error * areas).sum()),
+            "rows_that_see_backs": int((backs > 0).sum()),
+            "backs": float(backs @ areas / areas.sum()),
+            "backs_most": float(backs.max()),
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
-        return ViewFactors(matrix, areas, error / areas, faces.names, statistics)
+        return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _CAUTION * backs_error)
 
 
 def _whole(ended: _Part | BaseException) -> _Part:

@@ -196,13 +196,29 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
 
 
 @inner_kernel
-def _fan(a, n, work):  # type: ignore[no-untyped-def]
-    """Areas of the triangles of a[:n] summed up to each, into work.fan; returns the last, all of it."""
-    area = 0.0
-    for k in range(1, n - 1):
-        area += triangle_area(a, k)
-        work.fan[k] = area
-    return area
+def point_of(a, n, first, second, fan, begin):  # type: ignore[no-untyped-def]
+    """The point of polygon a[:n] that two whole numbers of 32 bits stand for.
+
+    fan   : (n,) room for the areas of its triangles, each with those before it
+    begin : whether they are to be found
+    """
+    if begin:
+        area = 0.0
+        for k in range(1, n - 1):
+            area += triangle_area(a, k)
+            fan[k] = area
+    u, v = (first + 0.5) * _UNIT * fan[n - 2], (second + 0.5) * _UNIT
+    k, before = 1, 0.0
+    while k < n - 2 and u >= fan[k]:
+        before = fan[k]
+        k += 1
+    root = np.sqrt(min(max((u - before) / max(fan[k] - before, 1e-300), 0.0), 1.0))
+    p, q, r = 1 - root, root * (1 - v), root * v
+    return (
+        p * a[0, 0] + q * a[k, 0] + r * a[k + 1, 0],
+        p * a[0, 1] + q * a[k, 1] + r * a[k + 1, 1],
+        p * a[0, 2] + q * a[k, 2] + r * a[k + 1, 2],
+    )
 
 
 @inner_kernel
@@ -220,32 +236,20 @@ def seen_share(  # type: ignore[no-untyped-def]
     first, most : points at first, and at most; powers of 2 from `BLOCKS` to `MOST_POINTS`
     seed        : of the shift
     """
-    area = _fan(a, n, work)
     r0 = mixed(seed)
     r1 = mixed(r0)
-    r0, r1 = r0 << 1, r1 << 1
-    sums = work.blocks
+    sums, sobol = work.blocks, work.sobol
     size = first // BLOCKS
     filled = points = 0
     while True:
         for block in range(filled, BLOCKS):
             seen = whole = 0.0
             for _ in range(size):
-                u = ((work.sobol[points, 0] ^ r0) + 0.5) * _UNIT * area
-                v = ((work.sobol[points, 1] ^ r1) + 0.5) * _UNIT
+                x, y, z = point_of(
+                    a, n, sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1), work.fan, points == 0
+                )
                 points += 1
-                k, before = 1, 0.0
-                while k < n - 2 and u >= work.fan[k]:
-                    before = work.fan[k]
-                    k += 1
-                root = np.sqrt(min(max((u - before) / max(work.fan[k] - before, 1e-300), 0.0), 1.0))
-                p, q, r = 1 - root, root * (1 - v), root * v
-                s, w = seen_from(
-                    p * a[0, 0] + q * a[k, 0] + r * a[k + 1, 0],
-                    p * a[0, 1] + q * a[k, 1] + r * a[k + 1, 1],
-                    p * a[0, 2] + q * a[k, 2] + r * a[k + 1, 2],
-                    plane[0], plane[1], plane[2], b, m, shades, planes, work,
-                )  # fmt: skip
+                s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, shades, planes, work)
                 seen += s
                 whole += w
             sums[block, 0], sums[block, 1] = seen, whole
@@ -286,13 +290,17 @@ def mixed(x):  # type: ignore[no-untyped-def]
 
 
 def sobol_points(count: int) -> np.ndarray:
-    """(count, 2) int64 of 32 bits: the first two dimensions of Sobol's sequence."""
+    """(count, 4) int64 of 32 bits: Sobol's sequence, with the direction numbers of Joe & Kuo 2008."""
     k = np.arange(count)
-    points = np.zeros((count, 2), np.int64)
-    v = 1 << 31
-    for bit in range(max(count - 1, 1).bit_length()):
-        on = (k >> bit & 1).astype(np.bool_)
-        points[on, 0] ^= 1 << (31 - bit)
-        points[on, 1] ^= v
-        v ^= v >> 1
+    points = np.zeros((count, 4), np.int64)
+    for dimension, (coefficients, start) in enumerate(((None, ()), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))):
+        m = [1] * 32 if coefficients is None else list(start)
+        degree = len(start)
+        while len(m) < 32:
+            new = m[-degree] ^ (m[-degree] << degree)
+            for bit in range(1, degree):
+                new ^= (coefficients >> (degree - 1 - bit) & 1) * (m[-bit] << bit)
+            m.append(new)
+        for bit in range(max(count - 1, 1).bit_length()):
+            points[(k >> bit & 1).astype(np.bool_), dimension] ^= m[bit] << (31 - bit)
     return points

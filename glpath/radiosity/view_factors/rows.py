@@ -17,15 +17,23 @@ from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
 from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8, exchange
-from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, PARTS, hides_all, mixed, seen_share, sobol_points
+from glpath.radiosity.view_factors.hidden import (
+    BLOCKS,
+    MOST_POINTS,
+    PARTS,
+    hides_all,
+    mixed,
+    seen_share,
+    sobol_points,
+)
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the squares
-#: of a row's errors then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.4
+#: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
+#: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
+_SHARE = 0.35
 #: Of the error wanted of a row, what is allowed where nothing stands between.
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
@@ -35,8 +43,8 @@ _OF_BOUND = 0.1
 _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
 _A_POINT, _TRIED = 8.0, 64
-#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which no
-#: point is tried; how often it is halved; and those that count then.
+#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
+#: no point is tried; how often it is halved; and those that count then.
 _FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
 _SOBOL = sobol_points(MOST_POINTS)
 
