@@ -82,9 +82,9 @@ def viewfactors(
 ) -> None:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Row i, column j is the share of what leaves face i that arrives at face j; what a row lacks of 1 goes past all
-    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing stands between two
-    faces, exact visibility from points elsewhere.
+    Row i, column j is the share of what leaves face i that arrives at face j. What a row lacks of 1 goes past all
+    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing stands between
+    two faces, exact visibility from points elsewhere.
     """
     from glpath.radiosity.view_factors.faces import geometry_alone
     from glpath.radiosity.view_factors.formats import check_names, file_kind
@@ -162,8 +162,8 @@ def _summary(found: ViewFactors) -> Iterator[str]:
     yield f"  row sums {sums.min():.6f} to {sums.max():.6f}, sky {found.sky.min():.6f} to {found.sky.max():.6f}"
     if s["rows_that_see_backs"]:
         yield (
-            f"  backs of faces: seen by {s['rows_that_see_backs']:,} {rows}, {100 * s['backs_most']:.3g} % of a row at "
-            f"most, {100 * s['backs']:.3g} % of all; neither in the matrix nor in the sky"
+            f"  backs of faces: seen by {s['rows_that_see_backs']:,} {rows}, {100 * s['backs_most']:.3g} % of a "
+            f"row at most, {100 * s['backs']:.3g} % of all; neither in the matrix nor in the sky"
         )
     yield f"  error of a row's sum: {np.median(found.error):.1e} in the median, {found.error.max():.1e} at most"
     if missed := s["rows_beyond_error"]:

@@ -174,7 +174,8 @@ def view_factors(
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
     """Nothing hides one of two faces in one place from what sees both, whose row adds up to more than 1."""
     over = found.row_sums - 1
-    if (too_much := np.flatnonzero(over > np.maximum(_OVERLAP, 3 * found.error))).size:
+    allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
+    if (too_much := np.flatnonzero(over > allowed)).size:
         i = int(too_much[np.argmax(over[too_much])])
         name = f" ({found.names[i]})" if found.names else ""
         text = (

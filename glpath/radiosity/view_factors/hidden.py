@@ -24,7 +24,7 @@ BLOCKS = 4
 #: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
 MISSED = 0.1
 #: Points of Sobol's sequence that there are.
-MOST_POINTS = 1 << 14
+MOST_POINTS = 1 << 16
 _UNIT = 2.0**-32
 
 
@@ -293,9 +293,8 @@ def sobol_points(count: int) -> np.ndarray:
     """(count, 4) int64 of 32 bits: Sobol's sequence, with the direction numbers of Joe & Kuo 2008."""
     k = np.arange(count)
     points = np.zeros((count, 4), np.int64)
-    for dimension, (coefficients, start) in enumerate(((None, ()), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))):
-        m = [1] * 32 if coefficients is None else list(start)
-        degree = len(start)
+    for dimension, (coefficients, start) in enumerate(((0, [1] * 32), (0, [1]), (1, [1, 3]), (1, [1, 3, 1]))):
+        m, degree = list(start), len(start)
         while len(m) < 32:
             new = m[-degree] ^ (m[-degree] << degree)
             for bit in range(1, degree):
@@ -304,3 +303,6 @@ def sobol_points(count: int) -> np.ndarray:
         for bit in range(max(count - 1, 1).bit_length()):
             points[(k >> bit & 1).astype(np.bool_), dimension] ^= m[bit] << (31 - bit)
     return points
+
+
+SOBOL = sobol_points(MOST_POINTS)

@@ -21,10 +21,10 @@ from glpath.radiosity.view_factors.hidden import (
     BLOCKS,
     MOST_POINTS,
     PARTS,
+    SOBOL,
     hides_all,
     mixed,
     seen_share,
-    sobol_points,
 )
 
 Float64 = NDArray[np.float64]
@@ -46,7 +46,6 @@ _A_POINT, _TRIED = 8.0, 64
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
 #: no point is tried; how often it is halved; and those that count then.
 _FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
-_SOBOL = sobol_points(MOST_POINTS)
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
@@ -191,7 +190,7 @@ class Work(NamedTuple):
             following=np.empty(PARTS + 2, np.int64),
             fan=np.empty(ROOM),
             blocks=np.empty((BLOCKS, 2)),
-            sobol=_SOBOL,
+            sobol=SOBOL,
         )
 
 
