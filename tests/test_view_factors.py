@@ -91,11 +91,14 @@ def off_and_stated(rooms: Iterable[FaceList], error: float) -> tuple[Float64, Fl
 
 
 def check_errors(off: Float64, stated: Float64, error: float, beyond: float) -> None:
-    """At most one row in a hundred misses what was asked for, and the errors that are reported are of the right size."""
+    """At most one row in a hundred misses what was asked for, and the errors that are reported are of the right
+    size, but for rows that are all but exact."""
     assert (off > error).mean() <= 0.01
     assert (stated > error).mean() <= 0.01
     assert (off > stated).mean() <= beyond
-    assert 1 < np.median(stated / np.maximum(off, 1e-12)) < 15
+    some = stated > 0.01 * error
+    assert some.sum() > 50
+    assert 1 < np.median(stated[some] / np.maximum(off[some], 1e-12)) < 13
 
 
 def test_errors_of_random_rooms_are_of_the_size_that_is_reported() -> None:
@@ -115,7 +118,7 @@ def test_errors_of_many_random_rooms_are_of_the_size_that_is_reported(error: flo
 
 @pytest.mark.parametrize("make", [ball_in_a_box, slats], ids=["ball in a box", "slats"])
 def test_rows_past_many_occluders_take_seconds(make: Callable[[], FaceList]) -> None:
-    """Hundreds of seconds where points were added until two quadratures agreed, however little that changed a row."""
+    """Minutes where points were added until two quadratures agreed, however little that changed a row."""
     before = time.process_time()
     off, stated = off_and_stated([make()], 1e-3)
     assert time.process_time() - before < 10
@@ -170,6 +173,7 @@ def test_occlusion_agrees_with_monte_carlo(target: list[list[float]]) -> None:
     assert found == pytest.approx(expected, abs=4 * error)
 
 
+@pytest.mark.filterwarnings("ignore:.*see backs of faces")  # of those whose planes cut each other
 def test_what_points_find_is_within_the_error_that_is_reported() -> None:
     """Apart from each other it is points on both, as few as the error allows; the contour integral, which an error
     of 1e-7 asks for, knows better."""
@@ -268,7 +272,7 @@ def test_what_arrives_at_backs_is_no_sky(bottom: bool) -> None:
 
 
 def test_backs_are_seen_from_inside_of_what_has_its_fronts_outside() -> None:
-    """A block, whose fronts are outside, in a room whose fronts are inside, sees none; turned round, all sees them."""
+    """A block, whose fronts are outside, in a room whose fronts are inside, sees none; turned, it shows them."""
     vertices, faces = block_in_a_room(2)
     assert not glpath.view_factors((vertices, faces)).backs.any()
     room = box_faces([0, 0, 0], [1, 1, 1], 2, inward=True)
