@@ -81,13 +81,13 @@ def ball_in_a_box(cells: int = 4) -> FaceList:
     return joined(room, (0.3 * ball[0] + 0.5, ball[1]))
 
 
-def slats(count: int = 38, gap: float = 0.2) -> FaceList:
-    """A cube of 12 triangles, across which lie thin sheets of two sides with slits between: with 38 of them 164
-    triangles, closed."""
-    parts = [box_faces([0, 0, 0], [1, 1, 1], 1, inward=True, triangles=True)]
+def slats(count: int = 14, cells: int = 3) -> FaceList:
+    """A cube of 12 cells^2 triangles, in which thin sheets of two sides hang as slats of a blind, turned by 40
+    degrees, with slits between: 164 triangles, closed."""
+    parts = [box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)]
+    u, v = np.array([0, 0.96, 0]), 0.96 / count * np.array([cos(0.7), 0, sin(0.7)])
     for k in range(count):
-        width = (1 - gap) / count
-        origin, u, v = [(k + 0.5) / count - 0.5 * width, 0.02, 0.5], [width, 0, 0], [0, 0.96, 0]
+        origin = np.array([0.3, 0.02, (k + 0.5) / count]) - 0.5 * v
         parts += [grid(origin, u, v, 1, 1, True), grid(origin, v, u, 1, 1, True)]
     return joined(*parts)
 

@@ -108,8 +108,9 @@ def view_factors(
 
     Where shafts prove that nothing stands between two faces, there is no ray: of faces apart from each other Gauss
     points on both, as many as the error asks for, of others the double contour integral. Where something does,
-    visibility is exact from every point of the smaller face, and quadrature over these goes on until its error is
-    below what is wanted. Both sides of a face hide; only the front sends and receives.
+    visibility is exact from every point of the smaller face, and points, Sobol's with a random shift, are doubled
+    until their own spread is below what is wanted. Both sides of a face hide; only the front sends and receives:
+    what arrives at backs is reported as `ViewFactors.backs`, and is no sky.
 
     Parameters
     ----------
@@ -118,9 +119,10 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7; quadratures aim at 0.2 sqrt(F) of it for a factor F. Most
-                  rows of closed rooms are ten times better; beside slits, and where faces cut each other, some
-                  are up to twenty times worse. `ViewFactors.error` is a cautious estimate, row by row
+    error       : wanted of a row's sum, 0.1 to 1e-7. In closed rooms 99 rows of 100 meet it, most by far; see
+                  `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
+                  of two faces, it promises error sqrt(F): 97 of 100 factors past occluders meet that, the worst of
+                  thousands is 9 times that far off. Factors below the square of `error` may be found as 0
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
@@ -132,7 +134,7 @@ def view_factors(
     Raises SceneError for faces without area, that are not flat or not finite, or infinite planes; UsageError for
     options out of range, and where the matrix would not fit into memory, which is known after some of its rows;
     GlpathError where another process has the file of `resume`. Warns SceneWarning where faces that lie on each
-    other are both seen.
+    other are both seen, and where backs are.
 
     Cost:     about 1 microsecond for a pair that sees all of each other, some 20 for one that sees a part, and
               memory of 40 bytes per factor that is not 0.

@@ -18,7 +18,7 @@ from glpath.kernels import inner_kernel
 from glpath.radiosity.view_factors.convex import angle, height, triangle_area
 
 #: Parts of what is seen that wait to be divided further.
-PARTS = 256
+PARTS = 1024
 #: Blocks of points whose means are compared.
 BLOCKS = 4
 #: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
