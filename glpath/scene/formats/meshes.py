@@ -217,7 +217,7 @@ def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
         if np.isfinite(corners).all():
             low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
             source = place if place == Place(str(path)) else f"{place} names {path}:"
-            warn_of_steps(source, step_at(low, high), low, high, stacklevel=2)
+            warn_of_steps(source, step_at(low, high), low, high)
     return file
 
 

@@ -110,7 +110,7 @@ def read_gltf(
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
     shapes = made.all()
     if shapes:
-        warn_of_steps(document.place, made.step, made.low, made.high, stacklevel=2)
+        warn_of_steps(document.place, made.step, made.low, made.high)
     profiles = Profiles(document)
     written = nodes.tables.values
     extended = [i for i in nodes.drawn if "extensions" in written[i]]
