@@ -150,8 +150,7 @@ def measure(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone (by themselves of 64 vertices, with roulette from the 4th on), or from a radiosity "
-            "solution.",
+            help="Paths alone (of any length by themselves, ended by roulette), or from a radiosity solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
         ),

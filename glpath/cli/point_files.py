@@ -7,7 +7,6 @@ import io
 import math
 import re
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
-from glpath.errors import ImageError, SceneWarning, UsageError
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.errors import ImageError, UsageError, warn
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 from glpath.units import symbol
 
 if TYPE_CHECKING:
@@ -84,9 +83,8 @@ class Grid:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        said = (
-            f"plane: {AXES[self.axis]} = {self.height:g}, {u} from {a:.4g} to {b:.4g}, {v} from {c:.4g} to {d:.4g}"
-        )
+        ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
@@ -195,7 +193,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     axis = int(nearest.argmax())
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
         return  # above open ground
-    low, high = f"{lower[axis]:.4g}", f"{upper[axis]:.4g}"
+    low, high = _at(lower[axis]), _at(upper[axis])
     told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
         raise UsageError(
@@ -204,7 +202,12 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
         )
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
-    warnings.warn(SceneWarning(told + other), stacklevel=2)
+    warn(told + other)
+
+
+def _at(x: float) -> str:
+    """A coordinate for people: four digits, or two decimals of what is far from the origin."""
+    return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
 
 
 def _apart(spacing: str) -> float:
@@ -279,7 +282,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:
@@ -357,7 +360,12 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    # Of places all digits, as those of a georeferenced model have many.
+    digits = [15 if name in _POINT else 9 for name in columns]
+    writer.writerows(
+        [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
+        for row in zip(*columns.values(), strict=True)
+    )
     write_bytes(text.getvalue().encode(), path)
 
 

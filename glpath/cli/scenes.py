@@ -15,9 +15,11 @@ from rich.table import Table
 from glpath.cli import completion
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
+from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
+from glpath.scene.place import coordinates
 from glpath.terminal import clean_console, say, say_json
 from glpath.units import Unit, symbol
 
@@ -174,8 +176,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     for label, value in {
         "source": summary["source"],
         "hash": f"sha256:{summary['sha256'][:16]}",
-        "bounds": f"{_numbers(bounds['min'])} to {_numbers(bounds['max'])}",
-        "camera": f"at {_numbers(camera['position'])} to {_numbers(camera['target'])}, up {_numbers(camera['up'])}",
+        "bounds": f"{coordinates(bounds['min'])} to {coordinates(bounds['max'])}",
+        "camera": f"at {coordinates(camera['position'])} to {coordinates(camera['target'])}, "
+        f"up {_numbers(camera['up'])}",
         "field of view": _told_of_view(camera),
         "lens": f"of radius {camera['aperture_radius']:g}, sharp at {camera['focus_distance']:g}"
         if camera["aperture_radius"]
@@ -250,7 +253,7 @@ def _described(light: dict[str, Any], unit: Unit) -> str:
     """What makes this light another than the others, in words."""
     if light["kind"] == "shape":
         return "both sides" if light["two_sided"] else "front"
-    words = [f"at {_numbers(light['position'])}"] if "position" in light else []
+    words = [f"at {coordinates(light['position'])}"] if "position" in light else []
     if "direction" in light:
         words.append(f"towards {_numbers(light['direction'])}")
     if "cone" in light:
@@ -286,9 +289,9 @@ def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[
         except UsageError:
             raise
         except GlpathError as problem:
-            return str(problem), []
+            return as_typed(str(problem)), []
     return None, _scene_warnings(caught) + found
 
 
 def _scene_warnings(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    return [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]
+    return [as_typed(str(each.message)) for each in caught if issubclass(each.category, SceneWarning)]

@@ -7,7 +7,6 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -15,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.image import luminance
@@ -144,8 +143,8 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
-    lamps and the sky.)
+    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    paths, for all of the light. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 
@@ -168,7 +167,7 @@ def irradiance(
         integrator=integrator,
         spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
-        sensor=_in_rows(place, facing, loaded.camera.shutter),
+        sensor=_in_rows(place, facing, loaded),
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
@@ -203,18 +202,18 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     if by_white_sky:
         if has_light and not assumed:
             raise UsageError(
-                f"--white-sky (white_sky): {source} has light of its own.",
+                f"white_sky=True: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
         return replace(scene, sky=uniform_sky())
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
-        warnings.warn(SceneWarning(text), stacklevel=4)
+        warn(text)
     if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
         raise SceneError(
             f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
             "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"
-            "A white sky of radiance 1 from all around is --white-sky, in Python white_sky=True.",
+            "A white sky of radiance 1 from all around is white_sky=True.",
         )
     return own
 
@@ -264,15 +263,18 @@ def _around(axes: Float64) -> Float64:
     return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
 
 
-def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
-    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated.
+def _in_rows(place: Float64, facing: Float64, scene: Scene) -> PointSensor:
+    """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
 
     facing : (N, 3), or (S, N, 3), of which a path set takes one
     """
+    origin = scene.centred.origin - scene.origin
+    place = place - origin
     width = math.isqrt(len(place) - 1) + 1
     height = -(-len(place) // width)
     more = ((0, 0), (0, width * height - len(place)), (0, 0))
     facing = facing.reshape(-1, *place.shape)
     place = np.broadcast_to(place, facing.shape)
     rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
-    return PointSensor.of(*rows, shutter=shutter, independent=True)
+    x, y, z = origin.tolist()
+    return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

@@ -50,7 +50,7 @@ class _Writer:
     def __init__(self, scene: Scene, light_maps: Sequence[LightMap] | None = None) -> None:
         self.notes = Notes()
         self._light_maps = light_maps
-        scene = at_opening(scene, self.notes)
+        scene = at_opening(scene, self.notes).centred
         self.scene = in_triangles(scene, self.notes)
         if scene.camera.projection == "panorama":
             self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")

@@ -41,6 +41,7 @@ from glpath.scene.export.geometry import (
 from glpath.scene.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
+from glpath.scene.place import shown
 
 Sampler = Literal["independent", "multijitter"]
 
@@ -55,12 +56,13 @@ _SKY_ROWS = 1025
 class MitsubaScene:
     """A scene for Mitsuba.
 
-    plugins     : {"type": "scene", ...}, see the module
+    plugins     : {"type": "scene", ...}, see the module, relative to `origin`
     differences : what it says otherwise than the scene, a sentence each, without a full stop
     """
 
     plugins: Plugin
     differences: tuple[str, ...]
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def described(
@@ -74,7 +76,10 @@ def described(
     Raises SceneError for what `path_traceable` refuses.
     """
     notes = Notes()
-    scene = at_opening(scene, notes)
+    scene = at_opening(scene, notes).centred
+    x, y, z = scene.origin.tolist()
+    if scene.origin.any():  # Mitsuba counts in 32 bits, too, so no transform could hold it
+        notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # of what is not endless
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
@@ -92,7 +97,7 @@ def described(
         "integrator": integrator(max_depth, surfaces.integrator),
         "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
     }
-    return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts)
+    return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
 
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:

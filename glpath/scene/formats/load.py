@@ -21,6 +21,7 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
+from glpath.files import read_bytes
 from glpath.scene.formats.build import build
 from glpath.scene.formats.completed import NO_CAMERA, is_aside
 from glpath.scene.formats.convert import convert
@@ -55,7 +56,7 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
     return scene_from_toml(content, place, path.parent, path.stem, later)
