@@ -190,8 +190,8 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias; by itself, never",
-            extra={"metavar": "DEPTH"},
+            description="from this vertex on, paths end by chance, without bias",
+            extra={"metavar": "DEPTH", "unset": "never"},
         ),
     ] = None
     geometry_budget: Annotated[
