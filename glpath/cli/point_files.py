@@ -7,7 +7,6 @@ import io
 import math
 import re
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
-from glpath.errors import ImageError, SceneWarning, UsageError
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.errors import ImageError, UsageError, warn
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -203,7 +202,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
         )
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
-    warnings.warn(SceneWarning(told + other), stacklevel=2)
+    warn(told + other)
 
 
 def _apart(spacing: str) -> float:
@@ -278,7 +277,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:

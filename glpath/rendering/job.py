@@ -23,9 +23,9 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
-from glpath.files import whole_file
+from glpath.files import read_bytes, whole_file
 from glpath.film_batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.integrators.settings import DEEPEST, INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,
     MAX_SPP,
@@ -38,7 +38,7 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, shipped_scenes
 from glpath.scene.camera import Projection
 from glpath.scene.formats.completed import aside
 from glpath.scene.formats.convert import decode_json
@@ -117,14 +117,40 @@ class RenderJob:
 
     @classmethod
     @with_options
-    def of(cls, scene: AnyScene, **options: Any) -> RenderJob:
+    def of(
+        cls,
+        scene: AnyScene,
+        *,
+        integrator: str | IntegratorSettings = "path",
+        spp: int | None = None,
+        first_path_set: int = 0,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        camera: Mapping[str, Any] | Camera | None = None,
+        parameters: Mapping[str, object] | None = None,
+        sensor: PointSensor | None = None,
+        **options: Any,
+    ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
+
+        sensor : points, in place of the scene's camera
 
         {options}
 
         Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
         """
-        return describe(scene, **options)[0]
+        return describe(
+            scene,
+            integrator=integrator,
+            spp=spp,
+            first_path_set=first_path_set,
+            resolution=resolution,
+            crop=crop,
+            camera=camera,
+            parameters=parameters,
+            sensor=sensor,
+            **options,
+        )[0]
 
     @property
     def spp(self) -> int:
@@ -214,7 +240,7 @@ class RenderJob:
     def load(cls, path: str | Path) -> RenderJob:
         """Read a file that `save` wrote. Raises UsageError."""
         try:
-            text = Path(path).read_text("utf-8")
+            text = read_bytes(path).decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             raise UsageError(f"{path}: cannot be read as a render job: {reason}.") from error
@@ -266,7 +292,7 @@ def describe(
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
-    camera: Mapping[str, Any] | None = None,
+    camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
     sensor: PointSensor | None = None,
     **options: Any,
@@ -305,8 +331,8 @@ def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
     return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
 
 
-#: Of "path" where light is measured: paths go on as long as they carry light.
-ALL_BOUNCES = {"max_depth": 64, "roulette": 4}
+#: Of "path" where light is measured: chance alone ends paths, so that all of the light is there.
+ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
@@ -353,7 +379,7 @@ _CAMERA_NUMBERS = {
 def with_overrides(
     scene: Scene,
     resolution: tuple[int, int] | None,
-    camera: Mapping[str, Any] | None,
+    camera: Mapping[str, Any] | Camera | None,
     place: Place | None = None,
 ) -> Scene:
     """The scene with what is replaced of its camera, of which an error says that it stands at `place`.
@@ -361,6 +387,10 @@ def with_overrides(
     Raises UsageError, and SceneError for what cannot be.
     """
     changes: dict[str, Any] = {}
+    if isinstance(camera, Camera):
+        scene, camera = scene.with_camera(camera), {"type": camera.projection}
+    elif not isinstance(camera, Mapping | None):
+        raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
     for name, value in (camera or {}).items():
         if name == "type":
             check_word("camera type", value, get_args(Projection))
@@ -372,8 +402,6 @@ def with_overrides(
         count = _CAMERA_NUMBERS[name]
         found = numbers(f"camera {name}", value, count)
         changes[name] = found if count == 3 else tuple(map(float, found)) if count == 2 else float(found[0])
-    if changes.keys() & {"position", "target", "up"}:
-        changes["motion"] = ()  # where it moved along is not there
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)

@@ -7,7 +7,6 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -15,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.image import luminance
@@ -145,8 +144,8 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
-    lamps and the sky.)
+    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    paths, for all of the light. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 
@@ -204,18 +203,18 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     if by_white_sky:
         if has_light and not assumed:
             raise UsageError(
-                f"--white-sky (white_sky): {source} has light of its own.",
+                f"white_sky=True: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
         return replace(scene, sky=uniform_sky())
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
-        warnings.warn(SceneWarning(text), stacklevel=4)
+        warn(text)
     if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
         raise SceneError(
             f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
             "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"
-            "A white sky of radiance 1 from all around is --white-sky, in Python white_sky=True.",
+            "A white sky of radiance 1 from all around is white_sky=True.",
         )
     return own
 

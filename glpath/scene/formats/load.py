@@ -22,8 +22,10 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
+from glpath.files import read_bytes
+from glpath.scene.camera import framing
 from glpath.scene.formats.build import build
-from glpath.scene.formats.completed import NO_CAMERA, framing, is_aside
+from glpath.scene.formats.completed import NO_CAMERA, is_aside
 from glpath.scene.formats.convert import convert
 from glpath.scene.formats.description import SceneFile
 from glpath.scene.formats.meshes import MESH_KEYS, mesh_of_table
@@ -54,7 +56,7 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
     return scene_from_toml(content, place, path.parent, path.stem, later)
@@ -84,7 +86,7 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later
         _check_no_camera_is_needed(data, place)
         camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
         scene = scene_of({**data, "camera": camera}, place, folder, name, later)
-        return replace(scene, camera=framing(scene, scene.camera.resolution))
+        return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
     return scene_of(data, place, folder, name, later)
 
 
