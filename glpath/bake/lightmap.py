@@ -137,7 +137,8 @@ class Lightmap:
 
     surfaces   : where the texels are
     film       : of the texels' receivers, as of any render: it merges, and a bake goes on with it
-    irradiance : (P, h, w, 3) float32, W m^-2, linear Rec. 709, row 0 at the top, of each page; gutters are filled
+    irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
+                 each page; gutters are filled
     baked      : (P, h, w) bool, where it was rendered and not only continued
     seams      : points where charts meet
     """
@@ -188,8 +189,8 @@ class Lightmap:
         path      : .glb
         materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
                     (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
-                    irradiance of page i, W m^-2, as baked-i.lightmap.exr, and as .png of eight bits, linear, whose
-                    range baked-i.lightmap.json says
+                    irradiance of page i, in the unit of the scene, as baked-i.lightmap.exr, and as .png of eight
+                    bits, linear, whose range and unit baked-i.lightmap.json says; so are the numbers of what shines
         exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or "auto"; "auto":
                     middle grey
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap

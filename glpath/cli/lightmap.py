@@ -100,8 +100,8 @@ def lightmap(
         typer.Option(
             metavar="|".join(_MATERIALS),
             help="unlit: base colour times light, which every viewer shows (KHR_materials_unlit). keep: materials "
-            "as they are, TEXCOORD_1, and irradiance beside the file: baked-0.lightmap.exr in W m^-2, and .png "
-            "whose range baked-0.lightmap.json says.",
+            "as they are, TEXCOORD_1, and irradiance beside the file: baked-0.lightmap.exr, and .png whose range "
+            "and unit baked-0.lightmap.json says.",
             rich_help_panel=_OUTPUT,
             autocompletion=words(_MATERIALS),
         ),

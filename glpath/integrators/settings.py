@@ -191,8 +191,8 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the most, "
-            'nothing else ends those of directions "own"',
+            description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the "
+            'most, nothing else ends those of directions "own"',
             extra={"metavar": "DEPTH", "unset": "never"},
         ),
     ] = None

@@ -89,7 +89,8 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
     else:
         with geometry_alone():
-            scene = path_traceable((given if isinstance(given, Scene) else load_scene(given)).still())
+            loaded = given if isinstance(given, Scene) else load_scene(given)
+            scene = path_traceable(loaded.still(), centred=False)
         source = scene.source or scene.name
         vertices = scene.triangles.reshape(-1, 3)
         outlines = np.arange(len(vertices)).reshape(-1, 3).tolist()
@@ -300,6 +301,8 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
+        # Of the two sides of a sheet one is enough: either hides.
+        walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
         facets = plain.taken(bvh.order)
