@@ -19,7 +19,7 @@ from glpath.film import Film
 from glpath.image import read_eight_bits
 from glpath.integrators.settings import PathTraceSettings
 from glpath.noise import standard_error
-from glpath.rendering import RenderJob
+from glpath.rendering import RenderJob, run
 from glpath.scene import load_scene
 from glpath.sensors import PointSensor
 
@@ -483,6 +483,20 @@ def test_planes_are_held_against_the_scene(room: Path, scene: Path) -> None:
     assert "warning" not in cli(scene, "--plane", "z=0.5", "--spp", 1, "-o", "-").stderr
 
 
+def test_bakes_of_a_model_without_light_say_what_lights_them(room: Path, tmp_path: Path) -> None:
+    """They are pictures, which have the white sky; but of the camera nobody need hear."""
+    bare = tmp_path / "bare.toml"
+    bare.write_text(LIT[LIT.index("[[shapes]]") :])
+    for scene, light in ((room, "a white sky of radiance 1 from all around, as the"), (bare, "1 punctual light")):
+        result = CliRunner().invoke(
+            app, ["radiosity", str(scene), "--patches", "20", "-o", str(tmp_path / "a.npz")]
+        )
+        assert result.exit_code == 0, result.stderr
+        assert f"light: {light}" in result.stderr
+        assert ("has no light, so a white sky shines" in result.stderr) == (scene == room)
+        assert "camera" not in result.stderr
+
+
 def test_a_scene_file_needs_no_camera_to_be_measured(scene: Path, tmp_path: Path) -> None:
     path, table = tmp_path / "bare.toml", tmp_path / "points.csv"
     path.write_text(LIT[LIT.index("[[shapes]]") :])
@@ -496,6 +510,9 @@ def test_a_scene_file_needs_no_camera_to_be_measured(scene: Path, tmp_path: Path
     assert rows[0] == rows[1]
     found = glpath.irradiance(path, [[0.5, 0, 0.3]], [0, 0, 1], spp=1, max_depth=1)
     assert found.illuminance()[0] == pytest.approx(lux(0.5, 0, 0.3), rel=2e-5)
+    sensor = PointSensor.of([[[0.5, 0, 0.3]]], [[[0.0, 0, 1]]])
+    job = RenderJob.from_json(RenderJob.of(path, sensor=sensor, spp=1, max_depth=1).to_json())
+    np.testing.assert_allclose(np.pi * run(job, sensor=sensor).mean[0], found.values, rtol=1e-6)
     # What goes by the camera's up has to say where it goes.
     path.write_text(path.read_text() + "[sky]\nzenith = 1\nhorizon = 0.3\n")
     with pytest.raises(glpath.SceneError, match=r"sky\.up is missing"):

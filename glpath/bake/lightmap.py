@@ -38,6 +38,7 @@ from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Scene, load_scene
+from glpath.scene.formats.completed import aside
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors import PointSensor
 
@@ -259,8 +260,10 @@ def lightmap(
     [PosixPath('baked.glb')]
     """
     rules = StopRules(time_limit, noise)
+    with aside("camera"):
+        loaded = load_scene(scene, parameters)
     bake = Bake.of(
-        load_scene(scene, parameters),
+        loaded,
         texels=texels,
         size=size,
         uv=uv,

@@ -39,6 +39,7 @@ from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
+from glpath.rendering.job import ALL_BOUNCES
 from glpath.scene.formats.completed import aside
 from glpath.terminal import say
 from glpath.units import EFFICACY
@@ -63,7 +64,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(measure, _OPTIONS))
+    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
 
 
 def measure(
@@ -150,7 +151,7 @@ def measure(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone (of any length by themselves, ended by roulette), or from a radiosity solution.",
+            help="Paths alone, of all bounces by default, or from a radiosity solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
         ),

@@ -13,6 +13,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,6 +23,7 @@ from msgspec import inspect
 
 from glpath.errors import SceneError
 from glpath.files import read_bytes
+from glpath.scene.camera import framing
 from glpath.scene.formats.build import build
 from glpath.scene.formats.completed import NO_CAMERA, is_aside
 from glpath.scene.formats.convert import convert
@@ -83,13 +85,15 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later
     except ValueError as error:  # of an integer of thousands of digits
         raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     if "camera" not in data and is_aside("camera"):
-        _check_no_up_is_needed(data, place)
-        data["camera"] = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
+        _check_no_camera_is_needed(data, place)
+        camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
+        scene = scene_of({**data, "camera": camera}, place, folder, name, later)
+        return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
     return scene_of(data, place, folder, name, later)
 
 
-def _check_no_up_is_needed(data: Mapping[str, Any], place: Place) -> None:
-    """Raise SceneError where a scene file without a camera has what goes by the camera's `up`: which is unknown."""
+def _check_no_camera_is_needed(data: Mapping[str, Any], place: Place) -> None:
+    """Raise SceneError where a scene file without a camera has what goes by the camera or by what is up in it."""
 
     def needs(field: Place, what: str, example: str) -> SceneError:
         return field.error(
@@ -97,7 +101,11 @@ def _check_no_up_is_needed(data: Mapping[str, Any], place: Place) -> None:
             f"For example {example}.",
         )
 
-    lights, sky = data.get("lights"), data.get("sky")
+    lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
+    for index, each in enumerate(shapes if isinstance(shapes, list) else ()):
+        if isinstance(each, dict) and "pixels" in each:
+            here = place.field("shapes").item(index).field("pixels")
+            raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
     for index, each in enumerate(lights if isinstance(lights, list) else ()):
         if isinstance(each, dict) and "profile" in each and "direction" not in each:
             here = place.field("lights").item(index).field("direction")
