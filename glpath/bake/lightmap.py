@@ -68,12 +68,14 @@ class Surfaces:
     atlas  : where its surfaces are on the pages
     texels : N of them, of which those that are inside other geometry are not rendered
     inside : (N,) bool
+    hidden : how many sides of triangles are the inside of closed solids, and have no texels; all else has some
     """
 
     scene: Scene
     atlas: Atlas
     texels: Texels
     inside: Bools
+    hidden: int
 
     @classmethod
     def of(cls, scene: Scene, texels: float | None = None, size: int | None = None, uv: Uv = "make") -> Surfaces:
@@ -82,10 +84,11 @@ class Surfaces:
         still = path_traceable(scene.at())
         if not len(still.triangles):
             raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
+        _check_shines(still)
         sides = Sides.of(still)
-        lit_area = float((still.areas[:, None] * sides.lit).sum())
+        area = float((still.areas[:, None] * sides.density**2).sum())
         require_memory(
-            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
+            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
             "lightmap: so many texels",
             "Give a smaller --size." if texels is None else "Give fewer --texels per scene unit.",
         )
@@ -93,7 +96,7 @@ class Surfaces:
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
             page = DEFAULT_SIZE if size is None and texels is None else size
-            atlas = packed(still, sides.lit, texels, None if page is None else int(page))
+            atlas = packed(still, sides.density, texels, None if page is None else int(page))
         return cls.on(still, atlas, sides)
 
     @classmethod
@@ -102,7 +105,7 @@ class Surfaces:
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
-        return cls(scene, atlas, *_outside(scene, atlas, found, sides))
+        return cls(scene, atlas, *_outside(scene, atlas, found, sides), int(sides.hidden.sum()))
 
     def sensor(self) -> PointSensor:
         """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""
@@ -228,7 +231,10 @@ def lightmap(
     on_progress: Callable[[Progress], None] | None = None,
     **options: Any,
 ) -> Lightmap:
-    """Bake the light on all surfaces of a scene that light gets to.
+    """Bake the light on all surfaces of a scene.
+
+    Every triangle of the scene is in the bake. Of a material with two sides both have texels, but for the inside of
+    closed solids; sides that no light is found to get to have fewer.
 
     Parameters
     ----------
@@ -342,6 +348,14 @@ def check_density(texels: float | None, size: int | None, uv: str) -> None:
         raise UsageError(
             "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",
             "Give the size of the page.",
+        )
+
+
+def _check_shines(scene: Scene) -> None:
+    if scene.sky is None and not (np.any(scene.ambient > 0) or scene.lights or any(s.emits for s in scene.shapes)):
+        raise SceneError(
+            f"{scene.source or scene.name}: has no light, so there is nothing to bake.",
+            "Give the scene a light or a sky.",
         )
 
 
