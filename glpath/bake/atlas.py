@@ -73,6 +73,11 @@ class Atlas:
     pages: int
     texels: float
 
+    @property
+    def of_file(self) -> bool:
+        """The coordinates are the file's own, of one side of each triangle."""
+        return self.texels == 0
+
     @cached_property
     def areas(self) -> Float64:
         """(F,) of the faces on their pages, texels^2."""
@@ -115,6 +120,7 @@ def packed(scene: Scene, density: Float64, texels: float | None, size: int | Non
     """
     xatlas = require_xatlas()
     parts = _parts(scene, density)
+    _check_time(scene, parts, size, texels)
     if texels is None:
         assert size is not None, "one of both"
         return _with_splinters(scene, _fitted(xatlas, scene, parts, size), density)
@@ -127,6 +133,25 @@ def packed(scene: Scene, density: Float64, texels: float | None, size: int | Non
     atlas = _packed(xatlas, scene, parts, texels, size)
     _warn_of_large_charts(scene, atlas, density)
     return _with_splinters(scene, atlas, density)
+
+
+def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float | None) -> None:
+    """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
+    triangles = sum(len(part) for part, _, _ in parts)
+    place = scene.source or scene.name
+    if texels is None and size is not None and len(parts) * (1 + _LEAST_PADDING) ** 2 > size * size:
+        raise UsageError(
+            f"a page of {size} x {size} texels is too small: {place} has {len(parts):,} meshes and instances, each "
+            "of which is a chart at least.",
+            "Give a larger --size; or --texels, which takes as many pages as it needs.",
+        )
+    seconds = _SECONDS_EACH * triangles + _SECONDS_PIECE * len(parts)
+    if seconds > _MOST_SECONDS:
+        raise UsageError(
+            f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
+            f"{seconds / 60:.0f} minutes of processor time.",
+            "Simplify the model, or bake a part of it; or keep texture coordinates that the file has: --uv keep.",
+        )
 
 
 def _with_splinters(scene: Scene, atlas: Atlas, density: Float64) -> Atlas:
@@ -210,7 +235,8 @@ def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
 
 def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """On one page, with as many texels a scene unit as fit."""
-    area = sum(density**2 * float(scene.areas[triangles].sum()) for triangles, _, density in parts)
+    areas = scene.areas  # found anew at each call
+    area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
         texels, fits, over = math.sqrt(_FILLED * size * size / area), (0.0, 0.0), (math.inf, math.inf)
@@ -226,7 +252,8 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
                 break
             if trial == _PATIENCE and best is None:
                 # Minutes of trials are in vain where gutters alone are too much.
-                fits = _NEXT_TO_NONE * texels, max(_packed(xatlas, scene, parts, _NEXT_TO_NONE * texels, None, padding).size)
+                least = _NEXT_TO_NONE * texels
+                fits = least, max(_packed(xatlas, scene, parts, least, None, padding).size)
                 if fits[1] > size:
                     break
             texels = _between(fits, over, size)
@@ -301,7 +328,8 @@ def _packed(
 def _unit(scene: Scene, parts: list[Part]) -> float:
     """Scene units of one of xatlas's: their extent, or less for the smallest areas, which it takes for none."""
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
-    least = min(density**2 * float(scene.areas[triangles].min()) for triangles, _, density in parts)
+    areas = scene.areas  # found anew at each call
+    least = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
     return min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent))
 
 

@@ -274,6 +274,13 @@ def _pieces(scene: Scene) -> Int64:
     return np.asarray(connected_components(graph, directed=False)[1][which[:, 0]], np.int64)
 
 
+def cast(
+    scene: Scene, rays: Rays, origins: Float64, directions: Float64, own: Int64
+) -> tuple[Int64, Int64, Float64]:
+    """Of rays (N, 3) the (N,) triangle but for `own` (-1: none), the side that is met, and the distance."""
+    return _hit(_Surfaces.of(scene), rays, origins, directions, own)
+
+
 def _hit(
     surfaces: _Surfaces, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
