@@ -60,6 +60,12 @@ def _hills(side: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]), process=False)
 
 
+def _tube() -> trimesh.Trimesh:
+    model = trimesh.creation.cylinder(1, 2)
+    level = np.abs(model.face_normals[:, 2]) > 0.5
+    return trimesh.Trimesh(model.vertices, model.faces[~level])
+
+
 def _moebius() -> trimesh.Trimesh:
     t = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
     s = np.array([-0.3, 0.3])
@@ -81,7 +87,7 @@ def _inside_out() -> trimesh.Trimesh:
 SKY = {"ambient": 1.0}
 FOREIGN: dict[str, Scene] = {
     "a box in a box": scene_of(box(2), box(0.5), bulb((0, 0, 3))),
-    "a room by a slit": scene_of(
+    "a closed room": scene_of(
         mesh_of(trimesh.creation.box((4, 4, 4)), material="grey"), box(0.5), bulb((1, 1, 1), 0.02)
     ),
     "leaves": scene_of(mesh_of(_leaves(120)), **SKY),
@@ -89,7 +95,7 @@ FOREIGN: dict[str, Scene] = {
     "moebius": scene_of(mesh_of(_moebius()), bulb((0, 0, 2))),
     "inside out": scene_of(mesh_of(_inside_out()), **SKY),
     "torus": scene_of(mesh_of(trimesh.creation.torus(1, 0.3, 12, 8)), bulb((0, 0, 2))),
-    "an open tube": scene_of(mesh_of(trimesh.creation.cylinder(1, 2).slice_plane([0, 0, 0.5], [0, 0, -1])), **SKY),
+    "an open tube": scene_of(mesh_of(_tube()), **SKY),
     "crossing boxes": scene_of(box(1), box(1, (0.4, 0.3, 0.2)), bulb((0, 0, 2))),
     "capsules": scene_of(*(mesh_of(trimesh.creation.capsule(1, 0.3, (6, 6)).apply_translation((i, 0, 0)))
                            for i in range(3)), bulb((0, 0, 3))),
@@ -117,7 +123,7 @@ def test_every_triangle_is_shown_whatever_the_seed(name: str) -> None:
         assert all((sides.lit[:, 0] | sides.lit[:, 1]).all() for sides in found)
 
 
-@pytest.mark.parametrize("name", ["parlour", "room", *FOREIGN])
+@pytest.mark.parametrize("name", ["parlour", *FOREIGN])
 def test_every_triangle_is_in_the_file(name: str, tmp_path: Path) -> None:
     scene = in_triangles(name)
     found = Surfaces.of(scene, size=512).atlas
@@ -144,7 +150,7 @@ HIDING = {
     "of glass": ((box(material="glass"),), 0),
     "without a lid": ((mesh_of(trimesh.Trimesh(*[trimesh.creation.box().vertices, trimesh.creation.box().faces[2:]])),), 0),
     "about the camera": ((mesh_of(trimesh.creation.box((40, 40, 40))),), 0),
-    "that is flat": ((mesh_of(trimesh.creation.box((1, 1, 1e-9))),), 0),
+    "that is a sheet twice": (({"type": "mesh", "vertices": np.eye(3), "faces": [[0, 1, 2], [2, 1, 0]]},), 0),
 }  # fmt: skip
 
 
@@ -192,7 +198,7 @@ def test_dark_sides_have_texels_but_fewer() -> None:
 @pytest.mark.parametrize("name", ["cornell-box", "office", "room"])
 def test_the_exposure_is_that_of_a_picture(name: str) -> None:
     """Of all texels it was more by 0.7 stops in the room, so that a third of the view was white."""
-    baked = glpath.lightmap(name, size=512 if name == "room" else 128, spp=4)
+    baked = glpath.lightmap(name, size=512 if name == "room" else 256, spp=4)
     picture = glpath.render(name, spp=16, resolution=(64, 64), max_depth=64, roulette=4)
     assert abs(baked.exposure_stops("auto") - picture.exposure_stops("auto")) <= 0.26
     assert baked.exposure_stops(1.5) == 1.5
@@ -277,4 +283,3 @@ def test_what_would_take_an_hour_is_refused_with_an_estimate(monkeypatch: pytest
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)
     with pytest.raises(UsageError, match="has 100 meshes and instances"):
         Surfaces.of(many, size=16)
-

@@ -99,7 +99,9 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
                 page_of.append(page)
     if not atlas.of_file:
         materials = [replace(material, two_sided=False) for material in materials]
-    made = replace(scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=())
+    made = replace(
+        scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
+    )
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:

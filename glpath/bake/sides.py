@@ -136,7 +136,7 @@ class Sides:
             for towards, length, target in _shining_points(self.scene, surfaces, origins, random):
                 facing = np.einsum("ij,ij->i", towards, normals) > 0
                 hit, _, distance = _hit(self.surfaces, self.rays, origins, towards, own)
-                found |= facing & ((hit < 0) | (hit == target) | (distance > length))
+                found |= facing & _reaches(hit, distance, length, target)
         return found
 
 
@@ -227,7 +227,7 @@ def _walk(
         for towards, length, target in _shining_points(scene, surfaces, origins, random):
             facing = np.einsum("ij,ij->i", towards, normals) > 0
             hit, _, distance = _hit(surfaces, rays, origins, towards, triangle)
-            seen |= facing & ((hit < 0) | (hit == target) | (distance > length))
+            seen |= facing & _reaches(hit, distance, length, target)
         directions = _cosine(normals, random.random((len(left), 2)))
         hit, back, distance = _hit(surfaces, rays, origins, directions, triangle)
         seen |= np.where(hit < 0, everywhere, surfaces.shines[hit, back])
@@ -244,7 +244,8 @@ def _shining_points(
 ) -> list[tuple[Float64, Float64, Int64]]:
     """From each origin (N, 3) towards a point of some lamp, and to the punctual lights.
 
-    Of each the unit direction, the distance, and the triangle that is there, -1 for none.
+    Of each the unit direction, the distance, infinite of a lamp that is seen from behind, and the triangle that is
+    there, -1 for none.
     """
     none = np.full(len(origins), -1)
     made = []
@@ -255,8 +256,17 @@ def _shining_points(
             made.append((*_unit(light.position - origins), none))
     if len(surfaces.lamps):
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
-        made.append((*_unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins), lamp))
+        towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
+        back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
+        # Who is behind a lamp that shines from its front alone is joined with nothing.
+        made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
     return made
+
+
+def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> Bools:
+    """(N,): whether rays that meet `hit` at a distance get to what `_shining_points` says; never to a lamp's back."""
+    behind = (target >= 0) & ~np.isfinite(length)
+    return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
 
 
 def _pieces(scene: Scene) -> Int64:
