@@ -143,7 +143,7 @@ def measure(
         bool,
         typer.Option(
             "--white-sky",
-            help="Light a scene that has no light by a white sky, of radiance 1 from all around.",
+            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
             rich_help_panel=_LIGHT,
         ),
     ] = False,
