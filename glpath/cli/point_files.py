@@ -83,7 +83,8 @@ class Grid:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        along = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {along}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):

@@ -26,8 +26,8 @@ def warn_of_steps(source: object, step: float, low: Float64, high: Float64, stac
     warnings.warn(
         SceneWarning(
             f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far "
-            f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer "
-            "to it (glTF: with a translation of a node), or in a format with more digits: OBJ, or PLY of doubles."
+            f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file "
+            "nearer to it (glTF: with a translation of a node), or with more digits: OBJ, or PLY of doubles."
         ),
         stacklevel=stacklevel + 1,
     )
