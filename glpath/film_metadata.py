@@ -8,11 +8,25 @@ from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
 from typing import Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from glpath.errors import UsageError
 from glpath.image import check_exposure
 
 #: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
-Aov = Literal["albedo", "normal", "depth", "position", "object_id", "material_id", "direct", "indirect", "samples"]
+Aov = Literal[
+    "albedo",
+    "normal",
+    "depth",
+    "depth_min",
+    "position",
+    "object_id",
+    "material_id",
+    "direct",
+    "indirect",
+    "samples",
+]
 AOVS: tuple[Aov, ...] = get_args(Aov)
 #: Those that a denoiser goes by.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
@@ -25,10 +39,14 @@ _SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
     "albedo": (3, ("albedo",)),
     "normal": (3, ("normal",)),
     "depth": (2, ("depth",)),
+    "depth_min": (1, ("depth_min",)),
     "position": (4, ("position",)),
     "direct": (3, ("direct", "indirect")),
     "dropped": (1, ("samples",)),
 }
+#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was met.
+_GREATEST = ("depth_min",)
+_INFINITY = np.uint32(0x7F800000)
 #: The counts of shapes, by the same name as of a sum.
 SHAPES = "shapes"
 
@@ -62,6 +80,16 @@ _NAMES = ("shape_names", "material_names", "shape_materials")
 _MAX_SIDE = 1 << 20
 
 
+def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
+    """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
+    (np.maximum if name in _GREATEST else np.add)(held, more, out=held)
+
+
+def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths by what a film holds of "depth_min"; infinite where nothing was met."""
+    return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
+
+
 @dataclass(frozen=True)
 class FilmMetadata:
     """What made a film. Films merge when all that decides the image is equal.
@@ -78,9 +106,10 @@ class FilmMetadata:
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
     elapsed_s       : seconds of rendering, summed over what was merged
-    statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
-                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
+    statistics      : counts, summed when merging: `paths_cast`; of shared directions `paths_lost` (to the roulette
+                      of a cell); `paths_cut` (at a length that chance should have ended before); `dropped_samples`
+                      (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage; `radiosity_s`, of a
+                      gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise

@@ -146,6 +146,9 @@ class PointSensor:
     tables     : how many a path set has to choose from: a texel of so many places has the mean of their light
     smooth     : there are normals to shade with
     shutter    : when it opens and when it closes, seconds: of what moves
+    independent : each point draws light samples of its own, where paths have directions of their own: errors of
+                 points are independent, so that their mean is as exact as they are many. Else a set's few light
+                 samples serve all, which takes 5 to 25 % less time
     points     : the points; None where they have to be handed in
     """
 
@@ -156,6 +159,7 @@ class PointSensor:
     tables: int = 1
     smooth: bool = False
     shutter: tuple[float, float] = (0.0, 0.0)
+    independent: bool = False
     points: PointTables | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -167,6 +171,7 @@ class PointSensor:
         *,
         shading_normals: ArrayLike | None = None,
         shutter: tuple[float, float] = (0.0, 0.0),
+        independent: bool = False,
     ) -> PointSensor:
         """The sensor of points.
 
@@ -205,13 +210,14 @@ class PointSensor:
             tables=count,
             smooth=shading_normals is not None,
             shutter=(float(shutter[0]), float(shutter[1])),
+            independent=independent,
             points=points,
         )
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: how many tables there are, and whether there are normals to shade with."""
-        return ("points", self.tables > 1, self.smooth)
+        """What an engine is made for: how many tables there are, normals to shade with, light samples of whom."""
+        return ("points", self.tables > 1, self.smooth, self.independent)
 
     def seen(self, scene: Scene) -> Scene:
         """The scene as this sensor has it: with a camera amid the points, in place of its own, which says nothing.

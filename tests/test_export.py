@@ -218,7 +218,7 @@ def test_a_texture_is_a_png_as_it_is_and_an_exr_where_it_is_more(tmp_path: Path)
 
 def mitsuba() -> Any:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from glpath.experiments import mitsuba_peer
+    from benchmarks.peers import mitsuba as mitsuba_peer
 
     return mitsuba_peer
 

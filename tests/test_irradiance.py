@@ -159,7 +159,20 @@ def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
     path.write_text(LIT + '[[shapes]]\ntype = "box"\nmin = [0.6, 0.6, 0]\nmax = [2, 2, 1.5]\n')
     pytest.importorskip("matplotlib")
     out = tmp_path / "lux.csv"
-    asked = ("--plane", "z=0.5", "--spacing", 0.5, "--spp", 16, "-o", out, "-o", tmp_path / "lux.png")
+    asked = (
+        "--plane",
+        "z=0.5",
+        "--spacing",
+        0.5,
+        "--spp",
+        16,
+        "--max-depth",
+        1,
+        "-o",
+        out,
+        "-o",
+        tmp_path / "lux.png",
+    )
     result = cli(path, *asked)
     assert result.exit_code == 0, result.stderr
     table = np.genfromtxt(out, delimiter=",", skip_header=1)
@@ -379,6 +392,120 @@ def test_a_normal_is_given_once(tmp_path: Path) -> None:
     path.write_text("0,0,0,0,0,1\n")
     with pytest.raises(glpath.UsageError, match="beside the normals"):
         read_points(path, (0.0, 1.0, 0.0))
+
+
+#: A closed box of 4 x 2.7 x 5, y up, as modellers write it: no lamp, no camera.
+ROOM_OBJ = """
+v 0 0 0\nv 4 0 0\nv 4 2.7 0\nv 0 2.7 0\nv 0 0 5\nv 4 0 5\nv 4 2.7 5\nv 0 2.7 5
+f 1 2 3 4\nf 5 8 7 6\nf 1 5 6 2\nf 4 3 7 8\nf 1 4 8 5\nf 2 6 7 3
+"""
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    path = tmp_path / "room.obj"
+    path.write_text(ROOM_OBJ)
+    return path
+
+
+def test_light_is_not_invented(room: Path, tmp_path: Path) -> None:
+    """Pictures of a model without lamps have a white sky; measuring refuses it, until it is asked for."""
+    ground = tmp_path / "ground.obj"
+    ground.write_text("v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\nf 4 3 2 1\n")
+    refused = cli(ground, "--plane", "y=0.75", "--spp", 1, "-o", "-")
+    assert refused.exit_code == 1
+    assert f"{ground}: has no light to measure" in refused.stderr
+    assert "--white-sky" in refused.stderr
+    assert refused.stdout == ""
+    with pytest.raises(glpath.SceneError, match="has no light to measure"):
+        glpath.irradiance(ground, [[0, 1, 0]], [0, 1, 0], spp=1)
+    with pytest.warns(glpath.SceneWarning, match="white sky"):
+        loaded = load_scene(ground)
+    with pytest.raises(glpath.SceneError, match="white_sky=True"):
+        glpath.irradiance(loaded, [[0, 1, 0]], [0, 1, 0], spp=1)
+    asked = cli(ground, "--plane", "y=0.75", "--spp", 64, "--white-sky", "-o", "-")
+    assert asked.exit_code == 0, asked.stderr
+    assert "warning" not in asked.stderr  # neither of the camera nor of the sky
+    assert "light: a white sky of radiance 1 from all around\n" in asked.stderr
+    rows = np.genfromtxt(asked.stdout.splitlines(), delimiter=",", skip_header=1)
+    np.testing.assert_allclose(rows[:, 6], np.pi, rtol=0.1)
+    assert rows[:, 6].mean() == pytest.approx(np.pi, rel=0.005)
+    dark = cli(room, "--plane", "y=0.75", "--spp", 1, "--white-sky", "-o", "-")
+    assert "no light comes to any of the points: they are inside of solids, or in a closed room" in dark.stderr
+
+
+def test_a_scene_with_light_is_lit_by_no_other(scene: Path, tmp_path: Path) -> None:
+    with pytest.raises(glpath.UsageError, match="has light of its own"):
+        glpath.irradiance(scene, [[0, 0, 1]], [0, 0, 1], spp=1, white_sky=True)
+    black = tmp_path / "black.toml"
+    black.write_text(LIT[: LIT.index("[[lights]]")])
+    with pytest.raises(glpath.SceneError, match="has no light to measure"):
+        glpath.irradiance(black, [[0, 0, 1]], [0, 0, 1], spp=1)
+    black.write_text("ambient = 0.5\n" + black.read_text())
+    found = glpath.irradiance(black, [[0, 0, 1]], [0, 0, 1], spp=4, max_depth=1)
+    np.testing.assert_allclose(found.values, 0.5 * np.pi, rtol=1e-5)
+
+
+def test_what_glows_in_a_model_is_measured_without_the_sky_that_pictures_have(tmp_path: Path) -> None:
+    """A panel of radiance 1 as a viewer's screen, one unit over a floor: Lambert's formula, and no sky besides."""
+    trimesh = pytest.importorskip("trimesh")
+    panel = trimesh.Trimesh([[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]], [[0, 1, 2], [0, 2, 3]], process=False)
+    panel.visual = trimesh.visual.TextureVisuals(
+        uv=np.zeros((4, 2)),
+        material=trimesh.visual.material.PBRMaterial(
+            emissiveFactor=[1, 1, 1], baseColorFactor=[0, 0, 0, 255], doubleSided=True
+        ),
+    )
+    path = tmp_path / "panel.glb"
+    trimesh.Scene([panel]).export(path)
+    with pytest.warns(glpath.SceneWarning, match="measured without the white sky"):
+        found = glpath.irradiance(path, [[0, 0, 0]], [0, 1, 0], spp=256, max_depth=1)
+    half = np.arctan(1 / np.sqrt(2)) / np.sqrt(2)
+    np.testing.assert_allclose(found.values[0], 4 * half, rtol=0.01)
+    lit = glpath.irradiance(path, [[0, 0, 0]], [0, 1, 0], spp=64, max_depth=1, white_sky=True)
+    assert lit.values.min() > 0.9 * np.pi
+
+
+def test_planes_are_held_against_the_scene(room: Path, scene: Path) -> None:
+    asked = ("--spp", 1, "--white-sky", "-o", "-")
+    beyond = cli(room, "--plane", "z=5.75", *asked)
+    assert beyond.exit_code == 0
+    assert "--plane z=5.75: all points lie outside the scene, which reaches from z = 0 to 5" in beyond.stderr
+    assert "A working plane is y=HEIGHT, if y is up" in beyond.stderr
+    upright = cli(room, "--plane", "z=0.75", *asked)
+    assert "warning" not in upright.stderr
+    assert "plane: z = 0.75, x from 0 to 4, " in upright.stderr
+    assert "it stands upright, if y is up: a working plane is y=HEIGHT" in upright.stderr
+    assert "upright" not in cli(room, "--plane", "y=0.75", *asked).stderr
+    metres = cli(room, "--plane", "y=750", *asked)
+    assert metres.exit_code == 2
+    assert "reaches from y = 0 to 2.7, and is 5 wide" in metres.stderr
+    # Between a floor and its lamp, as lamps are in the scene.
+    assert "warning" not in cli(scene, "--plane", "z=0.5", "--spp", 1, "-o", "-").stderr
+
+
+def test_a_scene_file_needs_no_camera_to_be_measured(scene: Path, tmp_path: Path) -> None:
+    path, table = tmp_path / "bare.toml", tmp_path / "points.csv"
+    path.write_text(LIT[LIT.index("[[shapes]]") :])
+    table.write_text("0.5,0,0.3,0,0,1\n")
+    rows = []
+    for each in (scene, path):
+        result = cli(each, "--points", table, "--spp", 4, "-o", "-")
+        assert result.exit_code == 0, result.stderr
+        assert "camera" not in result.stderr
+        rows.append(result.stdout)
+    assert rows[0] == rows[1]
+    found = glpath.irradiance(path, [[0.5, 0, 0.3]], [0, 0, 1], spp=1, max_depth=1)
+    assert found.illuminance()[0] == pytest.approx(lux(0.5, 0, 0.3), rel=2e-5)
+    # What goes by the camera's up has to say where it goes.
+    path.write_text(path.read_text() + "[sky]\nzenith = 1\nhorizon = 0.3\n")
+    with pytest.raises(glpath.SceneError, match=r"sky\.up is missing"):
+        glpath.irradiance(path, [[0, 0, 1]], [0, 0, 1], spp=1)
+    path.write_text(
+        path.read_text().replace("[sky]", '[[lights]]\ntype = "point"\nprofile = "a.ies"\nposition = [0, 0, 2]')
+    )
+    with pytest.raises(glpath.SceneError, match=r"lights\[1\]\.direction is missing"):
+        glpath.irradiance(path, [[0, 0, 1]], [0, 0, 1], spp=1)
 
 
 #: Few points, and about a millisecond a path set.

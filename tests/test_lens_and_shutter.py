@@ -516,7 +516,7 @@ BOX: dict[str, Any] = {
 def test_what_moves_is_the_mean_of_mitsubas_stills(directions: Any) -> None:
     """Mitsuba 3 has no motion blur: 64 renders, each in the middle of its part of the time."""
     pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from glpath.experiments.mitsuba_peer import render_mitsuba
+    from benchmarks.peers.mitsuba import render_mitsuba
 
     way = [
         {"translate": [0.5, 0.0, -1.1]},
@@ -549,7 +549,7 @@ def test_what_moves_is_the_mean_of_mitsubas_stills(directions: Any) -> None:
 @pytest.mark.parametrize("kind", ["orthographic", "lens"])
 def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: Any) -> None:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from glpath.experiments.mitsuba_peer import render_mitsuba
+    from benchmarks.peers.mitsuba import render_mitsuba
 
     changes = {
         "orthographic": {"type": "orthographic", "height": 1.9},

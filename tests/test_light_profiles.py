@@ -14,8 +14,8 @@ from gltf_files import Gltf
 from scipy.interpolate import RegularGridInterpolator
 
 import glpath
+from benchmarks.peers import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
-from glpath.experiments import other_python
 from glpath.light_samples import incident
 from glpath.scene.formats.gltf import read_gltf
 from glpath.scene.formats.ies import read_ies

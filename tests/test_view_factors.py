@@ -18,9 +18,7 @@ from scipy import sparse
 from typer.testing import CliRunner
 
 import glpath
-from glpath.cli.main import app
-from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.experiments.view_factor_scenes import (
+from benchmarks.view_factor_scenes import (
     CLOSED_FORMS,
     FaceList,
     ball_in_a_box,
@@ -33,6 +31,8 @@ from glpath.experiments.view_factor_scenes import (
     room_of_outline,
     slats,
 )
+from glpath.cli.main import app
+from glpath.errors import GlpathError, SceneError, UsageError
 
 Float64 = NDArray[np.float64]
 L_SHAPE = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from glpath.bake.diffuse import reflected
 from glpath.bake.pages import pages_of
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, warn
 from glpath.files import write_bytes
 from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, write_exr
 from glpath.scene.export.geometry import behind, listed
@@ -104,7 +103,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     made = replace(scene, shapes=Shapes(shapes), materials=one_sided, sky=None, ambient=np.zeros(3), lights=())
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
-        warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=4)
+        warn(f"{path}: {text}.")
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
@@ -214,12 +213,12 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
         (
             black,
             "metal, which has no diffuse part to bake and is black here but for what it emits. Where that is not "
-            "meant (in glTF all is metal that has no metallicFactor), set it to 0; or take --materials keep.",
+            'meant (in glTF all is metal that has no metallicFactor), set it to 0; or take materials="keep".',
         ),
     ):
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"
-            warnings.warn(SceneWarning(f"{path}: {listing}: {text}"), stacklevel=4)
+            warn(f"{path}: {listing}: {text}")
 
 
 def check_keepable(scene: Scene) -> None:

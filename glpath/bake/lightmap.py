@@ -35,7 +35,7 @@ from glpath.interactive import in_notebook
 from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import RenderJob, check_sensor, describe
-from glpath.rendering.options import MAX_SPP, check_word, settings_of
+from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Scene, load_scene
 from glpath.scene.triangulate import path_traceable
@@ -87,7 +87,7 @@ class Surfaces:
         require_memory(
             _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
             "lightmap: so many texels",
-            "Give a smaller --size." if texels is None else "Give fewer --texels per scene unit.",
+            "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
         )
         if uv == "keep":
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
@@ -206,6 +206,7 @@ class Lightmap:
         return write_kept(self, path, moz)
 
 
+@with_options
 def lightmap(
     scene: AnyScene,
     *,
@@ -238,7 +239,8 @@ def lightmap(
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
     integrator, options : "path" or "gather" and their options, as of `glpath.render`. By
-              "path" `max_depth` is 64 and `roulette` 4 by themselves, for the light of all bounces
+              "path" paths are ended by roulette alone by themselves, from the 4th vertex on (`max_depth` 1000,
+              `roulette` 4), for the light of all bounces
     film    : of an interrupted bake of the same scene with the same options, to go on with
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
 

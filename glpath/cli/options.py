@@ -94,7 +94,7 @@ def _extra(option: Option) -> dict[str, Any]:
     return (meta.extra if meta else None) or {}
 
 
-def _flag_of(option: Option) -> str:
+def flag_of(option: Option) -> str:
     given: str = _extra(option).get("flag", flag(option.name))
     return given
 
@@ -115,7 +115,7 @@ def _annotation(option: Option) -> Any:
     return Annotated[
         kind if kind is bool or option.default is not None else kind | None,
         typer.Option(
-            _flag_of(option),
+            flag_of(option),
             metavar=metavar or (None if kind is bool else "N"),
             help=description[0].upper() + description[1:] + ("; may be repeated." if setting.several else "."),
             show_default=False,
@@ -137,7 +137,7 @@ def _value(option: Option, integrator: str, value: Any) -> Any:
     setting = option.settings.get(integrator, option.first)
     if setting.words:
         for word in value if setting.several else (value,):
-            check_choice(_flag_of(option), word, setting.given_words)
+            check_choice(flag_of(option), word, setting.given_words)
     elif setting.type == Rgb:
         return colour(flag(option.name), value)
     elif setting.type in (int, float) and setting.meta is not None:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
-from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.errors import ImageError, UsageError, warn
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -77,6 +77,19 @@ class Grid:
         (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
         a, b = a - 0.5 * du, b - 0.5 * dv
         return a, a + columns * du, b, b + rows * dv
+
+    def described(self, scene: Scene) -> str:
+        """Where it lies, and, where that is no working plane, how it stands to what is up."""
+        a, b, c, d = self.extent
+        u, v = (AXES[i] for i in self.across)
+        said = (
+            f"plane: {AXES[self.axis]} = {self.height:g}, {u} from {a:.4g} to {b:.4g}, {v} from {c:.4g} to {d:.4g}"
+        )
+        up = np.abs(scene.camera.up)
+        upright = int(np.argmax(up))
+        if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
+            return said
+        return f"{said}; it stands upright, if {AXES[upright]} is up: a working plane is {AXES[upright]}=HEIGHT"
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
@@ -161,6 +174,37 @@ def grid_of(
     return Points(points, normals, grid)
 
 
+def check_within(at: Points, scene: Scene, option: str) -> None:
+    """Warn with SceneWarning of points that all lie outside of the scene, its lamps being in it.
+
+    Raises UsageError where they are farther off than the scene is wide: that is another unit, or another place.
+    """
+    lamps = [light.position for light in scene.lights if light.kind != "directional"]
+    box = np.array([*scene.bounds, *lamps])
+    box = box[np.isfinite(box).all(axis=1)]
+    if not len(box) or len(scene.planes):
+        return
+    lower, upper = box.min(axis=0), box.max(axis=0)
+    size = float((upper - lower).max())
+    gap = np.maximum(np.maximum(lower - at.points, at.points - upper), 0.0)
+    if not gap.any(axis=1).all():
+        return
+    nearest = gap[gap.max(axis=1).argmin()]
+    axis = int(nearest.argmax())
+    if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
+        return  # above open ground
+    low, high = f"{lower[axis]:.4g}", f"{upper[axis]:.4g}"
+    told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
+    if nearest[axis] > size:
+        raise UsageError(
+            f"{told}, and is {size:.4g} wide.",
+            "Coordinates are in the scene's units, and its axes: `glpath info` prints where it is.",
+        )
+    up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
+    other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
+    warn(told + other)
+
+
 def _apart(spacing: str) -> float:
     """UNITS of --spacing. Raises UsageError."""
     try:
@@ -233,7 +277,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:

@@ -15,6 +15,7 @@ from rich.table import Table
 from glpath.cli import completion
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
+from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
@@ -278,9 +279,9 @@ def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[
         except UsageError:
             raise
         except GlpathError as problem:
-            return str(problem), []
+            return as_typed(str(problem)), []
     return None, _scene_warnings(caught) + found
 
 
 def _scene_warnings(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    return [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]
+    return [as_typed(str(each.message)) for each in caught if issubclass(each.category, SceneWarning)]

@@ -18,6 +18,7 @@ UNSEEN = {
     "Material": {"name"},
     "Texture": {"name"},
     "Light": {"name"},
+    "Sky": {"assumed"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that

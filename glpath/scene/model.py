@@ -14,8 +14,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError
-from glpath.scene.camera import Camera
+from glpath.errors import SceneError, UsageError
+from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
@@ -256,9 +256,34 @@ class Scene:
             i for i, s in enumerate(self.shapes) if s.motion and s.motion.moves_within(*self.camera.shutter)
         )
 
-    def with_camera(self, **changes: object) -> Scene:
-        """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
-        return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
+    def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
+        """The same scene seen otherwise.
+
+        camera  : in place of the scene's
+        changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
+                  would stand for them
+
+        A camera that was set for a file without one, to see everything, sees everything at another resolution, too.
+
+        Raises UsageError for what is no camera, and for other names.
+        """
+        if not isinstance(camera, Camera | None):
+            raise UsageError(
+                f"camera: {type(camera).__name__} where a Camera is needed",
+                "Make one, glpath.scene.Camera(...); or name what changes: with_camera(position=(0, 1, 5)).",
+            )
+        known = [field.name for field in fields(Camera)]
+        for name in changes:
+            if name not in known:
+                raise UsageError(f"camera: no field is named {name!r}; allowed are {', '.join(known)}")
+        if changes.keys() & {"position", "target", "up"}:
+            changes = {"motion": ()} | changes
+        seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
+        if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
+            lower, upper = self.bounds
+            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
+                seen = framing(lower, upper, seen.resolution)
+        return replace(self, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
         """A new scene with one shape more, the last one.

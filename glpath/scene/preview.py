@@ -10,7 +10,6 @@ Cost: a fraction of a millisecond for a primitive of many pixels; those of few p
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.image import encode_png, encode_srgb
+from glpath.image import encode_png, encode_srgb, png_html
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Camera, Float64, Scene, sphere_extent
 
@@ -339,7 +338,7 @@ def _html(scene: Scene, png: bytes) -> str:
     lights = _table(
         f"{len(lamps):,} light{'s' * (len(lamps) != 1)}", ("name", "kind", "light"), lamps[:ROWS], len(lamps)
     )
-    picture = f'<img alt="preview" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+    picture = png_html(png, f"Preview of {repr(scene)[1:-1]}")
     style = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
     return (
         f"<div><p><b>{escape(scene.name)}</b> {escape(repr(scene)[len(scene.name) + 7 : -1].lstrip(': '))}</p>"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from glpath import bvh
-from glpath.errors import ImageError, SceneWarning, UsageError
+from glpath.errors import ImageError, UsageError, warn
 from glpath.files import check_writable, whole_file
 from glpath.kernels import announced, waiting
 from glpath.locks import Lock
@@ -184,7 +183,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
             f"{source}: {len(too_much):,} of {len(found):,} rows add up to more than 1, row {i}{name} to "
             f"{found.row_sums[i]:.4g}: it sees faces that lie on each other, twice. Leave one of each two out."
         )
-        warnings.warn(SceneWarning(text), stacklevel=3)
+        warn(text)
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:

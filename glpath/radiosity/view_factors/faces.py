@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import build_bvh
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, UsageError
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -27,6 +26,7 @@ from glpath.radiosity.view_factors.facets import (
 )
 from glpath.radiosity.view_factors.rows import Polygons, Tree
 from glpath.scene import Scene, load_scene, path_traceable
+from glpath.scene.formats.completed import aside
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -135,9 +135,8 @@ def _outlines(given: Any) -> list[list[int]]:
 
 @contextmanager
 def geometry_alone() -> Iterator[None]:
-    """Without warnings that a scene has no camera and no light: it needs none."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r".*: has no (camera|light)", SceneWarning)
+    """Without warnings that a scene has no camera and no light, and without an error: it needs none."""
+    with aside("camera", "light"):
         yield
 
 

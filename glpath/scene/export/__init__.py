@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.files import is_stream
 from glpath.scene.export.gltf import write_gltf
 from glpath.scene.export.mitsuba import described
@@ -64,7 +63,7 @@ def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | N
     else:
         differences = write_gltf(scene, path)
     for text in differences:
-        warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=3)
+        warn(f"{path}: {text}.")
 
 
 def is_for_mitsuba(path: str | Path) -> bool:

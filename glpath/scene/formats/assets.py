@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene import tessellate
 from glpath.scene.formats import transform
 from glpath.scene.formats.description import Asset
@@ -81,7 +80,7 @@ class Assets:
                 world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
                 if model.lights and moved.moves_within(*self.shutter):
                     text = f"{place}: its punctual lights stay where they are when the shutter opens."
-                    warnings.warn(SceneWarning(text), stacklevel=3)
+                    warn(text)
             self.lights += [_placed_light(light, world, f"{name}/{light.name}") for light in model.lights]
 
     def _model(self, given: Asset, place: Place) -> _Read:
@@ -103,7 +102,7 @@ class Assets:
                 text = f"{model.source}: not used: {note}"
                 if text not in self._said:
                     self._said.add(text)
-                    warnings.warn(SceneWarning(text), stacklevel=2)
+                    warn(text)
             self._read[path, time] = _Read(model, len(self.materials))
             first = len(self.textures)
             for material in model.materials:

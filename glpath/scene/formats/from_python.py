@@ -8,7 +8,6 @@ materials that they bring, unless they are given others.
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.scene.formats.completed import completed
 from glpath.scene.formats.from_trimesh import Surfaces, lights
 from glpath.scene.formats.gltf.surfaces import Surface
@@ -86,7 +85,7 @@ def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Seque
     """The scene with a camera and a light, with a warning of what had to be added."""
     scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
     scene = replace(scene, lights=(*scene.lights, *lights))
-    return completed(scene, has_camera="camera" in data, stacklevel=4)
+    return completed(scene, has_camera="camera" in data)
 
 
 # --- trimesh ---
@@ -114,7 +113,7 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
             {"mesh": geometry, "name": str(node), "transform": [{"matrix": np.asarray(transform).tolist()}]}
         )
     if dropped:
-        warnings.warn(SceneWarning(f"scene: dropped {', '.join(sorted(dropped))}."), stacklevel=5)
+        warn(f"scene: dropped {', '.join(sorted(dropped))}.")
     data: dict[str, Any] = {"shapes": shapes}
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera

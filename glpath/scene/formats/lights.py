@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.image import read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
@@ -168,12 +167,9 @@ def _environment(path: Path, scale: float, rotation: float, up: Float64, place: 
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:
-        warnings.warn(
-            SceneWarning(
-                f"{place}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
-                "they were taken for 0, as light cannot be negative."
-            ),
-            stacklevel=2,
+        warn(
+            f"{place}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
+            "they were taken for 0, as light cannot be negative."
         )
     if stored.max() * scale > LARGEST:
         raise sky.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")

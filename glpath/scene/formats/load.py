@@ -21,7 +21,9 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
+from glpath.files import read_bytes
 from glpath.scene.formats.build import build
+from glpath.scene.formats.completed import NO_CAMERA, is_aside
 from glpath.scene.formats.convert import convert
 from glpath.scene.formats.description import SceneFile
 from glpath.scene.formats.meshes import MESH_KEYS, mesh_of_table
@@ -52,7 +54,7 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
     return scene_from_toml(content, place, path.parent, path.stem, later)
@@ -78,7 +80,28 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later
         raise _too_deep(place) from error
     except ValueError as error:  # of an integer of thousands of digits
         raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
+    if "camera" not in data and is_aside("camera"):
+        _check_no_up_is_needed(data, place)
+        data["camera"] = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
     return scene_of(data, place, folder, name, later)
+
+
+def _check_no_up_is_needed(data: Mapping[str, Any], place: Place) -> None:
+    """Raise SceneError where a scene file without a camera has what goes by the camera's `up`: which is unknown."""
+
+    def needs(field: Place, what: str, example: str) -> SceneError:
+        return field.error(
+            f"is missing: {what} goes by the camera's `up` without it, and the file has no camera.",
+            f"For example {example}.",
+        )
+
+    lights, sky = data.get("lights"), data.get("sky")
+    for index, each in enumerate(lights if isinstance(lights, list) else ()):
+        if isinstance(each, dict) and "profile" in each and "direction" not in each:
+            here = place.field("lights").item(index).field("direction")
+            raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
+    if isinstance(sky, dict) and "up" not in sky and ("file" in sky or "horizon" in sky):
+        raise needs(place.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
 
 
 def scene_from_dict(

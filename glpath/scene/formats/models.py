@@ -5,7 +5,6 @@ A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.scene.check import check_camera
 from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
@@ -90,7 +89,7 @@ def scene_of_model(model: Model) -> Scene:
     if not model.shapes:
         raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
     for note in model.notes:
-        warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=3)
+        warn(f"{model.source}: not used: {note}")
     scene = Scene(
         name=model.name,
         camera=replace(NO_CAMERA if model.camera is None else _camera(model.camera), shutter=model.shutter),
@@ -102,7 +101,7 @@ def scene_of_model(model: Model) -> Scene:
     )
     if model.camera is not None:
         check_camera(scene.camera, place)
-    return completed(scene, has_camera=model.camera is not None, stacklevel=3, glow_is_light=False)
+    return completed(scene, has_camera=model.camera is not None, glow_is_light=False)
 
 
 def _camera(given: ModelCamera) -> Camera:
