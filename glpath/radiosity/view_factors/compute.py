@@ -198,7 +198,7 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
             "It is in `backs`, in no factor, and not in the sky. Cut the ground out below solids, close them, give "
             "sheets two sides, or flip what is inside out."
         )
-        warnings.warn(SceneWarning(text), stacklevel=3)
+        warn(text)
 
 
 def kernels_of() -> tuple[Any, ...]:
