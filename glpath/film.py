@@ -67,7 +67,8 @@ _PREVIEW = 1024
 class Film:
     """Sums of radiance over path sets, in batches.
 
-    radiance_sums : (BATCHES, H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709, row 0 at the top
+    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
+                    at the top
     batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
@@ -133,7 +134,7 @@ class Film:
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64, the image: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
+        """(H, W, 3) float64, the image: W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
         Raises UsageError when there is no path set in it.
         """
@@ -154,7 +155,8 @@ class Film:
                         own extent (of an endless plane) counts as so far
         "depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
                         `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
-        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none
+        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
+                        scene far from the origin an .exr has them relative to its header's `position_origin`
         "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
                         one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
                         objects with it, see `cryptomatte`
@@ -193,8 +195,16 @@ class Film:
         if name in ("depth", "position"):
             value, hits = sums[..., :-1], sums[..., -1:]
             mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
-            return mean[..., 0] if name == "depth" else mean
+            if name == "depth":
+                return np.asarray(mean[..., 0])
+            origin = self.metadata.position_origin
+            return mean if origin is None else np.where(hits > 0, mean + origin, 0.0)
         return np.asarray(sums / self.path_sets)
+
+    def _layer(self, name: str) -> NDArray[Any]:
+        """An AOV as a file of 32-bit numbers holds it."""
+        near = name != "position" or self.metadata.position_origin is None
+        return (self if near else replace(self, metadata=replace(self.metadata, position_origin=None))).aov(name)
 
     def _ids(self, name: str) -> NDArray[np.int64]:
         assert self.shape_counts is not None, "the metadata name an AOV that the film has not"
@@ -276,6 +286,7 @@ class Film:
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
             versions=merged_values(self.metadata.versions, other.metadata.versions),
+            unit=self.metadata.unit or other.metadata.unit,
             elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
             statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             stop_rule="",
@@ -453,7 +464,7 @@ class Film:
                 window=self.metadata.window,
                 full_resolution=self.metadata.full_resolution,
                 layers=({"noisy": self.mean} if denoise else {})
-                | {name: self.aov(name) for name in self.metadata.aovs},
+                | {name: self._layer(name) for name in self.metadata.aovs},
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
             )
         else:

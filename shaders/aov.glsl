@@ -65,7 +65,7 @@ float depth_of(vec3 position)
 #ifdef EYE_PANORAMA
     return length(position - eye_position);
 #else
-    return max(eye_from_world(position).z, 0.0);
+    return max(eye_from_world(position).z + eye_ahead, 0.0);
 #endif
 }
 #endif

@@ -41,6 +41,7 @@ from glpath.jobs.connection import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
+from glpath.sensors import PointSensor
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
@@ -90,6 +91,16 @@ def test_it_has_the_bits_of_one_process(workers, spp, options):
     assert film.metadata.stop_rule == "spp"
     assert film.metadata.statistics["chunks"] >= spp // 64
     assert told[-1].done == told[-1].total == spp
+
+
+def test_points_are_not_asked_what_a_camera_would_see(workers):
+    """In front of the box, where a camera amid them would look past it: no warning, which would be a failure."""
+    points = np.array([[[0.0, 0.5, 3.0], [0.1, 0.4, 3.0]]])
+    sensor = PointSensor.of(points, np.broadcast_to([0.0, 0.0, -1.0], points.shape), independent=True)
+    job = RenderJob.of(BOX, sensor=sensor, spp=24, max_depth=3)
+    film = render_on(workers, job, chunk_seconds=0.05)
+    assert same(film, run(job))
+    assert film.mean.any()
 
 
 def test_noise_ends_it_where_it_ends_one_process(workers):

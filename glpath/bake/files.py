@@ -21,6 +21,7 @@ from glpath.scene.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.material import Material
 from glpath.scene.model import Float64, Scene
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas
@@ -101,13 +102,15 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
                 page_of.append(page)
     one_sided = tuple(replace(material, two_sided=False) for material in materials)
     made = replace(scene, shapes=Shapes(shapes), materials=one_sided, sky=None, ambient=np.zeros(3), lights=())
+    # What shines keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
+    made = replace(made, unit="photometric")
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
         warn(f"{path}: {text}.")
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
-        said = {"quantity": "irradiance", "unit": "W m^-2", "primaries": "linear Rec. 709"}
+        said = {"quantity": "irradiance", "unit": symbol(scene.unit, "irradiance"), "primaries": "linear Rec. 709"}
         write_exr(path.with_name(f"{stem}.exr"), light, said | {"texCoord": "1", "page": str(page)})
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
         about = said | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}

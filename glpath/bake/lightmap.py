@@ -38,6 +38,7 @@ from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Scene, load_scene
+from glpath.scene.formats.completed import aside
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors import PointSensor
 
@@ -136,7 +137,8 @@ class Lightmap:
 
     surfaces   : where the texels are
     film       : of the texels' receivers, as of any render: it merges, and a bake goes on with it
-    irradiance : (P, h, w, 3) float32, W m^-2, linear Rec. 709, row 0 at the top, of each page; gutters are filled
+    irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
+                 each page; gutters are filled
     baked      : (P, h, w) bool, where it was rendered and not only continued
     seams      : points where charts meet
     """
@@ -187,8 +189,8 @@ class Lightmap:
         path      : .glb
         materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
                     (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
-                    irradiance of page i, W m^-2, as baked-i.lightmap.exr, and as .png of eight bits, linear, whose
-                    range baked-i.lightmap.json says
+                    irradiance of page i, in the unit of the scene, as baked-i.lightmap.exr, and as .png of eight
+                    bits, linear, whose range and unit baked-i.lightmap.json says; so are the numbers of what shines
         exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or "auto"; "auto":
                     middle grey
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
@@ -258,8 +260,10 @@ def lightmap(
     [PosixPath('baked.glb')]
     """
     rules = StopRules(time_limit, noise)
+    with aside("camera"):
+        loaded = load_scene(scene, parameters)
     bake = Bake.of(
-        load_scene(scene, parameters),
+        loaded,
         texels=texels,
         size=size,
         uv=uv,

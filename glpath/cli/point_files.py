@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -82,9 +83,8 @@ class Grid:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        said = (
-            f"plane: {AXES[self.axis]} = {self.height:g}, {u} from {a:.4g} to {b:.4g}, {v} from {c:.4g} to {d:.4g}"
-        )
+        ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
@@ -193,7 +193,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     axis = int(nearest.argmax())
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
         return  # above open ground
-    low, high = f"{lower[axis]:.4g}", f"{upper[axis]:.4g}"
+    low, high = _at(lower[axis]), _at(upper[axis])
     told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
         raise UsageError(
@@ -203,6 +203,11 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
     warn(told + other)
+
+
+def _at(x: float) -> str:
+    """A coordinate for people: four digits, or two decimals of what is far from the origin."""
+    return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
 
 
 def _apart(spacing: str) -> float:
@@ -338,27 +343,37 @@ def _number(cell: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
-    """A line for each point: where, which way, irradiance and illuminance with their standard errors."""
+def save_csv(path: Path, at: Points, found: Irradiance) -> None:
+    """A line for each point: where, which way, irradiance and illuminance with their standard errors.
+
+    Irradiance is in the unit of the scene, which the titles of its columns name.
+    """
+    unit = symbol(found.unit, "irradiance").replace(" m^-2", "/m2")
     columns = {
         **{name: at.points[:, i] for i, name in enumerate(_POINT)},
         **{name: at.normals[:, i] for i, name in enumerate(_NORMAL)},
-        **{f"{name} [W/m2]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
-        **{f"{name} [W/m2]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
-        "E [lx]": found.illuminance(lumens_per_watt),
-        "se [lx]": found.illuminance_errors(lumens_per_watt),
+        **{f"{name} [{unit}]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
+        **{f"{name} [{unit}]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
+        "E [lx]": found.illuminance(),
+        "se [lx]": found.illuminance_errors(),
     }
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    # Of places all digits, as those of a georeferenced model have many.
+    digits = [15 if name in _POINT else 9 for name in columns]
+    writer.writerows(
+        [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
+        for row in zip(*columns.values(), strict=True)
+    )
     write_bytes(text.getvalue().encode(), path)
 
 
-def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+def save_npz(path: Path, at: Points, found: Irradiance) -> None:
     """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    A grid's have its shape before, (rows, columns, ...). Raises ImageError where it cannot be written.
+    `unit` is that of irradiance: "W m^-2" or "lx". A grid's have its shape before, (rows, columns, ...). Raises
+    ImageError where it cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -366,12 +381,12 @@ def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
         "normals": at.normals,
         "irradiance": found.values,
         "standard_errors": found.standard_errors,
-        "illuminance": found.illuminance(lumens_per_watt),
-        "illuminance_errors": found.illuminance_errors(lumens_per_watt),
+        "illuminance": found.illuminance(),
+        "illuminance_errors": found.illuminance_errors(),
     }
     shaped = {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
     with whole_file(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, lumens_per_watt=lumens_per_watt, **shaped)
+        np.savez_compressed(file, unit=symbol(found.unit, "irradiance"), **shaped)
 
 
 def check_kind(path: Path) -> None:

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.gl.camera import CENTRE, camera_defines, eye_centre, eye_uniforms, lens_uniforms, view_volume
+from glpath.gl.camera import (
+    CENTRE,
+    ahead_of,
+    camera_defines,
+    eye_centre,
+    eye_uniforms,
+    lens_uniforms,
+    view_volume,
+)
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
@@ -224,7 +232,8 @@ class PathSetEngine(Owner, ABC):
         pixel: tuple[float, float] = CENTRE,
         lens: NDArray[np.float64] | None = None,
     ) -> Uniforms:
-        eye = eye_uniforms(camera, self.window, pixel, lens)
+        ahead = ahead_of(camera, self.scene.centre, self.scene.radius)
+        eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
         position = np.asarray(eye["eye_position"])
         extent = float(np.linalg.norm(self.scene.centre - position)) + self.scene.radius
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}

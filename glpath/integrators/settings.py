@@ -191,9 +191,9 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias; by itself, never. With a "
-            'max-depth of 1000, the most, nothing else ends those of directions "own"',
-            extra={"metavar": "DEPTH"},
+            description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the "
+            'most, nothing else ends those of directions "own"',
+            extra={"metavar": "DEPTH", "unset": "never"},
         ),
     ] = None
     geometry_budget: Annotated[

@@ -46,6 +46,7 @@ from glpath.rendering.loop import Clock, missing
 from glpath.rendering.session import empty_film, metadata_of
 from glpath.rendering.stopping import StopRules, looks_at_noise
 from glpath.scene import Scene, check_scene
+from glpath.sensors import CameraSensor
 
 log = logging.getLogger("glpath")
 
@@ -101,9 +102,9 @@ def render_on(
     if not chunk_seconds > 0:
         raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
     rules = StopRules(time_limit, noise)
-    loaded = job.sensor.seen(job.scene.load(scene))
+    loaded = job.seen(scene)
     plan = plan_of(job.integrator)
-    for text in check_scene(loaded) + plan.warnings(loaded):
+    for text in check_scene(loaded, isinstance(job.sensor, CameraSensor)) + plan.warnings(loaded):
         warn(text)
     started = time.perf_counter()
     film_of = film

@@ -162,7 +162,7 @@ def run(
         if not isinstance(job.sensor, PointSensor):
             raise UsageError("sensor: points for a job whose paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
-    loaded = job.sensor.seen(job.scene.load(scene))
+    loaded = job.seen(scene)
     session = Session(job, loaded)
     context = open_context(probe_first=in_notebook()) if context is None else context
     with session:

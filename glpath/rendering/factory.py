@@ -114,7 +114,7 @@ class Plan(Protocol):
         """What a scene has that this integrator hardly renders as it is meant."""
 
     def traceable(self, scene: Scene) -> Scene:
-        """The scene as the engine knows it. Raises SceneError for what it does not know."""
+        """The scene as the engine knows it, relative to its `origin`. Raises SceneError for what it is not for."""
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         """The plan with all that takes the traceable scene and no context: a radiosity solution.
@@ -123,13 +123,21 @@ class Plan(Protocol):
         """
 
     def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
-        """The engine for a traceable scene, which has the sensor's camera; the plan is prepared."""
+        """The engine for a traceable scene, which has the sensor's camera; the plan is prepared.
+
+        sensor : relative to the scene's origin, as those that the engine looks from later, see `sensor_in`
+        """
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         """Go on with another scene, traceable and with a camera of its own. Raises SceneError."""
 
     def remarks(self, film: Film) -> list[str]:
         """What is to be said of a film that is done."""
+
+
+def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
+    """A sensor in a scene as an engine for the traceable scene has it: relative to the origin of that."""
+    return sensor.moved(traced.origin - scene.origin)
 
 
 def plan_of(settings: IntegratorSettings) -> Plan:
@@ -349,7 +357,7 @@ class _Whitted:
                 "objects as they are seen on a plane.",
                 'Render it with integrator="classic", which shoots every ray, or with "path" or "gather".',
             )
-        return _posed(scene)
+        return _posed(scene).centred
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         return self

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -39,6 +40,7 @@ from glpath.rendering.options import (
 )
 from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, shipped_scenes
 from glpath.scene.camera import Projection
+from glpath.scene.formats.completed import aside
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
 from glpath.sensors import CameraSensor, PointSensor, Sensor, SensorKey
@@ -154,6 +156,12 @@ class RenderJob:
     def spp(self) -> int:
         """How many path sets."""
         return self.path_sets[1] - self.path_sets[0]
+
+    def seen(self, scene: Scene | None = None) -> Scene:
+        """The scene as the job's sensor sees it; `scene` and errors as of `SceneSource.load`."""
+        with _needing(self.sensor):
+            loaded = self.scene.load(scene)
+        return self.sensor.seen(loaded)
 
     def split(self, count: int) -> list[RenderJob]:
         """At most `count` jobs with a share of the path sets each, whose films merge into this job's, bit for bit.
@@ -295,12 +303,13 @@ def describe(
              no `max_depth` is asked for
     """
     if sensor is not None and integrator == "path" and options.get("max_depth") is None:
-        options = _ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
+        options = ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
     settings = settings_of(integrator, options)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
-    loaded = load_scene(scene, parameters)
+    with _needing(sensor):
+        loaded = load_scene(scene, parameters)
     starts: Sensor
     if sensor is None:
         loaded = with_overrides(loaded, resolution, camera)
@@ -317,8 +326,13 @@ def describe(
     return RenderJob(source, settings, starts, window, path_sets), loaded
 
 
-# Of "path": chance alone ends them, so that all of the light is there.
-_ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
+def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
+    """Within, scenes are loaded for a sensor: of points, one needs no camera."""
+    return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
+
+
+#: Of "path" where light is measured: chance alone ends paths, so that all of the light is there.
+ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 

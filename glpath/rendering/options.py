@@ -122,9 +122,9 @@ class Option:
         if len({text for text, _ in texts}) == 1:
             text = next(iter(texts))[0]
             defaults = [
-                _shown(value) + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
+                shown + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
                 for (_, value), owners in texts.items()
-                if not isinstance(value, bool) and value is not None and value != ()
+                if not isinstance(value, bool) and value != () and (shown := self._shown(value))
             ]
             return text + (f"; default {', '.join(defaults)}" if defaults else "")
         parts = [
@@ -132,6 +132,11 @@ class Option:
             for i, ((text, value), owners) in enumerate(texts.items())
         ]
         return ". ".join(part[0].upper() + part[1:] if i else part for i, part in enumerate(parts))
+
+    def _shown(self, value: Any) -> str:
+        """A default; of None what the setting says in `extra`, or nothing."""
+        meta = self.first.meta
+        return _shown(value) if value is not None else str(((meta and meta.extra) or {}).get("unset", ""))
 
 
 def settings_fields(kind: type[IntegratorSettings]) -> dict[str, Setting]:

@@ -31,6 +31,7 @@ from glpath.scene import AnyScene, Scene, Sky, load_scene
 from glpath.scene.formats.completed import aside, uniform_sky
 from glpath.scene.formats.values import LARGEST
 from glpath.sensors import PointSensor
+from glpath.units import Unit, conversion
 
 Float64 = NDArray[np.float64]
 
@@ -39,9 +40,6 @@ Receiver = Literal["plane", "cylinder"]
 #: Directions around a cylinder: the mean of a lamp's light over so many is off by 0.2 % at most, as a clamped
 #: cosine has a harmonic of 2 / (32^2 - 1) there. A power of two, so that path sets take each as often.
 _AROUND = 32
-
-#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
-LUMENS_PER_WATT = 179.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,31 +56,32 @@ class Irradiance:
 
     @property
     def values(self) -> Float64:
-        """(N, 3) float64, W m^-2, linear Rec. 709."""
+        """(N, 3) float64, linear Rec. 709, in the unit of the scene: W m^-2, or lx where it is photometric."""
         return self._of_points(self.film.mean)
 
     @property
+    def unit(self) -> Unit:
+        """Of `values` and their errors: "radiometric" or "photometric", as of the scene."""
+        return self.film.metadata.unit or "radiometric"
+
+    @property
     def standard_errors(self) -> Float64:
-        """(N, 3) float64, W m^-2, one standard deviation: by the spread of independent batches of path sets.
+        """(N, 3) float64, as `values`, one standard deviation: by the spread of independent batches of path sets.
 
         NaN below 16 path sets, where there is one batch. Eight batches tell a point's error to about a quarter.
         """
         return self._of_points(standard_error(self.film.radiance_sums, self.film.batch_counts))
 
-    def illuminance(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
-        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722) times the lumens of a watt.
+    def illuminance(self) -> Float64:
+        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722), a watt having 179 lumens."""
+        return conversion(self.unit, "photometric") * luminance(self.values)
 
-        lumens_per_watt : 179 where the scene's lights are in watts. 1 where they are photometric, as glpath takes
-                          these one to one: candela of IES profiles and of glTF, lux and nits
-        """
-        return lumens_per_watt * luminance(self.values)
-
-    def illuminance_errors(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
+    def illuminance_errors(self) -> Float64:
         """(N,) float64, lux, one standard deviation of `illuminance`."""
         of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
-        return lumens_per_watt * self._of_points(of_light)[:, 0]
+        return conversion(self.unit, "photometric") * self._of_points(of_light)[:, 0]
 
-    def spread(self, which: NDArray[np.bool_] | None = None, lumens_per_watt: float = LUMENS_PER_WATT) -> Spread:
+    def spread(self, which: NDArray[np.bool_] | None = None) -> Spread:
         """Mean, minimum, maximum and uniformities of `illuminance`, lux, each with its standard error.
 
         which : (N,) bool, the points that count; all. One at least
@@ -94,7 +93,7 @@ class Irradiance:
         chosen = lux if which is None else lux[:, which]
         if not chosen.shape[1]:
             raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
-        return spread_of(lumens_per_watt * np.pi * chosen, self.film.batch_counts)
+        return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
 
     def _of_points(self, radiance: Float64) -> Float64:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
@@ -168,7 +167,7 @@ def irradiance(
         integrator=integrator,
         spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
-        sensor=_in_rows(place, facing, loaded.camera.shutter),
+        sensor=_in_rows(place, facing, loaded),
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
@@ -264,15 +263,18 @@ def _around(axes: Float64) -> Float64:
     return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
 
 
-def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
-    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated.
+def _in_rows(place: Float64, facing: Float64, scene: Scene) -> PointSensor:
+    """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
 
     facing : (N, 3), or (S, N, 3), of which a path set takes one
     """
+    origin = scene.centred.origin - scene.origin
+    place = place - origin
     width = math.isqrt(len(place) - 1) + 1
     height = -(-len(place) // width)
     more = ((0, 0), (0, width * height - len(place)), (0, 0))
     facing = facing.reshape(-1, *place.shape)
     place = np.broadcast_to(place, facing.shape)
     rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
-    return PointSensor.of(*rows, shutter=shutter, independent=True)
+    x, y, z = origin.tolist()
+    return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

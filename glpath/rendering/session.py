@@ -16,7 +16,7 @@ from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import WhittedSettings
 from glpath.machine import return_memory
 from glpath.progress import Progress
-from glpath.rendering.factory import Engine, Plan, plan_of
+from glpath.rendering.factory import Engine, Plan, plan_of, sensor_in
 from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
@@ -99,6 +99,7 @@ class Session:
             check_same_render(
                 film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
             )
+            film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
         clock = Clock(
             film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
         )
@@ -117,9 +118,8 @@ class Session:
                 # Half, as the two views of a scan lie side by side.
                 self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
                 with context:
-                    self._engine = self._plan.engine(
-                        context, self._traced, job.sensor, self._tiles[0].window, timings
-                    )
+                    sensor = sensor_in(self._traced, job.sensor, scene)
+                    self._engine = self._plan.engine(context, self._traced, sensor, self._tiles[0].window, timings)
             else:
                 with context:
                     self._go_on(self._engine, job, scene)
@@ -147,9 +147,10 @@ class Session:
             )
         assert job.integrator == before.integrator, "another integrator needs another session"
         if _differs(before, job, scene):
-            self._plan.change_scene(engine, self._plan.traceable(scene))
+            self._traced = self._plan.traceable(scene)
+            self._plan.change_scene(engine, self._traced)
         else:
-            engine.look_from(job.sensor)
+            engine.look_from(sensor_in(self._traced, job.sensor, scene))
         engine.forget_statistics()
 
 
@@ -194,8 +195,10 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
+        unit=scene.unit,
         aovs=job.integrator.aovs,
         **_names(job, scene),
+        **_position_origin(job, scene),
         device="" if context is None else context.info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy")
         | ({} if context is None else {"driver": context.info.driver}),
@@ -211,6 +214,13 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
         "material_names": tuple(material.name for material in scene.materials),
         "shape_materials": tuple(int(shape.material) for shape in scene.shapes),
     }
+
+
+def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
+    """What positions in the film are relative to, where that is not the world's origin."""
+    if "position" not in job.integrator.aovs or not scene.centred.origin.any():
+        return {}
+    return {"position_origin": tuple(scene.centred.origin.tolist())}
 
 
 def _recorded(job: RenderJob, plan: Plan) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +63,11 @@ class PythonPlace(Place):
 
     def field(self, name: str) -> Place:
         return type(self)(self.source, f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
+
+
+def coordinates(point: Iterable[float]) -> str:
+    """A point for people: six digits, or two decimals of what is far from the origin."""
+    return "[" + ", ".join(f"{x:.6g}" if abs(x) < 1e5 else f"{x:.2f}" for x in point) + "]"
 
 
 def shown(value: object) -> str:

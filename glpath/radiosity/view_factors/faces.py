@@ -89,7 +89,8 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
     else:
         with geometry_alone():
-            scene = path_traceable((given if isinstance(given, Scene) else load_scene(given)).still())
+            loaded = given if isinstance(given, Scene) else load_scene(given)
+            scene = path_traceable(loaded.still(), centred=False)
         source = scene.source or scene.name
         vertices = scene.triangles.reshape(-1, 3)
         outlines = np.arange(len(vertices)).reshape(-1, 3).tolist()

@@ -30,8 +30,9 @@ def export(
 ) -> None:
     """Write a scene for other programs, to compare with them or to move there.
 
-    The triangles are those that path tracing renders, spheres included; lengths are in scene units. What the format
-    does not know is approximated or left out, and a SceneWarning says so.
+    The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light is in cd,
+    lx and cd m^-2 in .glb, watts being 179 lumens; in .xml its numbers are those of the scene, of either unit. What
+    the format does not know is approximated or left out, and a SceneWarning says so.
 
     scene      : as `glpath.load_scene` takes it
     path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR);

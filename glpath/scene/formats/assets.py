@@ -23,6 +23,7 @@ from glpath.scene.formats.values import LARGEST, nearby_files, unknown
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.place import Place, shown
+from glpath.units import Unit, conversion
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Assets:
     number    : of the scene's own materials, by their names
     materials : of the scene, which those of the assets come behind; so with textures
     shutter   : of the camera, seconds, for what moves
+    unit      : of the scene's light
     """
 
     folder: Path
@@ -48,6 +50,7 @@ class Assets:
     materials: list[Material]
     textures: list[Texture]
     shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit = "radiometric"
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
@@ -67,8 +70,12 @@ class Assets:
         replaced = self._replaced(given, read, place.field("materials"))
         moved = motion_of(given.motion, world[None, :3], place.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
+        unit = model.unit if isinstance(given.unit, UnsetType) else given.unit
+        factor = 1.0 if unit is None else conversion(unit, self.unit)
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
+            if not self.materials[material].unlit:  # whose colour is no light that could be measured
+                emission = factor * emission
             if shape.material in replaced:
                 # Its light belongs to the material that it had.
                 material, emission = replaced[shape.material], np.zeros(3)
@@ -81,7 +88,9 @@ class Assets:
                 if model.lights and moved.moves_within(*self.shutter):
                     text = f"{place}: its punctual lights stay where they are when the shutter opens."
                     warn(text)
-            self.lights += [_placed_light(light, world, f"{name}/{light.name}") for light in model.lights]
+            for light in model.lights:
+                placed = _placed_light(light, world, f"{name}/{light.name}")
+                self.lights.append(replace(placed, intensity=factor * light.intensity))
 
     def _model(self, given: Asset, place: Place) -> _Read:
         path, here = self.folder / given.file, place.field("file")

@@ -53,8 +53,9 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
     notes = []
-    if not has_camera and not is_aside("camera"):
+    if not has_camera:
         scene = replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
+    if not has_camera and not is_aside("camera"):
         c = scene.camera
         notes.append(
             f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "

@@ -23,6 +23,7 @@ from glpath.scene.formats.load import scene_of
 from glpath.scene.formats.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures
 from glpath.scene.place import Place, PythonPlace, shown
+from glpath.units import conversion
 
 if TYPE_CHECKING:
     import trimesh
@@ -42,7 +43,7 @@ def is_made_in_python(scene: object) -> bool:
 def scene_from_python(scene: Any) -> Scene:
     """The scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
     if _of_trimesh(scene, "Trimesh"):
-        scene = {"shapes": [{"mesh": scene}]}
+        scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
     elif _of_trimesh(scene, "Scene"):
         found, others = lights(scene)
         return _complete(_dictionary(scene, others), PythonPlace("scene"), Path(), found)
@@ -58,7 +59,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
             f"Scene.add: material = {shown(material)}, but the scene has {', '.join(names) or 'none'}.",
             "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
         )
-    data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table]}
+    data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}
     if isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
@@ -114,7 +115,7 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
         )
     if dropped:
         warn(f"scene: dropped {', '.join(sorted(dropped))}.")
-    data: dict[str, Any] = {"shapes": shapes}
+    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh's materials and lights are glTF's
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
@@ -166,7 +167,8 @@ def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[T
         surface = looks[index]
         shape = replace(shape, material=len(kept) + given.index(id(surface)))
         if not shape.emits and surface.emission.any():
-            shape = replace(shape, emission=surface.emission, emission_two_sided=surface.material.two_sided)
+            emission = conversion("photometric", scene.unit) * surface.emission  # glTF's material
+            shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
         shapes.append(shape)
     return replace(
         scene,

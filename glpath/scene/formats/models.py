@@ -24,6 +24,7 @@ from glpath.scene.formats.mesh_models import read_mesh_model
 from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.place import Place
+from glpath.units import Unit
 
 #: Of the files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
@@ -49,6 +50,10 @@ def read_gltf_as_asked(
             description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
         ),
     ] = 1.0,
+    unit: Annotated[
+        Unit,
+        Meta(description="photometric (cd, lx, cd/m2) or radiometric, what the file's numbers of light are"),
+    ] = "photometric",
 ) -> Model:
     """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera == "first" else camera
@@ -62,6 +67,7 @@ def read_gltf_as_asked(
         shutter=shutter,
         camera=wanted,
         light_factor=light_factor,
+        unit=unit,
     )
 
 
@@ -98,6 +104,7 @@ def scene_of_model(model: Model) -> Scene:
         source=model.source,
         textures=model.textures,
         lights=model.lights,
+        unit=model.unit or "radiometric",
     )
     if model.camera is not None:
         check_camera(scene.camera, place)

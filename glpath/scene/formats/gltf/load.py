@@ -25,10 +25,12 @@ from glpath.scene.formats.gltf.primitives import Primitives, Skin, is_open, skin
 from glpath.scene.formats.gltf.profiles import Profiles
 from glpath.scene.formats.gltf.surfaces import Surfaces
 from glpath.scene.formats.gltf.table import Table
+from glpath.scene.formats.precision import step_at, warn_of_steps
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.place import shown
+from glpath.units import Unit
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
 _FLAT = 1e-9
@@ -53,6 +55,7 @@ class Model:
     camera    : the one that was asked for, else the first; None where there is none
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each said once
+    unit      : of its light; None where the format has none
     """
 
     source: str
@@ -65,6 +68,7 @@ class Model:
     camera: ModelCamera | None
     notes: tuple[str, ...]
     shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit | None = None
 
 
 def read_gltf(
@@ -74,15 +78,18 @@ def read_gltf(
     shutter: float = 0.0,
     camera: str | int | None = None,
     light_factor: float = 1.0,
+    unit: Unit = "photometric",
 ) -> Model:
     """Read a .gltf or .glb.
 
     time         : seconds into its animations; None shows it at rest
     shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
-    light_factor : what the intensity of punctual lights is multiplied by: candela are taken as W sr^-1, lux as
-                   W m^-2. Blender's exporter writes 683 lumen for a watt, so 1 / 683 brings back its watts.
-                   Surfaces that send light keep theirs
+    light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
+                   Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
+                   back its watts
+    unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
+                   "radiometric", as programs write them whose light is in watts
 
     Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
     a camera that it does not have and numbers that are not finite.
@@ -102,6 +109,8 @@ def read_gltf(
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
     shapes = made.all()
+    if shapes:
+        warn_of_steps(document.place, made.step, made.low, made.high)
     profiles = Profiles(document)
     written = nodes.tables.values
     extended = [i for i in nodes.drawn if "extensions" in written[i]]
@@ -128,6 +137,7 @@ def read_gltf(
         camera=_chosen(cameras, camera, document),
         notes=tuple(document.notes.texts),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
+        unit=unit,
     )
 
 
@@ -244,6 +254,8 @@ class _Shapes:
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
         self.triangles = 0
+        #: How far numbers of 32 bits are apart where the vertices are, and the box around all, world space.
+        self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
         #: Names of meshes that change their form while the shutter is open.
         self.bent: list[str] = []
 
@@ -420,6 +432,10 @@ class _Shapes:
                 f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                 "Check the transforms of its nodes.",
             )
+        if len(maps):
+            self.step = max(self.step, step_at(low, high) * float(np.linalg.norm(maps[:, :, :3], axis=1).max()))
+            self.low = np.minimum(self.low, (centre - extent).min(axis=0))
+            self.high = np.maximum(self.high, (centre + extent).max(axis=0))
 
     def _note_single_sided(self) -> None:
         seen = (
