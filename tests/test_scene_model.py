@@ -72,6 +72,7 @@ def everything() -> Scene:
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
         exposure=1.0,
+        centred_by=np.array([1.0, 2.0, 3.0]),
     )
 
 
