@@ -235,8 +235,8 @@ def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
     if names:
         warnings.warn(
             SceneWarning(
-                f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: mirrors and metal are black in a viewer "
-                "without an environment map, as a light map is of what is diffuse alone."
+                f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: mirrors and metal are black in a "
+                "viewer without an environment map, as a light map is of what is diffuse alone."
             ),
             stacklevel=4,
         )
