@@ -4,6 +4,8 @@
 
 SPP    ?= 128
 BENCH  ?= path-buffer
+FIGURE ?= path-buffer-7
+SCALE  ?= 1
 JOBS   ?= auto
 PYTHON ?=
 export PYTHON
@@ -11,13 +13,13 @@ export PYTHON
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 
-.PHONY: help render test lint evidence bench docs wheel clean
+.PHONY: help render test lint evidence bench figure docs wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' Makefile
-	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), JOBS=auto (make test: processes),"
+	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), FIGURE=path-buffer-7 (make figure), JOBS=auto (make test: processes),"
 	@echo "           PYTHON=python3.12 (which one to use)"
 
 render: $(STAMPS) ## set up, then render the Cornell box to out/cornell-box.png and .exr
@@ -37,7 +39,10 @@ evidence: $(STAMPS)-reference ## set up with Mitsuba and a browser, then run the
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" sh .ci/evidence $(BIN)/python $(JOBS)
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
-	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/glpath bench $(BENCH)
+	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m benchmarks bench $(BENCH)
+
+figure: $(STAMPS)-test ## make a figure of the papers again into out/figures: FIGURE=path-buffer-7, SCALE below 1 is quicker
+	$(BIN)/python -m benchmarks figure $(FIGURE) --scale $(SCALE)
 
 docs: $(STAMPS)-test ## build the API reference from the docstrings into out/docs
 	$(BIN)/python .ci/docs.py out/docs

@@ -25,9 +25,6 @@ HEADING = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 LEFT_OUT = (
     "glpath.__main__",
     "glpath.cli",
-    "glpath.bench",
-    "glpath.figures",
-    "glpath.experiments",
     "glpath.kernels",
 )
 

@@ -4,10 +4,12 @@
 // Frame:  eye_right, eye_up, eye_forward unit; pixels of the whole image, y from the bottom, so that a picture in
 //         tiles has the bits of the picture in one.
 #include "random.glsl"
-uniform vec3 eye_position;
+uniform vec3 eye_position;  // where rays meet in one point; or ahead of it, see eye_ahead
 uniform vec3 eye_right;
 uniform vec3 eye_up;
 uniform vec3 eye_forward;
+uniform float eye_ahead;   // how far ahead of the eye its position is: rays start in the plane there, since those of a
+                           // distant eye would lose the digits of what they meet. 0: at the eye
 uniform float eye_focal;   // pixels at distance 1, or of what is 1 wide
 uniform vec2 eye_centre;   // the pixel position that eye_forward goes through, the sub-pixel position taken off
 uniform ivec2 eye_corner;  // of the window in the image, pixels
@@ -76,10 +78,18 @@ vec3 eye_origin(ivec2 pixel, vec2 beside)
     return origin;
 #elif defined(EYE_LENS)
     precise vec2 place = lens_place(pixel);
+    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
+    precise vec2 shift = place * lens.y;
+    q -= shift;
+    place += eye_ahead * q;
     precise vec3 origin = eye_position + place.x * eye_right + place.y * eye_up;
     return origin;
-#else
+#elif defined(EYE_PANORAMA)
     return eye_position;
+#else
+    precise vec2 q = eye_ahead * ((vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal);
+    precise vec3 origin = eye_position + q.x * eye_right + q.y * eye_up;
+    return origin;
 #endif
 }
 
@@ -88,21 +98,24 @@ vec3 eye_origin(ivec2 pixel)
     return eye_origin(pixel, vec2(0.0));
 }
 
-// From the world to the eye's axes, about the eye.
+// From the world to the eye's axes, about eye_position.
 vec3 eye_from_world(vec3 position)
 {
     vec3 r = position - eye_position;
     return vec3(dot(r, eye_right), dot(r, eye_up), dot(r, eye_forward));
 }
 
-// Clip coordinates of the window, whose rasteriser asks at the centres of pixels; near and far distance.
+// Clip coordinates of the window, whose rasteriser asks at the centres of pixels; near and far distance, from
+// eye_position. The depth of what is nearer than the far plane is never beyond it by rounding.
 vec4 clip_from_eye(vec3 p, vec2 range)
 {
     vec2 middle = eye_centre - vec2(eye_corner);
 #ifdef EYE_ORTHOGRAPHIC
     return vec4(2.0 * (eye_focal * p.xy + middle) / vec2(eye_size) - 1.0, 2.0 * p.z / range.y - 1.0, 1.0);
 #else
-    vec2 xy = 2.0 * (eye_focal * p.xy + middle * p.z) / vec2(eye_size) - p.z;
-    return vec4(xy, ((range.y + range.x) * p.z - 2.0 * range.y * range.x) / (range.y - range.x), p.z);
+    float depth = p.z + eye_ahead;
+    vec2 xy = 2.0 * (eye_focal * p.xy + middle * depth) / vec2(eye_size) - depth;
+    float beyond = 2.0 * (range.x + eye_ahead) * ((range.y - p.z) / (range.y - range.x));
+    return vec4(xy, depth - beyond, depth);
 #endif
 }

@@ -1,5 +1,6 @@
 // eye.frag: which triangle the eye sees; its number + 1, 0 for none.
-// Depth is linear: a perspective depth with so near a near plane has no digits left.
+// Depth is linear: a perspective depth with so near a near plane has no digits left. Of a distant eye that plane is near
+// the scene.
 #include "texels.glsl"
 #include <SCENE>
 #include "camera.glsl"
@@ -25,7 +26,7 @@ void main()
 #ifdef EYE_ORTHOGRAPHIC
     gl_FragDepth = gl_FragCoord.z;
 #else
-    gl_FragDepth = 1.0 / (gl_FragCoord.w * eye_range.y);
+    gl_FragDepth = eye_ahead > 0.0 ? gl_FragCoord.z : 1.0 / (gl_FragCoord.w * eye_range.y);
 #endif
     seen = uint(gl_PrimitiveID + chunk_first) + 1u;
 }

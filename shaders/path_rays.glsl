@@ -1,7 +1,8 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
 // Needs:  BRANCHES of a path, which part at its first vertex; BOUNCES, LIGHTS: as many directions come from the sequence
 //         for each, and light samples has a set; PARTS: of the lights, see direct_light; LAMP_EDGES where there are lamps;
-//         GATHER, GUIDED; START_POINTS: paths start at points, not at an eye; those of light_sample.glsl
+//         GATHER, GUIDED; START_POINTS: paths start at points, not at an eye; OWN_LIGHT_SAMPLES: paths draw light samples
+//         of their own; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 //
 // The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
@@ -47,17 +48,23 @@ int scattered = 0;  // surfaces that the path has left, panes that it went strai
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
-const int MIRRORS = 64;         // vertices of a path through glass and by mirrors at most, of which few are left by then
+const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: chance ends them long before
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform int max_depth;               // vertices of a path
+uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_points[BRANCHES * BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
+#ifdef OWN_LIGHT_SAMPLES
+#include "light_draw.glsl"
+uniform uvec3 light_point;           // a point of the sequence
+#else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
+#endif
 
 float unit(uint bits)
 {
@@ -104,6 +111,15 @@ vec2 direction_numbers(Course at)
     return vec2(unit(own.x), unit(own.y));
 }
 
+#ifdef OWN_LIGHT_SAMPLES
+// Shifted for each vertex of each branch, and for each part of the lights.
+LightSample light_of(Course at, int part, out float share)
+{
+    uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
+    uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
+    return light_draw(part, light_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
+}
+#else
 LightSample light_in(int number, out float share)
 {
     int row = LIGHT_ROWS * number;
@@ -116,19 +132,26 @@ LightSample light_in(int number, out float share)
 #endif
 }
 
-// Direct light, shadows not asked for; views: see light_share.
-// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex. A
-// class has a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
-DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
+LightSample light_of(Course at, int part, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
-    int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS)), taken = 0;
+    int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS));
+    return light_in(first + part, share);
+}
+#endif
+
+// Direct light, shadows not asked for; views: see light_share.
+// There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
+DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+{
+    int taken = 0;
     float scale = 1.0, share;
 #if PARTS > 1
     float weights[PARTS], sum = 0.0;
     for (int k = 0; k < PARTS; ++k)
     {
-        LightSample one = light_in(first + k, share);
+        LightSample one = light_of(at, k, share);
         vec3 light = light_from(one, position, normal, views).light;
         weights[k] = share * (light.r + light.g + light.b);
         sum += weights[k];
@@ -143,7 +166,7 @@ DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out L
     }
     scale = weight > 0.0 ? sum / weight : 0.0;
 #endif
-    light_sample = light_in(first + taken, share);
+    light_sample = light_of(at, taken, share);
     DirectLight direct = light_from(light_sample, position, normal, views);
     direct.light *= scale * share;
     return direct;
@@ -448,5 +471,6 @@ vec4 trace_path(ivec2 pixel)
         if (!goes_on) break;
 #endif
     }
-    return vec4(L, rays);
+    // More casts than their bits hold count as so many; what stands above them is a path that was cut.
+    return vec4(L, min(rays, float((1 << CAST_BITS) - 1)) + (at.depth >= cut_depth ? float(1 << CAST_BITS) : 0.0));
 }

@@ -1,4 +1,4 @@
-"""`glpath bench`: which options go with which bench, and what is printed and written."""
+"""`python -m benchmarks bench`: which options go with which bench, and what is printed and written."""
 
 from __future__ import annotations
 
@@ -12,26 +12,19 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
-from glpath.bench import (
-    cycles_peer,
-    denoise,
-    embree_peer,
-    gather,
-    jobs,
-    path_buffer,
-    radiance_peer,
-    shaft,
-    start_up,
-    t_buffer,
-)
-from glpath.bench.equal_error import line_to_target, samples_to_target
-from glpath.bench.start_up import bench_start_up
-from glpath.cli.bench import BENCHES
-from glpath.cli.main import app
+from benchmarks.__main__ import app
+from benchmarks.bench_command import BENCHES
+from benchmarks.benches import denoise, gather, jobs, path_buffer, shaft, start_up, t_buffer
+from benchmarks.benches.equal_error import line_to_target, samples_to_target
+from benchmarks.benches.start_up import bench_start_up
+from benchmarks.peers import cycles as cycles_peer
+from benchmarks.peers import embree as embree_peer
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.peers import other_python
+from benchmarks.peers import radiance as radiance_peer
+from benchmarks.verdict import Report
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
-from glpath.experiments import mitsuba_peer, other_python
-from glpath.experiments.verdict import Report
 from glpath.gl.context import get_context
 from glpath.jobs.cluster import render_on
 from glpath.rendering import factory

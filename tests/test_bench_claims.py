@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from conftest import Spoil
 
-from glpath.bench import equal_error, gather, path_buffer, shaft, t_buffer
-from glpath.bench.equal_error import Contestant
-from glpath.bench.references import Reference
-from glpath.experiments import office_table
-from glpath.experiments.references import smaller, stored_reference
+from benchmarks import office_table
+from benchmarks.benches import equal_error, gather, path_buffer, shaft, t_buffer
+from benchmarks.benches.equal_error import Contestant
+from benchmarks.references.kept import Reference
+from benchmarks.references.stored import smaller, stored_reference
 from glpath.integrators.settings import PathTraceSettings
 from glpath.scene import load_scene
 

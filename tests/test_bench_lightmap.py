@@ -1,14 +1,15 @@
-"""`glpath bench lightmap`: what it measures without Cycles, how it judges, and that Cycles bakes the same light."""
+"""`bench lightmap`: what it measures without Cycles, how it judges, and that Cycles bakes the same light."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from glpath.bench import cycles_peer, lightmap
-from glpath.bench.lightmap import LEVEL, Bakes, bench_lightmap, compared, weights
+from benchmarks.benches import lightmap
+from benchmarks.benches.lightmap import LEVEL, Bakes, bench_lightmap, compared, weights
+from benchmarks.peers import cycles as cycles_peer
+from benchmarks.peers import other_python
 from glpath.errors import GlpathError
-from glpath.experiments import other_python
 
 pytest.importorskip("xatlas")
 

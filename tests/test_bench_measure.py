@@ -1,4 +1,4 @@
-"""`glpath bench measure`: what it measures without its peer, and that Radiance finds the same light."""
+"""`bench measure`: what it measures without its peer, and that Radiance finds the same light."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.bench import measure, radiance_peer
-from glpath.bench.measure import bench_measure, office_grid
+from benchmarks.benches import measure
+from benchmarks.benches.measure import bench_measure, office_grid
+from benchmarks.peers import other_python
+from benchmarks.peers import radiance as radiance_peer
 from glpath.errors import GlpathError
-from glpath.experiments import other_python
 from glpath.image import luminance
 
 

@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glpath.bench import cycles_peer, radiance_peer, references
-from glpath.bench.equal_error import Contestant, compared_with, error_of, scaled
-from glpath.bench.references import Reference, reference_picture
+from benchmarks.benches.equal_error import Contestant, compared_with, error_of, scaled
+from benchmarks.peers import cycles as cycles_peer
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.peers import other_python
+from benchmarks.peers import radiance as radiance_peer
+from benchmarks.references import kept as references
+from benchmarks.references.kept import Reference, reference_picture
+from benchmarks.references.stored import stored_reference
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.experiments import mitsuba_peer, other_python
-from glpath.experiments.references import stored_reference
 from glpath.scene import load_scene
 from glpath.scene.model import Shapes
 
@@ -119,7 +122,7 @@ def test_what_ships_is_taken_where_it_is_the_scene_and_good_enough(noisy, monkey
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     box = load_scene("cornell-box-36")
     found = reference_picture(None, box, 3, True, 1e-4, lambda text: None)
-    assert (found.source, noisy) == ("scenes/references/cornell-box-36-depth3.npz", [])
+    assert (found.source, noisy) == ("benchmarks/references/cornell-box-36-depth3.npz", [])
     assert found.relmse == pytest.approx(1.6e-6, rel=0.1)
     assert reference_picture(None, box.with_camera(resolution=(8, 6)), 3, False, 1e-4, lambda text: None) is None
     assert reference_picture(None, box.with_camera(fov=50.0), 3, False, 1e-4, lambda text: None) is None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glpath.bench import shaft
-from glpath.experiments import office_table
+from benchmarks import office_table
+from benchmarks.benches import shaft
 
 
 @pytest.fixture(scope="module")

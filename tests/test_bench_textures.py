@@ -1,4 +1,4 @@
-"""`glpath bench textures`: its scenes are one scene, and its verdict goes by what was measured."""
+"""`bench textures`: its scenes are one scene, and its verdict goes by what was measured."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.bench import textures
+from benchmarks.benches import textures
 from glpath.compare import relative_mse
 
 

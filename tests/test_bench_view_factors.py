@@ -1,12 +1,12 @@
-"""`glpath bench viewfactors`: what it measures, without its peer."""
+"""`bench viewfactors`: what it measures, without its peer."""
 
 from __future__ import annotations
 
 import pytest
 
-from glpath.bench.view_factors import bench_view_factors
+from benchmarks.benches.view_factors import bench_view_factors
+from benchmarks.peers import other_python
 from glpath.errors import GlpathError
-from glpath.experiments import other_python
 
 
 def test_a_small_bench_without_pyviewfactor_measures_and_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

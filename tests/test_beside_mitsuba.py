@@ -49,7 +49,7 @@ def by_mitsuba(witness: Witness, depth: int, spp: int) -> Float64:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     import drjit
 
-    from glpath.experiments import mitsuba_peer
+    from benchmarks.peers import mitsuba as mitsuba_peer
     from tests.reference import gltf_in_mitsuba
 
     gltf_in_mitsuba.register(mitsuba_peer.load_mitsuba(), drjit)

@@ -48,7 +48,6 @@ def test_the_shell_completes_scenes_words_and_parameters(tmp_path: Path) -> None
     assert completed("glpath render office --shadows ", tmp_path) == ["rays", "sphere", "cube"]
     assert completed("glpath render stacked -D obj", tmp_path) == ["objects="]
     assert completed("glpath info furnace -D re", tmp_path) == ["reflectance=", "resolution="]
-    assert completed("glpath bench sh", tmp_path) == ["shaft", "shaft-options"]
 
 
 def test_scenes_tells_their_parameters_to_people_and_programs() -> None:

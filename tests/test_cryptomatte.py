@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import glpath
+from benchmarks.peers import other_python
 from glpath.cryptomatte import ShapeCounts, cryptomatte, hash_id, murmur3_32
 from glpath.errors import GlpathError, ImageError
-from glpath.experiments import other_python
 from glpath.film import Film
 from glpath.image import read_exr_channels, read_image
 
@@ -212,7 +212,7 @@ def test_counts_that_cannot_be_are_refused(film: Film, name: str, spoilt, tmp_pa
 def test_mitsuba_reads_the_file(tmp_path: Path) -> None:
     """Another program's reader: names of channels, and the values of some."""
     pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from glpath.experiments import mitsuba_peer
+    from benchmarks.peers import mitsuba as mitsuba_peer
 
     mi = mitsuba_peer.load_mitsuba()
     film = glpath.render(SCENE, spp=4, max_depth=2, aovs="all")

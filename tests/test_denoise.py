@@ -13,12 +13,12 @@ from conftest import MakeFilm
 from typer.testing import CliRunner, Result
 
 import glpath
+from benchmarks.references.stored import smaller, stored_reference
 from glpath import compare
 from glpath.cli.main import app
 from glpath.compare import relative_mse
 from glpath.denoise import denoised
 from glpath.errors import GlpathError, UsageError
-from glpath.experiments.references import smaller, stored_reference
 from glpath.film import Film
 from glpath.film_metadata import DENOISER_AOVS as AOVS
 from glpath.image import read_exr_channels, read_image

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from glpath.bench import embree_peer as peer
+from benchmarks.peers import embree as peer
 from glpath.errors import GlpathError
 from glpath.scene.model import Camera
 

@@ -268,7 +268,7 @@ def sunny(size: tuple[int, int] = (32, 24)) -> tuple[Scene, Scene]:
 @pytest.mark.parametrize("directions", ["own", "pair"])
 def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
     pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from glpath.experiments.mitsuba_peer import render_mitsuba
+    from benchmarks.peers.mitsuba import render_mitsuba
 
     sky = Environment(noise(16, 32) + sun(16, 32, 4, 9, (400, 300, 200)), np.array([0.1, 1, 0.2]), 50.0)
     flat = [shape for shape in THINGS if shape["type"] != "sphere"]

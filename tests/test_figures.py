@@ -1,4 +1,4 @@
-"""`glpath figure`: the command, the files it writes, the look of a page."""
+"""`python -m benchmarks figure`: the command, the files it writes, the look of a page."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from glpath.cli.main import app
+from benchmarks.__main__ import app
+from benchmarks.figures import style
+from benchmarks.figures.catalogue import FIGURES
+from benchmarks.figures.outcome import Outcome, as_csv, write
+from benchmarks.figures.style import Series
+from benchmarks.verdict import Report
+from glpath import charts
+from glpath.charts import Axis
 from glpath.errors import GlpathError
-from glpath.experiments.verdict import Report
-from glpath.figures import style
-from glpath.figures.catalogue import FIGURES
-from glpath.figures.outcome import Outcome, as_csv, write
-from glpath.figures.style import Axis, Series
 
 FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
 
@@ -118,7 +120,7 @@ def test_without_matplotlib_the_error_is_the_line_to_type(scales, tmp_path: Path
 
 def test_neither_the_help_nor_the_list_loads_matplotlib() -> None:
     code = (
-        "import sys, glpath.figures.catalogue, glpath.figures.style, glpath.cli.main\n"
+        "import sys, benchmarks.figures.catalogue, benchmarks.figures.style, glpath.cli.main\n"
         "print([m for m in sys.modules if m.startswith('matplotlib')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -129,7 +131,7 @@ def test_drawing_needs_no_display_and_leaves_matplotlib_as_it_was() -> None:
     # pyplot is what asks for a display and changes what other plots of the process look like.
     code = (
         "import sys, matplotlib; before = matplotlib.rcParams.copy()\n"
-        "from glpath.figures.style import Axis, Series, plot\n"
+        "from benchmarks.figures.style import Axis, Series, plot\n"
         "plot('a', 'b', [(Axis('x'), Axis('y'), [Series('s', [1, 2], [3, 4])])])\n"
         "print('matplotlib.pyplot' in sys.modules, before == matplotlib.rcParams.copy())"
     )
@@ -190,7 +192,7 @@ def test_small_pictures_are_enlarged_by_whole_pixels() -> None:
     tiny = np.arange(16 * 12 * 3, dtype=np.uint8).reshape(12, 16, 3)
     page = style.pictures("Title", "Caption", [("one", tiny)], 1)
     large = np.kron(tiny, np.ones((15, 15, 1), np.uint8))
-    x = style._MARGIN
+    x = charts.MARGIN
     y = next(y for y in range(len(page)) if np.array_equal(page[y, x : x + 240], large[0]))
     assert np.array_equal(page[y : y + 180, x : x + 240], large)
 
@@ -208,4 +210,4 @@ def test_a_long_caption_keeps_within_its_page(panels: int) -> None:
 def test_a_missing_matplotlib_is_a_glpath_error(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(GlpathError, match="pip install"):
-        style.require_matplotlib()
+        charts.require_matplotlib()

@@ -14,14 +14,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from terrain import Hills
 
 import glpath
 from glpath.film import Film
+from glpath.film_metadata import AOVS
 from glpath.gl.context import get_context
 
 STORED = Path(__file__).parent / "data" / "film_hashes.json"
 
 SMALL = {"resolution": (48, 36), "spp": 4}
+
+#: Those that there were when the bits were stored: `depth_min` has tests of its own.
+OLDER_AOVS = tuple(name for name in AOVS if name != "depth_min")
 
 #: Every kind of light, a texture, a highlight and a smooth sphere.
 MIXED: dict[str, object] = {
@@ -47,6 +52,85 @@ MIXED: dict[str, object] = {
 #: A map with a sun, in place of the sky.
 ENVIRONMENT = np.random.default_rng(0).random((9, 16, 3)).astype(np.float32)
 ENVIRONMENT[2, 5] = 60.0
+
+#: Every lobe: rough and brushed metal, plastic, a coat, clear and frosted glass, a pane, a veil; a normal map.
+LOBES: dict[str, object] = {
+    "camera": {"position": [0, 1.6, 4.6], "target": [0, 0.5, 0], "fov": 38},
+    "textures": {"squares": {"type": "checker", "colors": [[0.9, 0.6, 0.9], [0.5, 0.5, 1.0]], "scale": 6}},
+    "materials": {
+        "floor": {"reflectance": 0.6, "normal_texture": "squares"},
+        "metal": {"type": "principled", "reflectance": [0.9, 0.6, 0.3], "metallic": 1, "roughness": 0.3},
+        "brushed": {"type": "principled", "metallic": 1, "roughness": 0.5, "anisotropy": 0.8},
+        "plastic": {"type": "principled", "reflectance": [0.1, 0.4, 0.2], "roughness": 0.2, "clearcoat": 0.7},
+        "glass": {"type": "principled", "transmission": 1, "roughness": 0, "attenuation": [0.4, 0.1, 0.2]},
+        "frosted": {"type": "principled", "transmission": 1, "roughness": 0.4, "ior": 1.33},
+        "pane": {"type": "principled", "transmission": 1, "roughness": 0.2, "thin": True},
+        "mirror": {"type": "principled", "reflectance": 0.95, "metallic": 1, "roughness": 0},
+        "leaf": {"reflectance": [0.2, 0.5, 0.1], "alpha": "blend", "opacity": 0.6},
+    },
+    "sky": {"zenith": [0.2, 0.3, 0.5], "horizon": 0.5},
+    "shapes": [
+        {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]], "material": "floor"},
+        {"type": "quad", "corners": [[-3, 0, -2], [3, 0, -2], [3, 2, -2], [-3, 2, -2]], "material": "mirror"},
+        {
+            "type": "quad",
+            "corners": [[-1, 2.5, 1], [-1, 2.5, 0], [1, 2.5, 0], [1, 2.5, 1]],
+            "emission": {"radiance": 6},
+        },
+        {
+            "type": "quad",
+            "corners": [[0.9, 0.1, 1.6], [1.9, 0.1, 1.2], [1.9, 1.1, 1.2], [0.9, 1.1, 1.6]],
+            "material": "pane",
+        },
+        {
+            "type": "quad",
+            "corners": [[-1.9, 0.1, 1], [-1, 0.1, 1.6], [-1, 1, 1.6], [-1.9, 1, 1]],
+            "material": "leaf",
+        },
+        *(
+            {"type": "sphere", "center": [x, 0.4, z], "radius": 0.4, "material": name}
+            for name, x, z in (
+                ("metal", -1.6, 0.0),
+                ("brushed", -0.8, -0.5),
+                ("plastic", 0.0, -1.0),
+                ("glass", 0.0, 0.8),
+                ("frosted", 0.9, 0.3),
+            )
+        ),
+    ],
+    "lights": [{"type": "point", "position": [2, 2.5, 2], "intensity": 4}],
+}
+
+#: What paths that share their directions can follow of it: no smooth lobes, no glass.
+ROUGH = LOBES | {
+    "shapes": [
+        shape
+        for shape in LOBES["shapes"]  # type: ignore[attr-defined]
+        if shape.get("material") not in {"plastic", "glass", "frosted", "pane", "mirror"}
+    ],
+    "materials": {
+        name: surface
+        for name, surface in LOBES["materials"].items()  # type: ignore[attr-defined]
+        if name in {"floor", "metal", "brushed", "leaf"}
+    },
+}
+
+LENS = {"aperture_radius": 0.15, "focus_distance": 4.0}
+
+#: Triangles that are made as they are asked for.
+STREAM: dict[str, object] = {
+    "camera": {"position": [0, 3, 6], "target": [0, 0, 0], "fov": 45},
+    "materials": {"grass": {"reflectance": [0.3, 0.6, 0.3]}},
+    "sky": {"zenith": [0.2, 0.3, 0.6], "horizon": 0.5},
+    "shapes": [
+        {"type": "quad", "corners": [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]], "emission": {"radiance": 9}},
+        {"type": "stream", "stream": Hills(2, 12), "material": "grass"},
+    ],
+}
+
+#: A row of points on a table and one that faces down.
+POINTS = np.linspace([-1.0, 0.2, 1.5], [1.0, 0.6, 1.2], 12)
+FACING = [[0.0, 1.0, 0.0]] * 11 + [[0.0, -1.0, 0.0]]
 
 FILMS: dict[str, dict[str, object]] = {
     "path-mixed": {"scene": MIXED, "max_depth": 3, "directions": "pair", "resolution": (48, 36), "spp": 16},
@@ -124,6 +208,22 @@ FILMS: dict[str, dict[str, object]] = {
         "integrator": "classic",
         **SMALL,
     },
+    "rays-lobes": {"scene": LOBES, "max_depth": 4, "guide": "cosine", "resolution": (48, 36), "spp": 8},
+    "path-lobes": {"scene": ROUGH, "max_depth": 4, "directions": "pair", "resolution": (48, 36), "spp": 8},
+    "gather-lobes": {"scene": LOBES, "integrator": "gather", **SMALL},
+    "rays-lens": {"scene": "cornell-box-36", "camera": LENS, **SMALL},
+    "path-lens": {"scene": "cornell-box-36", "camera": LENS, "directions": "pair", **SMALL},
+    "rays-orthographic": {"scene": "cornell-box", "camera": {"type": "orthographic", "height": 2.0}, **SMALL},
+    "rays-panorama": {"scene": LOBES, "camera": {"type": "panorama"}, "resolution": (64, 32), "spp": 4},
+    "rays-guided": {"scene": "cornell-box-36", "guide": "solution", **SMALL},
+    "rays-aovs": {"scene": LOBES, "aovs": OLDER_AOVS, **SMALL},
+    "path-aovs": {"scene": ROUGH, "aovs": OLDER_AOVS, "directions": "pair", **SMALL},
+    "gather-aovs": {"scene": "cornell-box-36", "integrator": "gather", "aovs": OLDER_AOVS, **SMALL},
+    "t-buffer-aovs": {"scene": MIXED, "integrator": "t-buffer", "aovs": ("albedo", "normal", "depth"), **SMALL},
+    "path-stream": {"scene": STREAM, "max_depth": 3, "directions": "pair", "light_resolution": 64, **SMALL},
+    "rays-points": {"scene": MIXED, "points": "plane", "spp": 16},
+    "rays-cylinders": {"scene": MIXED, "points": "cylinder", "spp": 32},
+    "gather-points": {"scene": "cornell-box-36", "integrator": "gather", "points": "plane", "spp": 16},
 }
 
 
@@ -140,13 +240,20 @@ def film_of(name: str, **changes: object) -> Film:
     if options.get("integrator") == "gather":
         # Particles are the same on every machine; quadrature rests on how many threads there are.
         options["radiosity"] = glpath.solve_radiosity(
-            str(options["scene"]), method="monte-carlo", patches=200, particles=32768
+            options["scene"], method="monte-carlo", patches=200, particles=32768
         )
+    if receiver := options.pop("points", None):
+        scene = options.pop("scene")
+        return glpath.irradiance(scene, POINTS, FACING, receiver=receiver, **options).film  # type: ignore[arg-type]
     return glpath.render(**options)  # type: ignore[arg-type]
 
 
 def film_hash(film: Film) -> str:
-    return hashlib.sha256(np.ascontiguousarray(film.radiance_sums, "<f8").tobytes()).hexdigest()
+    """SHA-256 (hex) of the light's sums, and of the AOVs' in the order of their names."""
+    found = hashlib.sha256(np.ascontiguousarray(film.radiance_sums, "<f8").tobytes())
+    for name in sorted(film.aov_sums):
+        found.update(np.ascontiguousarray(film.aov_sums[name], "<f8").tobytes())
+    return found.hexdigest()
 
 
 @pytest.mark.parametrize("name", FILMS)

@@ -572,7 +572,7 @@ def test_what_elements_do_is_estimated_without_a_reference(patches: int, looked_
     """From a third to all of what Mitsuba's picture shows. Measured: 1e-3, 6e-5 and 8e-6."""
     options: Any = {"direct_light": "solution", "lookup_distance": 0} if looked_up else {}
     solution = glpath.solve_radiosity("cornell-box-36", patches=patches)
-    truth = read_image(Path(__file__).parents[1] / "scenes" / "references" / "cornell-box-36-depth64.npz")
+    truth = read_image(Path(__file__).parents[1] / "benchmarks" / "references" / "cornell-box-36-depth64.npz")
     known = {(100, True): 2.1e-3, (100, False): 1.3e-4, (500, False): 8e-6}[patches, looked_up]
     found = glpath.element_error("cornell-box-36", solution, spp=32, **options)
     assert known / 3.5 < found.relmse < 1.5 * known

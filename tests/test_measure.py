@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from glpath.experiments.timing import in_turns, seconds_of
-from glpath.experiments.verdict import Condition, judge, machine
+from benchmarks.timing import in_turns, seconds_of
+from benchmarks.verdict import Condition, judge, machine
 
 
 @pytest.mark.parametrize(

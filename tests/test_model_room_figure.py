@@ -1,4 +1,4 @@
-"""`glpath figure model-room`: what it measures, on a small box in place of the room."""
+"""`figure model-room`: what it measures, on a small box in place of the room."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_t_buffer_figures import holds_by_its_rule
 
-from glpath.figures import model_room
+from benchmarks.figures import model_room
 from glpath.scene import Scene, load_scene
 from glpath.scene.export.mitsuba import described
 

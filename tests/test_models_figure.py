@@ -1,4 +1,4 @@
-"""`glpath figure models`: every file has its line, its picture or the reason why there is none."""
+"""`figure models`: every file has its line, its picture or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from models import gltf, obj
 from test_t_buffer_figures import holds_by_its_rule
 from typer.testing import CliRunner
 
-from glpath.cli.main import app
+from benchmarks.__main__ import app
+from benchmarks.figures import models as figure
+from benchmarks.figures.models import Shown
+from benchmarks.peers import other_python
 from glpath.errors import GlpathError, UsageError
-from glpath.experiments import other_python
-from glpath.figures import models as figure
-from glpath.figures.models import Shown
 
 
 @pytest.fixture

@@ -19,10 +19,10 @@ import pytest
 from conftest import MakeFilm
 from typer.testing import CliRunner, Result
 
+from benchmarks.figures.outcome import Outcome, write
 from glpath import files, rendering
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
-from glpath.figures.outcome import Outcome, write
 from glpath.film import Film, FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering.interrupts import interrupt_as_flag

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from conftest import Spoil
 
-from glpath.experiments import references
-from glpath.figures import path_buffer_box, path_buffer_room, path_pictures
-from glpath.figures.catalogue import FIGURES
+from benchmarks.figures import path_buffer_box, path_buffer_room, path_pictures
+from benchmarks.figures.catalogue import FIGURES
+from benchmarks.references import stored as references
 from glpath.radiosity import solve_radiosity
 from glpath.rendering import render
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from glpath.cli.main import app
-from glpath.figures.catalogue import FIGURES
-from glpath.figures.mesh_step import mesh_step
-from glpath.figures.path_buffer_room import post_shadow
+from benchmarks.__main__ import app
+from benchmarks.figures.catalogue import FIGURES
+from benchmarks.figures.mesh_step import mesh_step
+from benchmarks.figures.path_buffer_room import post_shadow
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.picture import EyeHits

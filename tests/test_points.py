@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.film import Film
+from glpath.light_samples import LIGHT_KINDS
+from glpath.lighting import Lighting
 from glpath.rendering import RenderJob, run
-from glpath.scene import load_scene
+from glpath.scene import load_scene, path_traceable
 from glpath.sensors import PointSensor
 
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
@@ -39,11 +42,14 @@ def lamp_irradiance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return polygon_irradiance(points, (0.0, 0.0, 1.0), LAMP["corners"])
 
 
-def film_of(scene: glpath.Scene, positions: Any, normals: Any, spp: int = 64, **options: Any) -> Film:
+def film_of(
+    scene: glpath.Scene, positions: Any, normals: Any, spp: int = 64, independent: bool = False, **options: Any
+) -> Film:
     """Of points in one row, or in rows."""
     positions = np.asarray(positions, float)
     positions = positions[None] if positions.ndim == 2 else positions
-    sensor = PointSensor.of(positions, np.broadcast_to(np.asarray(normals, float), positions.shape))
+    facing = np.broadcast_to(np.asarray(normals, float), positions.shape)
+    sensor = PointSensor.of(positions, facing, independent=independent)
     return run(RenderJob.of(scene, sensor=sensor, spp=spp, **options), scene=scene)
 
 
@@ -165,6 +171,81 @@ def test_a_surface_shadows_neither_itself_nor_lets_light_through(directions: str
         tilted = -0.999 * normal + np.sqrt(1 - 0.999**2) * along
         assert not irradiance_of(scene, points, -normal, spp=1, **options).any()
         assert not irradiance_of(scene, points, tilted, spp=1, **options).any()
+
+
+def by_all_light_samples(scene: glpath.Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(N, 3) W m^-2 with nothing between: the mean over samples that `Lighting` draws on the CPU."""
+    lighting = Lighting.of(path_traceable(scene))
+    u = np.random.default_rng(8).random((60_000, 3))
+    u[:, 0] = (np.arange(len(u)) + u[:, 0]) / len(u)
+    drawn = lighting.samples(u)
+    area, sky = (drawn.kind == LIGHT_KINDS.index(kind) for kind in ("area", "sky"))
+    found = lighting.irradiance(points, normals)
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        to = np.where(sky[:, None], -drawn.direction, drawn.position - point)
+        distance = np.linalg.norm(to, axis=1)
+        wi = to / np.maximum(distance, 1e-9)[:, None]
+        lit = np.maximum(wi @ normal, 0.0) * (area | sky)
+        lit[area] *= np.maximum(-np.sum(wi * drawn.direction, axis=1), 0.0)[area] / distance[area] ** 2
+        found[i] += np.mean(drawn.radiance * (lit / drawn.density)[:, None], axis=0)
+    return found
+
+
+#: A map with a sun, of few texels.
+SUNNY = np.random.default_rng(0).random((9, 16, 3)).astype(np.float32)
+SUNNY[2, 5] = 60.0
+
+#: Lights of which none stands in another's way, seen from the points below.
+LIGHTINGS: dict[str, dict[str, Any]] = {
+    "each-kind": {
+        "textures": {"squares": {"type": "checker", "colors": [[0, 0, 0], [1, 0.5, 0.2]], "scale": 2}},
+        "materials": {"sign": {"reflectance": 0.5, "emission_texture": "squares"}},
+        "shapes": [
+            {
+                "type": "quad",
+                "corners": [[-2, -1, 3], [-2, 0, 3], [-1, 0, 3], [-1, -1, 3]],
+                "emission": {"radiance": [6, 3, 2]},
+                "material": "sign",
+            },
+            {"type": "sphere", "center": [1.5, 0, 2], "radius": 0.4, "emission": {"radiance": [2, 3, 6]}},
+            {
+                "type": "quad",
+                "corners": [[0, 2, 1], [1, 2, 1], [1, 2, 2], [0, 2, 2]],
+                "emission": {"radiance": 4, "two_sided": True},
+            },
+        ],
+        "lights": [
+            {"type": "point", "position": [0.3, -0.2, 1.5], "intensity": [3, 2, 1]},
+            {"type": "spot", "position": [1, 1, 2], "target": [0, 0, 0], "intensity": 9},
+            {"type": "directional", "direction": [1, -1, -2], "irradiance": [1, 2, 0.5]},
+        ],
+    },
+    # More than a vertex looks at one by one.
+    "eleven": {
+        "shapes": [
+            {
+                "type": "quad",
+                "corners": [[i, 0.5, 2], [i + 0.5, 0.5, 2], [i + 0.5, 0, 2], [i, 0, 2]],
+                "emission": {"radiance": [6 + i, 1, 6 - i]},
+            }
+            for i in range(-5, 6)
+        ]
+    },
+    "dark-zenith": {"shapes": [SPECK], "sky": {"zenith": [0, 1, 0.2], "horizon": [1, 2, 3]}},
+    "dark-horizon": {"shapes": [SPECK], "sky": {"zenith": [3, 2, 1], "horizon": 0.0}},
+    "environment": {"shapes": [SPECK], "sky": {"zenith": 1}},
+}
+
+
+@pytest.mark.parametrize("name", LIGHTINGS)
+def test_points_draw_the_light_samples_that_the_lighting_draws(name: str) -> None:
+    scene = scene_of(**LIGHTINGS[name])
+    if name == "environment":
+        scene = replace(scene, sky=glpath.scene.Environment(SUNNY, rotation=25.0, scale=0.7))
+    points = np.array([[0.0, 0, 0], [0.7, -0.4, 0.3], [-1.2, 0.6, 0.8], [0.2, 3.0, 0.2]])
+    normals = np.array([[0.0, 0, 1], [0, 0.6, 0.8], [0.8, 0, 0.6], [0, -0.6, 0.8]])
+    found = irradiance_of(scene, points, normals[None], spp=1024, max_depth=1, independent=True)[0]
+    np.testing.assert_allclose(found, by_all_light_samples(scene, points, normals), rtol=0.02)
 
 
 BOX = "cornell-box-36"

@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.references.stored import stored_reference
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
-from glpath.experiments import mitsuba_peer
-from glpath.experiments.references import stored_reference
 from glpath.scene import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference import closed_forms
 from tests.reference.numpy_path_tracer import nearest_hits, path_trace
 
-DATA = Path(__file__).parents[1] / "scenes" / "references"
+DATA = Path(__file__).parents[1] / "benchmarks" / "references"
 
 GREY = Material("grey", np.full(3, 0.5))
 BLACK = Material("black", np.zeros(3))

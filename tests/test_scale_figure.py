@@ -1,4 +1,4 @@
-"""`glpath figure scale`: its scenes, its fits, its files; and that its claim does not hold of other costs."""
+"""`figure scale`: its scenes, its fits, its files; and that its claim does not hold of other costs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import pytest
 from test_t_buffer_figures import holds_by_its_rule
 from typer.testing import CliRunner
 
-from glpath.cli.main import app
+from benchmarks.__main__ import app
+from benchmarks.figures import scale as figure
+from benchmarks.figures.scale import FINENESS, balls, crossing, exponent, scenes
+from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import GlpathError
-from glpath.experiments import mitsuba_peer
-from glpath.figures import scale as figure
-from glpath.figures.scale import FINENESS, balls, crossing, exponent, scenes
 
 
 @pytest.mark.parametrize("fineness", [0, 3])

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glpath.experiments import office_table
-from glpath.figures import shaft, shaft_table
-from glpath.figures.catalogue import FIGURES
-from glpath.figures.polyhedron import box_corners, farthest_gap
+from benchmarks import office_table
+from benchmarks.figures import shaft, shaft_table
+from benchmarks.figures.catalogue import FIGURES
+from glpath.notebook.polyhedron import box_corners, farthest_gap
 from glpath.radiosity import Occluders, Place, Shaft
 
 Patch = Callable[[pytest.MonkeyPatch], None]

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from glpath.cli.main import app
-from glpath.experiments.office_table import OFFICES
-from glpath.figures import polyhedron, shaft, style
+from benchmarks.__main__ import app
+from benchmarks.figures import shaft, style
+from benchmarks.office_table import OFFICES
+from glpath.notebook import polyhedron
 from glpath.radiosity import Place, Shaft
 
 DRAWN = list(shaft.FIGURES)

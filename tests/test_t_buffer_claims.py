@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from conftest import Spoil
 
+from benchmarks.figures import t_buffer_curves, t_buffer_pictures, whitted_frame
+from benchmarks.figures.catalogue import FIGURES
+from benchmarks.figures.sphere_rays import SphereRays
+from benchmarks.figures.t_buffer_curves import fit, quadratic_share
+from benchmarks.figures.whitted_frame import WhittedFrame
 from glpath.buffers.shadow_buffer import SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye
-from glpath.figures import t_buffer_curves, t_buffer_pictures, whitted_frame
-from glpath.figures.catalogue import FIGURES
-from glpath.figures.sphere_rays import SphereRays
-from glpath.figures.t_buffer_curves import fit, quadratic_share
-from glpath.figures.whitted_frame import WhittedFrame
 from glpath.integrators import whitted
 from tests.reference import numpy_ray_tracer
 

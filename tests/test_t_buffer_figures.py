@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from glpath.cli.main import app
-from glpath.figures.catalogue import FIGURES
-from glpath.figures.t_buffer_curves import COUNTS, counts, fit
-from glpath.figures.whitted_frame import differing
+from benchmarks.__main__ import app
+from benchmarks.figures.catalogue import FIGURES
+from benchmarks.figures.t_buffer_curves import COUNTS, counts, fit
+from benchmarks.figures.whitted_frame import differing
 
 RELATIONS = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
 

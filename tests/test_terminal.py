@@ -95,8 +95,6 @@ COMMANDS = {
     "radiosity": ["radiosity", "good", "-o", "{folder}/x.npz"],
     "diff": ["diff", "picture", "absent"],
     "scenes": ["scenes"],
-    "figure": ["figure", "\x1b[2J\u202e"],
-    "bench": ["bench", "\x1b[2J\u202e"],
     "an option that is not there": ["info", "--\x1b[2J\u202e"],
     "a number that is none": ["render", "good", "-o", "x.png", "--spp", "\x1b[2J\u202e"],
     "no such command": ["\x1b[2J\u202e"],

@@ -21,21 +21,9 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import (
-    bench,
-    compare,
-    devices,
-    export,
-    figure,
-    lightmap,
-    measure,
-    merge,
-    radiosity,
-    render,
-    scenes,
-    viewfactors,
-)
+from glpath.cli import compare, devices, export, lightmap, measure, merge, radiosity, render, scenes, viewfactors
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
+from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
 
@@ -73,7 +61,7 @@ class Commands(TyperGroup):
                     raise typer.Exit(INTERRUPTED)
                 return done
             except GlpathError as error:
-                say(f"glpath: error: {error}", err=True)
+                say(f"glpath: error: {as_typed(str(error))}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
@@ -99,7 +87,7 @@ def _wrong_usage_as_lines() -> Iterator[None]:
 def _warnings_and_logs_as_lines() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
-            say(f"glpath: warning: {message}", err=True)
+            say(f"glpath: warning: {as_typed(str(message))}", err=True)
         else:
             say(warnings.formatwarning(message, category, *place[:2]).rstrip(), err=True)
 
@@ -125,15 +113,22 @@ def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: 
     say("".join(traceback.format_exception(kind, error, trace)).rstrip(), err=True)
 
 
-app = typer.Typer(
-    name="glpath",
-    cls=Commands,
-    help="Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen.",
-    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
-    "render has more.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+def program(name: str, about: str) -> typer.Typer:
+    """A program whose commands report errors and warnings as lines, and end with the exit codes above."""
+    return typer.Typer(
+        name=name,
+        cls=Commands,
+        help=about,
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
+        "render has more.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+
+app = program(
+    "glpath", "Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen."
 )
 
 
@@ -164,15 +159,13 @@ for _commands in (
     scenes,
     export,
     devices,
-    bench,
-    figure,
 ):
     _commands.register(app)
 
 
-def run() -> None:
-    """The entry point of the `glpath` script and of `python -m glpath`."""
+def run(commands: typer.Typer = app, name: str = "glpath") -> None:
+    """The entry point of the `glpath` script, of `python -m glpath`, and of another program of such commands."""
     sys.excepthook = _traceback_as_lines
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
-    app(prog_name="glpath")
+    commands(prog_name=name)

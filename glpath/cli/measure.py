@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ from glpath.cli.options import (
 )
 from glpath.cli.outcome import conclude, last_words
 from glpath.cli.running import film_of
-from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
@@ -40,16 +39,17 @@ from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
+from glpath.rendering.job import ALL_BOUNCES
+from glpath.scene.formats.completed import aside
 from glpath.terminal import say
+from glpath.units import EFFICACY
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from glpath.cli.point_files import Points
     from glpath.film import Film
     from glpath.integrators.settings import Integrator
     from glpath.rendering.points import Irradiance, Receiver
+    from glpath.rendering.uniformity import Estimate, Spread
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
@@ -64,7 +64,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(measure, _OPTIONS))
+    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
 
 
 def measure(
@@ -139,21 +139,19 @@ def measure(
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
-    lumens_per_watt: Annotated[
-        float,
+    white_sky: Annotated[
+        bool,
         typer.Option(
-            metavar="LM",
-            help="Of light whose Rec. 709 channels are equal; 1 where the scene's lights are photometric (candela "
-            "of IES profiles or glTF), which glpath takes one to one.",
+            "--white-sky",
+            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
             rich_help_panel=_LIGHT,
         ),
-    ] = 179.0,
+    ] = False,
     integrator: Annotated[
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone (by themselves of 64 vertices, with roulette from the 4th on), or from a radiosity "
-            "solution.",
+            help="Paths alone, of all bounces by default, or from a radiosity solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
         ),
@@ -178,10 +176,12 @@ def measure(
     """Irradiance and illuminance at points, with standard errors; of all also mean, minimum, maximum, and the
     uniformities U0 (minimum over mean) and Ud (minimum over maximum).
 
-    Points may lie on surfaces or be free; each has the light of the side that its normal leaves. Lux are the
-    luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance in W/m2 times --lumens-per-watt.
+    Points may lie on surfaces or be free; each has the light of the side that its normal leaves. The scene needs no
+    camera, but light of its own, or --white-sky. Lux are the luminance (0.2126 R + 0.7152 G + 0.0722 B) of the
+    irradiance; of light in watts times 179 lm/W.
     """
-    from glpath.cli.point_files import check_kind, grid_of, read_points, save_csv, save_npz
+    from glpath.cli.point_files import check_kind, check_within, grid_of, read_points, save_csv, save_npz
+    from glpath.rendering.points import lit
 
     for path in out:
         check_kind(path)
@@ -200,8 +200,6 @@ def measure(
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    if not 0 < lumens_per_watt < math.inf:
-        raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
     rules = stop_rules(time_limit, noise)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     if checkpoint is not None or resume:
@@ -210,16 +208,19 @@ def measure(
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
     if pictures:
-        from glpath.figures.style import require_matplotlib
+        from glpath.charts import require_matplotlib
 
         require_matplotlib()
     options = option_values(integrator, options)
-    loaded = read_scene(scene, parameters)
+    with aside("camera", "light"):
+        loaded = read_scene(scene, parameters)
+    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     if plane is not None:
         at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
     else:
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
+    check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
     for path in out:
         check_writable(path)
     if quiet and progress == "auto":
@@ -253,60 +254,91 @@ def measure(
             if path in pictures:
                 title = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
-            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
-        rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+            saves[path] = partial(save, at=at, found=found, **more)
+        rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
         conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
     if not quiet and progress != "json":
-        for line in _summary(found, lumens_per_watt):
+        for line in (*_summary(found), f"  {light_of(loaded)}"):
             say(line, err=True)
+        if at.grid is not None:
+            say(f"  {at.grid.described(loaded)}", err=True)
         for path in out:
             if not is_stream(path):
                 say(f"wrote {path}", err=True)
     last_words(keeper, f"what {film.path_sets} paths of each point found is written")
 
 
-def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
-    lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
-    made = found.film.metadata
-    yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
-    yield f"  illuminance: {_figures(lux)}"
-    lit = lux[lux > 0]
-    if 0 < len(lit) < len(lux):
-        dark = len(lux) - len(lit)
-        yield f"  {dark:,} points have no light at all: inside of solids, perhaps. Without them:"
-        yield f"  {_figures(lit)}"
-    if found.film.path_sets >= 16:
-        yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
-    yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
-
-
-def _figures(lux: NDArray[np.float64], digits: int = 4) -> str:
-    """What is asked of a grid: U0 is its minimum over its mean, Ud over its maximum."""
-    mean, least, most = float(lux.mean()), float(lux.min()), float(lux.max())
-    told = f"mean {mean:.{digits}g} lx, minimum {least:.{digits}g}, maximum {most:.{digits}g}"
-    return f"{told}; U0 {least / mean:.3f}, Ud {least / most:.3f}" if mean > 0 else told
-
-
-def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
+def _summary(found: Irradiance) -> Iterator[str]:
     import numpy as np
 
+    lux, error = found.illuminance(), found.illuminance_errors()
+    made = found.film.metadata
+    yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
+    spread = found.spread()
+    yield f"  illuminance: {_figures(spread)}"
+    lit = lux > 0
+    if lit.any() and not lit.all():
+        dark = np.count_nonzero(~lit)
+        have, them = ("point has", "it") if dark == 1 else ("points have", "them")
+        yield f"  {dark:,} {have} no light at all: inside of solids, perhaps. Without {them}:"
+        spread = found.spread(lit)
+        yield f"  {_figures(spread)}"
+    elif not lit.any():
+        yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
+    if found.film.path_sets >= 16:
+        yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
+    wanted = spread.asks_for(found.film.path_sets)
+    if wanted is not None:
+        plain = spread.minimum.plain / spread.mean.value
+        yield (
+            f"  noise dominates the minimum or the maximum (U0 of the values as they are would be {plain:.3f}): "
+            f"take --spp {wanted} or so"
+        )
+    if found.unit == "radiometric":
+        yield f"  of W/m2 by {EFFICACY:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
+
+
+def _figures(spread: Spread, digits: int = 4) -> str:
+    """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
+    mean, least, most = (
+        _with_error(x, f"{x.value:.{digits}g}", unit)
+        for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
+    )
+    told = f"mean {mean}, minimum {least}, maximum {most}"
+    if not spread.mean.value > 0:
+        return told
+    u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
+    return f"{told}; U0 {u0}, Ud {ud}"
+
+
+def _with_error(of: Estimate, value: str, unit: str = "") -> str:
+    """Two digits of the error; none where it is not known, or beyond what is shown."""
+    if not of.error > 1e-4 * abs(of.value):
+        return f"{value}{unit}"
+    return f"{value} ± {of.error:.2g}{unit}"
+
+
+def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None:
+    import numpy as np
+
+    from glpath.charts import Axis, field
     from glpath.cli.point_files import AXES
-    from glpath.figures.style import Axis, field
     from glpath.files import write_bytes
     from glpath.image import encode_png
 
     grid = at.grid
     assert grid is not None, "asked for before"
-    lux = found.illuminance(lumens_per_watt)
-    lit = lux[lux > 0]
-    dark = len(lux) - len(lit)
+    lux = found.illuminance()
+    lit = lux > 0
+    dark = int(np.count_nonzero(~lit))
     inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
+    spread = found.spread(lit if lit.any() else None)
     a, b = (f"{step:.3g}" for step in grid.step)
     page = field(
         f"{title}, {AXES[grid.axis]} = {grid.height:g}",
         f"{grid.shape[1]} x {grid.shape[0]} points, {a if a == b else f'{a} x {b}'} apart, "
-        f"{found.film.path_sets:,} paths each. {inside}{_figures(lit if len(lit) else lux, 3)}.",
-        np.where(lux > 0, lux, np.nan if len(lit) else 0.0).reshape(grid.shape),
+        f"{found.film.path_sets:,} paths each. {inside}{_figures(spread, 3)}.",
+        np.where(lit, lux, np.nan if lit.any() else 0.0).reshape(grid.shape),
         grid.extent,
         (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
         "lux",

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
-from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.errors import ImageError, UsageError, warn
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -77,6 +78,18 @@ class Grid:
         (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
         a, b = a - 0.5 * du, b - 0.5 * dv
         return a, a + columns * du, b, b + rows * dv
+
+    def described(self, scene: Scene) -> str:
+        """Where it lies, and, where that is no working plane, how it stands to what is up."""
+        a, b, c, d = self.extent
+        u, v = (AXES[i] for i in self.across)
+        ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
+        up = np.abs(scene.camera.up)
+        upright = int(np.argmax(up))
+        if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
+            return said
+        return f"{said}; it stands upright, if {AXES[upright]} is up: a working plane is {AXES[upright]}=HEIGHT"
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
@@ -161,6 +174,42 @@ def grid_of(
     return Points(points, normals, grid)
 
 
+def check_within(at: Points, scene: Scene, option: str) -> None:
+    """Warn with SceneWarning of points that all lie outside of the scene, its lamps being in it.
+
+    Raises UsageError where they are farther off than the scene is wide: that is another unit, or another place.
+    """
+    lamps = [light.position for light in scene.lights if light.kind != "directional"]
+    box = np.array([*scene.bounds, *lamps])
+    box = box[np.isfinite(box).all(axis=1)]
+    if not len(box) or len(scene.planes):
+        return
+    lower, upper = box.min(axis=0), box.max(axis=0)
+    size = float((upper - lower).max())
+    gap = np.maximum(np.maximum(lower - at.points, at.points - upper), 0.0)
+    if not gap.any(axis=1).all():
+        return
+    nearest = gap[gap.max(axis=1).argmin()]
+    axis = int(nearest.argmax())
+    if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
+        return  # above open ground
+    low, high = _at(lower[axis]), _at(upper[axis])
+    told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
+    if nearest[axis] > size:
+        raise UsageError(
+            f"{told}, and is {size:.4g} wide.",
+            "Coordinates are in the scene's units, and its axes: `glpath info` prints where it is.",
+        )
+    up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
+    other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
+    warn(told + other)
+
+
+def _at(x: float) -> str:
+    """A coordinate for people: four digits, or two decimals of what is far from the origin."""
+    return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
+
+
 def _apart(spacing: str) -> float:
     """UNITS of --spacing. Raises UsageError."""
     try:
@@ -233,7 +282,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:
@@ -294,27 +343,37 @@ def _number(cell: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
-    """A line for each point: where, which way, irradiance and illuminance with their standard errors."""
+def save_csv(path: Path, at: Points, found: Irradiance) -> None:
+    """A line for each point: where, which way, irradiance and illuminance with their standard errors.
+
+    Irradiance is in the unit of the scene, which the titles of its columns name.
+    """
+    unit = symbol(found.unit, "irradiance").replace(" m^-2", "/m2")
     columns = {
         **{name: at.points[:, i] for i, name in enumerate(_POINT)},
         **{name: at.normals[:, i] for i, name in enumerate(_NORMAL)},
-        **{f"{name} [W/m2]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
-        **{f"{name} [W/m2]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
-        "E [lx]": found.illuminance(lumens_per_watt),
-        "se [lx]": found.illuminance_errors(lumens_per_watt),
+        **{f"{name} [{unit}]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
+        **{f"{name} [{unit}]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
+        "E [lx]": found.illuminance(),
+        "se [lx]": found.illuminance_errors(),
     }
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    # Of places all digits, as those of a georeferenced model have many.
+    digits = [15 if name in _POINT else 9 for name in columns]
+    writer.writerows(
+        [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
+        for row in zip(*columns.values(), strict=True)
+    )
     write_bytes(text.getvalue().encode(), path)
 
 
-def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+def save_npz(path: Path, at: Points, found: Irradiance) -> None:
     """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    A grid's have its shape before, (rows, columns, ...). Raises ImageError where it cannot be written.
+    `unit` is that of irradiance: "W m^-2" or "lx". A grid's have its shape before, (rows, columns, ...). Raises
+    ImageError where it cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -322,12 +381,12 @@ def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
         "normals": at.normals,
         "irradiance": found.values,
         "standard_errors": found.standard_errors,
-        "illuminance": found.illuminance(lumens_per_watt),
-        "illuminance_errors": found.illuminance_errors(lumens_per_watt),
+        "illuminance": found.illuminance(),
+        "illuminance_errors": found.illuminance_errors(),
     }
     shaped = {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
     with whole_file(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, lumens_per_watt=lumens_per_watt, **shaped)
+        np.savez_compressed(file, unit=symbol(found.unit, "irradiance"), **shaped)
 
 
 def check_kind(path: Path) -> None:

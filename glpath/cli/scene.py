@@ -13,7 +13,7 @@ import typer
 
 from glpath.cli import completion
 from glpath.errors import UsageError
-from glpath.scene import Scene, load_scene, parameters_from_options
+from glpath.scene import Environment, Scene, load_scene, parameters_from_options
 from glpath.scene.formats.load import scene_from_toml
 from glpath.scene.place import Place
 
@@ -74,6 +74,28 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     if values:
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
     return scene_from_toml(sys.stdin.buffer.read(), Place("standard input"), Path(), "scene")
+
+
+def light_of(scene: Scene) -> str:
+    """What lights a scene, in a line: of what was added it is said."""
+    emitting = sum(shape.emits for shape in scene.shapes)
+    shining = sum(bool(np.any(light.intensity > 0)) for light in scene.lights)
+    parts = [
+        f"{count:,} {word}{'s' * (count != 1)}"
+        for count, word in ((emitting, "shape"), (shining, "punctual light"))
+        if count
+    ]
+    if emitting:
+        parts[0] += " that emit" + "s" * (emitting == 1)
+    if isinstance(scene.sky, Environment):
+        parts.append("an environment map")
+    elif scene.sky is not None:
+        added = ", as the scene has no light of its own" if scene.sky.assumed else ""
+        white = bool(np.all(scene.sky.zenith == 1) and np.all(scene.sky.horizon == 1))
+        parts.append(f"a white sky of radiance 1 from all around{added}" if white else "a sky")
+    if np.any(scene.ambient > 0):
+        parts.append("ambient light")
+    return f"light: {', '.join(parts) or 'none'}"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from glpath.sampling import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
+# Of a scene's radius, how far off a camera is distant: there 32 bits tell 1e-6 of the radius apart.
+_DISTANT = 16.0
 
 
 def camera_defines(camera: Camera, own_lens: bool = False) -> dict[str, object]:
@@ -32,12 +34,15 @@ def eye_uniforms(
     window: tuple[int, int, int, int] | None = None,
     pixel: tuple[float, float] = CENTRE,
     lens: ArrayLike | None = None,
+    ahead: float = 0.0,
 ) -> dict[str, object]:
     """What rays through a window of the image need.
 
     window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
     pixel  : place in each pixel, x to the right and y down, each in [0, 1)
     lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
+    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor for
+             who takes all rays to start at one point
     """
     width, height = camera.resolution
     x, y, w, h = window or (0, 0, width, height)
@@ -50,7 +55,8 @@ def eye_uniforms(
         position = position + beside[0] * right + beside[1] * up
         centre = centre + camera.focal / camera.focus * beside
     return {
-        "eye_position": tuple(position),
+        "eye_position": tuple(position + ahead * forward),
+        "eye_ahead": ahead,
         "eye_right": tuple(right),
         "eye_up": tuple(up),
         "eye_forward": tuple(forward),
@@ -60,6 +66,17 @@ def eye_uniforms(
         "eye_corner": (x, height - y - h),
         "eye_size": (w, h),
     }
+
+
+def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
+    """How far ahead of a camera rays start that look for what is in a sphere: 0, unless it is far away.
+
+    What is met at a distance has the rounding of the distance, which 32 bits make more than scans allow.
+    """
+    way = centre - camera.position
+    if camera.projection == "panorama" or not np.linalg.norm(way) > _DISTANT * radius:
+        return 0.0
+    return max(0.0, float(way @ camera.frame()[2]) - 2.0 * radius)
 
 
 def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple[float, float]:
@@ -85,6 +102,7 @@ def view_volume(camera: Camera, eye: dict[str, Any]) -> tuple[Float64, Float64]:
     right, up, forward, position = (
         np.array(eye[name], np.float64) for name in ("eye_right", "eye_up", "eye_forward", "eye_position")
     )
+    position = position - eye["eye_ahead"] * forward
     parallel = camera.projection == "orthographic"
     normals, offsets = [forward], [forward @ position]
     for axis, along in enumerate((right, up)):

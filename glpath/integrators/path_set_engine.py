@@ -11,10 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.gl.camera import CENTRE, camera_defines, eye_centre, eye_uniforms, lens_uniforms, view_volume
+from glpath.gl.camera import (
+    CENTRE,
+    ahead_of,
+    camera_defines,
+    eye_centre,
+    eye_uniforms,
+    lens_uniforms,
+    view_volume,
+)
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
@@ -30,7 +39,7 @@ from glpath.sensors import CameraSensor, PointSensor, Sensor
 Uniforms = dict[str, object]
 
 
-class PathSetEngine(ABC):
+class PathSetEngine(Owner, ABC):
     """The path sets of one window of the image; whoever derives from it writes `trace_path_set`.
 
     Parameters
@@ -223,7 +232,8 @@ class PathSetEngine(ABC):
         pixel: tuple[float, float] = CENTRE,
         lens: NDArray[np.float64] | None = None,
     ) -> Uniforms:
-        eye = eye_uniforms(camera, self.window, pixel, lens)
+        ahead = ahead_of(camera, self.scene.centre, self.scene.radius)
+        eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
         position = np.asarray(eye["eye_position"])
         extent = float(np.linalg.norm(self.scene.centre - position)) + self.scene.radius
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
@@ -308,8 +318,8 @@ def check_same_kind(made_for: tuple[object, ...], found: tuple[object, ...]) -> 
 
 
 def _kind_in_words(kind: tuple[object, ...]) -> str:
-    projection, lens, moves, shutter = kind
-    if projection == "points":
+    if kind[0] == "points":
         return "points"
+    projection, lens, moves, shutter = kind
     told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
     return told if shutter is None else f"{told}, with a shutter of {shutter}"

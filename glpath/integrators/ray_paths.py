@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.light_draws import LightDraws
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
@@ -36,12 +37,12 @@ from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
-from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.integrators.settings import DEEPEST, GatherSettings, PathTraceSettings
 from glpath.light_samples import LightSamples
 from glpath.lighting import Lighting
 from glpath.sampling import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
-from glpath.sensors import Sensor
+from glpath.sensors import PointSensor, Sensor
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]
@@ -57,6 +58,11 @@ _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the
 _MOST_BOUNCES = 14
 # A gather's paths that mirrors and glass send on end by chance from here on.
 _MIRRORED = 6
+#: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
+#: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
+CEILING = 1 << 14
+# For how many vertices of a path a draw is cut into areas at most.
+_USUAL_DEPTH = 64
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -116,6 +122,10 @@ class RayPathEngine(PathSetEngine):
         # Of the numbers that say which light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
+        # What is measured at points is also their mean: with light samples that all share, all would err alike.
+        self._draws: LightDraws | None = None
+        if isinstance(self.sensor, PointSensor) and self.sensor.independent:
+            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
         # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
@@ -129,7 +139,9 @@ class RayPathEngine(PathSetEngine):
         if self._points is not None:
             textures |= self._points.textures
         # Includes are put in place before #ifdef is looked at.
-        generated = {**scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": ""}
+        generated = {
+            **scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": "", "LIGHT_DRAWS": ""
+        }  # fmt: skip
         defines: dict[str, object] = {
             **scene.defines,
             **self._eye_defines,
@@ -141,6 +153,11 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
             **self._sums.defines,
         }
+        if self._draws is not None:
+            self._constant |= self._draws.uniforms
+            textures |= self._draws.textures
+            generated |= self._draws.generated
+            defines |= self._draws.defines
         if any(material.is_pane for material in scene.scene.materials):
             defines["HAS_PANES"] = 1
         self._lamp_edges: LampEdges | None = None
@@ -173,7 +190,9 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
-        self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
+        # Of paths that only chance ends, few have more vertices.
+        vertices = min(settings.max_depth, _USUAL_DEPTH)
+        self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
         self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
@@ -220,7 +239,23 @@ class RayPathEngine(PathSetEngine):
         self._look(self._eye_uniforms(place))
         return self.seen()
 
+    def statistics(self) -> dict[str, object]:
+        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only chance should end."""
+        counts = super().statistics()
+        cut = counts.pop("paths_lost")
+        return counts | ({"paths_cut": cut} if cut else {})
+
     # What the draw is told.
+
+    @property
+    def _endless(self) -> bool:
+        """Is it chance alone that ends paths? Then the deepest that can be asked for is no end."""
+        settings = self._settings
+        return (
+            isinstance(settings, PathTraceSettings)
+            and settings.roulette is not None
+            and settings.max_depth == DEEPEST
+        )
 
     def _of_set(self, index: int) -> Uniforms:
         seed = self._settings.seed
@@ -233,8 +268,13 @@ class RayPathEngine(PathSetEngine):
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
-            "light_table": self._light_table(index),
+            **self._light_uniforms(index),
         }
+
+    def _light_uniforms(self, index: int) -> Uniforms:
+        if self._draws is None:
+            return {"light_table": self._light_table(index)}
+        return {"light_point": tuple(map(int, _words(self._sampler[index].light)))}
 
     def _light_table(self, index: int) -> bytes:
         """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.
@@ -277,7 +317,8 @@ class RayPathEngine(PathSetEngine):
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
-            "max_depth": settings.max_depth,
+            "max_depth": CEILING if self._endless else settings.max_depth,
+            "cut_depth": CEILING - 1 if self._endless else 1 << 30,
             "ambient": tuple(map(float, self._ambient)),
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),

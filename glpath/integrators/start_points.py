@@ -91,6 +91,8 @@ class StartPoints:
             assert array is not None, "of the same kind"
             texels = np.empty((h, w, 4), np.float32)
             texels[..., :3] = array[table, rows, columns]
+            if name == "start_positions" and any(points.origin):
+                texels[..., :3] = array[table, rows, columns] + np.array(points.origin)
             texels[..., 3] = points.valid[rows, columns]
             # Row 0 of the device is at the bottom.
             texture.write(np.ascontiguousarray(texels[::-1]).tobytes())

@@ -21,7 +21,7 @@ except ImportError as missing:
         'pip install "glpath[jupyter]"',
     ) from None
 
-from glpath.figures.candidates import ShaftScene
+from glpath.notebook.shaft_scene import ShaftScene
 from glpath.notebook.shafts import ShaftExplorer, explore_shafts
 from glpath.notebook.view import View, view
 

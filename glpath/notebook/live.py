@@ -40,16 +40,18 @@ class _Level:
 
     film    : as `camera` sees it; its metadata are those of the first camera
     seconds : that a path set takes, as far as is known
+    origin  : (3,) what the engine's coordinates are relative to, in the camera's
     """
 
     engine: Engine
     film: Film
     camera: Camera
     seconds: float
+    origin: NDArray[np.float64]
 
     def look_from(self, camera: Camera) -> None:
         resolution = self.film.metadata.full_resolution
-        self.engine.look_from(replace(CameraSensor.of(camera), resolution=resolution))
+        self.engine.look_from(replace(CameraSensor.of(camera), resolution=resolution).moved(self.origin))
         self.engine.take()
         self.engine.take_aovs()
         self.engine.forget_statistics()
@@ -210,5 +212,6 @@ class LiveImage:
             job = replace(self.job, sensor=CameraSensor.of(scene.camera), window=window)
             film = Film.empty(metadata_of(job, self._plan, scene, self.context))
             seconds = self._levels[1].seconds / reduction**2 if self._levels else STEP_SECONDS["still"]
-            self._levels[reduction] = _Level(engine, film, self.scene.camera, seconds)
+            origin = self._traced.origin - self.scene.origin
+            self._levels[reduction] = _Level(engine, film, self.scene.camera, seconds, origin)
         return self._levels[reduction]

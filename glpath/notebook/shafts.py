@@ -9,7 +9,7 @@ from typing import Any
 
 import ipywidgets
 
-from glpath.figures.candidates import ShaftScene
+from glpath.notebook.shaft_scene import ShaftScene
 from glpath.notebook.show import error_html, with_picture
 from glpath.radiosity import Strategy
 from glpath.scene import AnyScene, load_scene
@@ -18,7 +18,7 @@ from glpath.scene import AnyScene, load_scene
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
     """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
 
-    scene : with triangles; see `glpath.figures.candidates.ShaftScene`, which draws the same without widgets
+    scene : with triangles; see `glpath.notebook.shaft_scene.ShaftScene`, which draws the same without widgets
 
     Cost: the first time kernels are compiled, up to a minute; then well under a second an image.
     """
@@ -61,8 +61,11 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """The widget, and for pages without a kernel its image."""
         png = bytes(self.picture.value)
-        text = f"<ShaftExplorer: {self.emitter.value} to {self.receiver.value}>"
-        return with_picture(super()._repr_mimebundle_(**options), png, text)
+        return with_picture(super()._repr_mimebundle_(**options), png, f"<ShaftExplorer: {self._described()}>")
+
+    def _described(self) -> str:
+        scene, strategy = self._shafts.scene.name, self.strategy.label
+        return f"the shaft from {self.emitter.value} to {self.receiver.value} of {scene}, {strategy}"
 
     def _chosen(self, change: object) -> None:
         with self._lock:
@@ -77,3 +80,4 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         with io.BytesIO() as file:
             figure.savefig(file, format="png", dpi=90)
             self.picture.value = file.getvalue()
+        self.picture.tooltip = f"Figure of {self._described()}"  # the words of an image, as widgets have no others

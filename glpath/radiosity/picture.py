@@ -82,7 +82,7 @@ class EyeHits:
         c = self.scene.triangles[self.triangle]
         b = self.barycentric[..., None]
         along, across = c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :]
-        where = c[..., 0, :] + b[..., 0, :] * along + b[..., 1, :] * across
+        where = c[..., 0, :] + b[..., 0, :] * along + b[..., 1, :] * across + self.scene.origin
         return np.where(self.triangle[..., None] >= 0, where, np.nan)
 
     @property

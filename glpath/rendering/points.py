@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.image import luminance
@@ -26,9 +26,12 @@ from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import describe
 from glpath.rendering.options import MAX_SPP, check_word, with_options
 from glpath.rendering.stopping import StopRules
-from glpath.scene import AnyScene, load_scene
+from glpath.rendering.uniformity import Spread, spread_of
+from glpath.scene import AnyScene, Scene, Sky, load_scene
+from glpath.scene.formats.completed import aside, uniform_sky
 from glpath.scene.formats.values import LARGEST
 from glpath.sensors import PointSensor
+from glpath.units import Unit, conversion
 
 Float64 = NDArray[np.float64]
 
@@ -37,9 +40,6 @@ Receiver = Literal["plane", "cylinder"]
 #: Directions around a cylinder: the mean of a lamp's light over so many is off by 0.2 % at most, as a clamped
 #: cosine has a harmonic of 2 / (32^2 - 1) there. A power of two, so that path sets take each as often.
 _AROUND = 32
-
-#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
-LUMENS_PER_WATT = 179.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,29 +56,44 @@ class Irradiance:
 
     @property
     def values(self) -> Float64:
-        """(N, 3) float64, W m^-2, linear Rec. 709."""
+        """(N, 3) float64, linear Rec. 709, in the unit of the scene: W m^-2, or lx where it is photometric."""
         return self._of_points(self.film.mean)
 
     @property
+    def unit(self) -> Unit:
+        """Of `values` and their errors: "radiometric" or "photometric", as of the scene."""
+        return self.film.metadata.unit or "radiometric"
+
+    @property
     def standard_errors(self) -> Float64:
-        """(N, 3) float64, W m^-2, one standard deviation: by the spread of independent batches of path sets.
+        """(N, 3) float64, as `values`, one standard deviation: by the spread of independent batches of path sets.
 
         NaN below 16 path sets, where there is one batch. Eight batches tell a point's error to about a quarter.
         """
         return self._of_points(standard_error(self.film.radiance_sums, self.film.batch_counts))
 
-    def illuminance(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
-        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722) times the lumens of a watt.
+    def illuminance(self) -> Float64:
+        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722), a watt having 179 lumens."""
+        return conversion(self.unit, "photometric") * luminance(self.values)
 
-        lumens_per_watt : 179 where the scene's lights are in watts. 1 where they are photometric, as glpath takes
-                          these one to one: candela of IES profiles and of glTF, lux and nits
-        """
-        return lumens_per_watt * luminance(self.values)
-
-    def illuminance_errors(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
+    def illuminance_errors(self) -> Float64:
         """(N,) float64, lux, one standard deviation of `illuminance`."""
         of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
-        return lumens_per_watt * self._of_points(of_light)[:, 0]
+        return conversion(self.unit, "photometric") * self._of_points(of_light)[:, 0]
+
+    def spread(self, which: NDArray[np.bool_] | None = None) -> Spread:
+        """Mean, minimum, maximum and uniformities of `illuminance`, lux, each with its standard error.
+
+        which : (N,) bool, the points that count; all. One at least
+
+        `min(illuminance())` is too low, as noise chooses the point: `glpath.rendering.uniformity` says what this
+        does in its place, and what its errors are.
+        """
+        lux = luminance(self.film.radiance_sums).reshape(len(self.film.radiance_sums), -1)[:, : self.count]
+        chosen = lux if which is None else lux[:, which]
+        if not chosen.shape[1]:
+            raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
+        return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
 
     def _of_points(self, radiance: Float64) -> Float64:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
@@ -94,6 +109,7 @@ def irradiance(
     integrator: Integrator | IntegratorSettings = "path",
     spp: int | None = None,
     first_path_set: int = 0,
+    white_sky: bool = False,
     parameters: Mapping[str, object] | None = None,
     backend: str = "auto",
     device: int | None = None,
@@ -110,7 +126,8 @@ def irradiance(
 
     Parameters
     ----------
-    scene      : what `load_scene` takes; its camera has no part in it, but for the times of its shutter
+    scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count.
+                 It needs light: the white sky that pictures of a model without light have is not measured
     points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
     receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all
@@ -118,6 +135,7 @@ def irradiance(
                  are faces. Takes 768 bytes of memory a point, and is off by 0.2 % at most with 32 paths or a
                  multiple
     integrator : "path" or "gather"
+    white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
     spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
     noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
                  the radiance of white surfaces, so that what is below 0.3 W m^-2 counts as that
@@ -125,10 +143,10 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
-    lamps and the sky.)
+    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    paths, for all of the light. (1 is light straight from lamps and the sky.)
 
-    Raises and warns as `render` does.
+    Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 
     Example
     -------
@@ -141,13 +159,15 @@ def irradiance(
     place, facing = _points(points, normals)
     if receiver == "cylinder":
         facing = _around(facing)
-    loaded = load_scene(scene, parameters)
+    with aside("camera", "light"):
+        loaded = load_scene(scene, parameters)
+    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     job, loaded = describe(
         loaded,
         integrator=integrator,
         spp=MAX_SPP if spp is None and rules else spp,
         first_path_set=first_path_set,
-        sensor=_in_rows(place, facing, loaded.camera.shutter),
+        sensor=_in_rows(place, facing, loaded),
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
@@ -163,6 +183,39 @@ def irradiance(
             on_progress=report,
         )
     return Irradiance(found, len(place))
+
+
+def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> Scene:
+    """The scene with the light that is measured in it: its own, or the white sky that is asked for.
+
+    ambient : radiance that is asked for in place of the scene's
+
+    Raises SceneError where it has none, and UsageError for a sky besides its own light. Warns with SceneWarning of
+    a sky that is left out, as surfaces glow that pictures have beside it.
+    """
+    source = scene.source or scene.name
+    assumed = isinstance(scene.sky, Sky) and scene.sky.assumed
+    own = replace(scene, sky=None) if assumed else scene
+    glows = any(shape.emits and not scene.materials[shape.material].unlit for shape in scene.shapes)
+    sky = own.sky is not None and own.sky.mean_integral > 0
+    has_light = glows or sky or any(np.any(light.intensity > 0) for light in own.lights)
+    if by_white_sky:
+        if has_light and not assumed:
+            raise UsageError(
+                f"white_sky=True: {source} has light of its own.",
+                "Leave it out, or write a sky in its file.",
+            )
+        return replace(scene, sky=uniform_sky())
+    if assumed and glows:
+        text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
+        warn(text)
+    if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
+        raise SceneError(
+            f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
+            "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"
+            "A white sky of radiance 1 from all around is white_sky=True.",
+        )
+    return own
 
 
 def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
@@ -210,15 +263,18 @@ def _around(axes: Float64) -> Float64:
     return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
 
 
-def _in_rows(place: Float64, facing: Float64, shutter: tuple[float, float]) -> PointSensor:
-    """The sensor of points (N, 3), nearly square, as devices shade squares; the last ones are repeated.
+def _in_rows(place: Float64, facing: Float64, scene: Scene) -> PointSensor:
+    """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
 
     facing : (N, 3), or (S, N, 3), of which a path set takes one
     """
+    origin = scene.centred.origin - scene.origin
+    place = place - origin
     width = math.isqrt(len(place) - 1) + 1
     height = -(-len(place) // width)
     more = ((0, 0), (0, width * height - len(place)), (0, 0))
     facing = facing.reshape(-1, *place.shape)
     place = np.broadcast_to(place, facing.shape)
     rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
-    return PointSensor.of(*rows, shutter=shutter)
+    x, y, z = origin.tolist()
+    return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

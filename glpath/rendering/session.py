@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, SceneWarning, UsageError
+from glpath.errors import ContextError, UsageError, warn
 from glpath.film import Film
 from glpath.film_metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import WhittedSettings
+from glpath.machine import return_memory
 from glpath.progress import Progress
-from glpath.rendering.factory import Engine, Plan, plan_of
+from glpath.rendering.factory import Engine, Plan, plan_of, sensor_in
 from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
@@ -34,17 +34,17 @@ class Session:
 
     Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
     context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
-    renders as it is meant, `stacklevel` as of `warnings.warn`, counted from who makes the session.
+    renders as it is meant.
 
     plan : of the job's integrator, where somebody has prepared it already
     """
 
-    def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1, plan: Plan | None = None) -> None:
+    def __init__(self, job: RenderJob, scene: Scene, plan: Plan | None = None) -> None:
         self._job = job
         self._plan = plan_of(job.integrator) if plan is None else plan
         seen = isinstance(job.sensor, CameraSensor)
         for text in check_scene(scene, seen) + self._plan.warnings(scene):
-            warnings.warn(text, SceneWarning, stacklevel=stacklevel + 1)
+            warn(text)
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
@@ -54,12 +54,17 @@ class Session:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Free what is on the device."""
-        if self._engine is not None and self._context is not None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what is on the device, and give its memory back. The next render begins with a new engine."""
+        engine, self._engine = self._engine, None
+        if engine is not None and self._context is not None:
             # Where another thread keeps the context, it will do so: no reason to lose a film.
             with suppress(ContextError), self._context:
-                self._engine = None
-        self._engine = None
+                engine.close()
+                del engine
+                return_memory()
 
     def render(
         self,
@@ -94,6 +99,7 @@ class Session:
             check_same_render(
                 film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
             )
+            film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
         clock = Clock(
             film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
         )
@@ -112,9 +118,8 @@ class Session:
                 # Half, as the two views of a scan lie side by side.
                 self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
                 with context:
-                    self._engine = self._plan.engine(
-                        context, self._traced, job.sensor, self._tiles[0].window, timings
-                    )
+                    sensor = sensor_in(self._traced, job.sensor, scene)
+                    self._engine = self._plan.engine(context, self._traced, sensor, self._tiles[0].window, timings)
             else:
                 with context:
                     self._go_on(self._engine, job, scene)
@@ -142,9 +147,10 @@ class Session:
             )
         assert job.integrator == before.integrator, "another integrator needs another session"
         if _differs(before, job, scene):
-            self._plan.change_scene(engine, self._plan.traceable(scene))
+            self._traced = self._plan.traceable(scene)
+            self._plan.change_scene(engine, self._traced)
         else:
-            engine.look_from(job.sensor)
+            engine.look_from(sensor_in(self._traced, job.sensor, scene))
         engine.forget_statistics()
 
 
@@ -189,8 +195,10 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
+        unit=scene.unit,
         aovs=job.integrator.aovs,
         **_names(job, scene),
+        **_position_origin(job, scene),
         device="" if context is None else context.info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy")
         | ({} if context is None else {"driver": context.info.driver}),
@@ -206,6 +214,13 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
         "material_names": tuple(material.name for material in scene.materials),
         "shape_materials": tuple(int(shape.material) for shape in scene.shapes),
     }
+
+
+def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
+    """What positions in the film are relative to, where that is not the world's origin."""
+    if "position" not in job.integrator.aovs or not scene.centred.origin.any():
+        return {}
+    return {"position_origin": tuple(scene.centred.origin.tolist())}
 
 
 def _recorded(job: RenderJob, plan: Plan) -> dict[str, Any]:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.camera import CameraKey, Projection
-from glpath.scene.model import Camera, Float64, Light, Mesh, Scene
-from glpath.scene.place import Place
+from glpath.scene.model import Camera, Light, Mesh, Scene
+from glpath.scene.place import Place, coordinates
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 
 MAX_PIXELS = 2**28
@@ -159,8 +159,8 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
         lower, upper = scene.bounds
         return [
             "The camera sees nothing: no shape is in view. "
-            f"It stands at {_point(scene.camera.position)} and looks at {_point(scene.camera.target)}; "
-            f"the scene reaches from {_point(lower)} to {_point(upper)}."
+            f"It stands at {coordinates(scene.camera.position)} and looks at {coordinates(scene.camera.target)}; "
+            f"the scene reaches from {coordinates(lower)} to {coordinates(upper)}."
         ]
     # A box may be meant as a room, and so may a sphere that shines to its inside.
     shapes = [scene.shapes[index] for index in around]
@@ -226,7 +226,3 @@ def _about_materials(scene: Scene) -> list[str]:
                 "them."
             )
     return found
-
-
-def _point(point: Float64) -> str:
-    return "[" + ", ".join(f"{value:g}" for value in point) + "]"

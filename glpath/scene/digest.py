@@ -13,11 +13,12 @@ import numpy as np
 
 #: Fields that change no picture, by the dataclass that has them.
 UNSEEN = {
-    "Scene": {"name", "source", "exposure"},
+    "Scene": {"name", "source", "exposure", "unit", "centred_by"},
     "Shape": {"name", "kind"},
     "Material": {"name"},
     "Texture": {"name"},
     "Light": {"name"},
+    "Sky": {"assumed"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that

@@ -38,11 +38,13 @@ class Sky:
 
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
+    assumed         : it stands in for light that a file does not have: pictures have it, what measures refuses it
     """
 
     zenith: Float64
     horizon: Float64
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    assumed: bool = False
 
     def radiance(self, directions: ArrayLike) -> Float64:
         """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3)."""
@@ -207,6 +209,17 @@ class Environment:
         """The first of `directions`' numbers that divides the map into two lights: suns and the rest, or halves."""
         bright = self._tables.bright
         return bright if 0 < bright < 1 else 0.5
+
+    @property
+    def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
+        """What `directions` chooses by, for shaders that do the same.
+
+        Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
+        of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and
+        (h, w + 1) the cumulated probability of each row's texels.
+        """
+        tables = self._tables
+        return tables.rows, tables.order, self._halves.mass, tables.columns
 
     @cached_property
     def _halves(self) -> _Halves:

@@ -18,10 +18,13 @@ MAX_TRIANGLES = 2**27
 _LISTED = 3
 
 
-def path_traceable(scene: Scene, streams: bool = False) -> Scene:
-    """The scene in triangles only, in the order of its shapes; `scene` itself where it has no spheres.
+def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True) -> Scene:
+    """The scene in triangles only, in the order of its shapes, relative to its `origin` (`Scene.centred`).
+
+    It is `scene` itself where that has no spheres and is near the origin.
 
     streams : are streamed triangles known, too?
+    centred : False leaves it where it is, for who works in float64
 
     Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
     does not do: planes, and streams for who keeps all triangles in memory. Warns with SceneWarning of triangles
@@ -34,6 +37,8 @@ def path_traceable(scene: Scene, streams: bool = False) -> Scene:
         _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
     elif scene.camera.projection == "panorama":
         _check_resident(scene, "no panorama can see: its eye rays want a tree of boxes", "Take another camera.")
+    if centred:
+        scene = scene.centred
     if not len(scene.spheres):
         return scene
     _check_number(scene)
@@ -44,7 +49,8 @@ def path_traceable(scene: Scene, streams: bool = False) -> Scene:
         else shape
         for index, shape in enumerate(scene.shapes)
     ]
-    return replace(scene, shapes=Shapes(shapes))
+    # Decided for the spheres: triangles have a slightly smaller box.
+    return replace(scene, shapes=Shapes(shapes), centred_by=scene.origin if centred else scene.centred_by)
 
 
 def _moving(shape: Shape, opened: float, textured: bool, place: Place) -> Shape:
@@ -87,13 +93,13 @@ def check_resident(scene: Scene) -> None:
     _check_resident(
         scene,
         "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
-        "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+        'Render it with integrator="path" and directions="pair" (or lattice, hemisphere, sphere).',
     )
 
 
 def check_simplifiable(scene: Scene) -> None:
     """The same, where meshes are to be simplified."""
-    remedy = "Leave --bounce-lod away."
+    remedy = "Leave out bounce_lod."
     _check_resident(scene, "bounce_lod cannot simplify: it wants them all in memory", remedy)
     if scene.moving_shapes:
         names = ", ".join(scene.shapes[index].name for index in scene.moving_shapes[:_LISTED])
@@ -120,7 +126,7 @@ def _check_known(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: has planes ({names}), which path tracing cannot render: an endless "
             "plane has no triangles.",
-            "Render it with --integrator classic or t-buffer, or make planes large quads.",
+            'Render it with integrator="classic" or "t-buffer", or make planes large quads.',
         )
 
 
@@ -134,5 +140,5 @@ def _check_number(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: {len(scene.spheres):,} spheres would be {count:,} triangles; the path "
             f"tracer takes at most {MAX_TRIANGLES:,}.",
-            "Give the spheres fewer `subdivisions`, or render with --integrator classic or t-buffer.",
+            'Give the spheres fewer `subdivisions`, or render with integrator="classic" or "t-buffer".',
         )

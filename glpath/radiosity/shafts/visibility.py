@@ -6,10 +6,10 @@
 
 A shaft is built between the emitter and a clump of receiver points; segments between the two are tested against its
 candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same
-answer, that of testing every segment against every polygon; `glpath.bench.shaft.option_rows` measures what they
+answer, that of testing every segment against every polygon; the bench "shaft-options" measures what they
 cost.
 
-Cost:     groups of receivers are shared between threads; measured by `glpath.bench.shaft`.
+Cost:     groups of receivers are shared between threads; measured by the bench "shaft".
 Poor at:  few rays per shaft; a volume full of tiny polygons, where every shaft has a long list.
 """
 

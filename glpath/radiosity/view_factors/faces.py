@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.bvh import build_bvh
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, UsageError
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -27,6 +26,7 @@ from glpath.radiosity.view_factors.facets import (
 )
 from glpath.radiosity.view_factors.rows import Polygons, Tree
 from glpath.scene import Scene, load_scene, path_traceable
+from glpath.scene.formats.completed import aside
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -89,7 +89,8 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
     else:
         with geometry_alone():
-            scene = path_traceable((given if isinstance(given, Scene) else load_scene(given)).still())
+            loaded = given if isinstance(given, Scene) else load_scene(given)
+            scene = path_traceable(loaded.still(), centred=False)
         source = scene.source or scene.name
         vertices = scene.triangles.reshape(-1, 3)
         outlines = np.arange(len(vertices)).reshape(-1, 3).tolist()
@@ -135,9 +136,8 @@ def _outlines(given: Any) -> list[list[int]]:
 
 @contextmanager
 def geometry_alone() -> Iterator[None]:
-    """Without warnings that a scene has no camera and no light: it needs none."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r".*: has no (camera|light)", SceneWarning)
+    """Without warnings that a scene has no camera and no light, and without an error: it needs none."""
+    with aside("camera", "light"):
         yield
 
 
@@ -301,6 +301,8 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
+        # Of the two sides of a sheet one is enough: either hides.
+        walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
         facets = plain.taken(bvh.order)

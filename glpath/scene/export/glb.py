@@ -26,7 +26,8 @@ _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 class Glb:
-    """The file of a scene, with its camera.
+    """The file of a scene, with its camera: `Scene.centred`, its origin being the translation of the root node, as
+    vertices have 32 bits.
 
     bounds : the scene's
     textures, samplers, images, materials : as pygltflib has them, to be added to
@@ -47,6 +48,8 @@ class Glb:
         self._views: list[Any] = []
         self._used: set[str] = set()
         root = gltf.Node(name=scene.name, rotation=_to_y_up(scene.camera.up), children=[])
+        if scene.origin.any():
+            root.translation = [float(x) for x in _matrix(root.rotation) @ scene.origin]
         self._nodes: list[Any] = [root]
         self.bounds = scene.bounds
         self._camera = _camera(scene.camera, float(np.linalg.norm(self.bounds[1] - self.bounds[0])))
@@ -147,6 +150,13 @@ def _to_y_up(up: Float64) -> list[float]:
         return [0.0, 0.0, 0.0, 1.0] if up[1] > 0 else [1.0, 0.0, 0.0, 0.0]
     sign = 1.0 if up[axis] > 0 else -1.0
     return [0.0, 0.0, sign * half, half] if axis == 0 else [-sign * half, 0.0, 0.0, half]
+
+
+def _matrix(rotation: list[float]) -> Float64:
+    """(3, 3) of a rotation x y z w by quarter turns, exact."""
+    axis, w = np.array(rotation[:3]), rotation[3]
+    across = 2.0 * np.cross(axis, np.eye(3))
+    return np.asarray(np.rint(np.eye(3) + w * across + np.cross(axis, across)).T)
 
 
 def _camera(camera: Camera, size: float) -> Any:

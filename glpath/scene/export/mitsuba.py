@@ -14,6 +14,8 @@ Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is v
 Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided". Its area
           lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal
           apart.
+Units:    the numbers of the scene, so that pictures are equal: W of a radiometric scene, cd and cd m^-2 of a
+          photometric one, for neither of which Mitsuba's RGB modes ask.
 Poor at:  what has no counterpart, which `MitsubaScene.differences` lists. Smooth normals are handed on, but the
           light that they lose is not divided out, as it is here.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
@@ -39,6 +41,7 @@ from glpath.scene.export.geometry import (
 from glpath.scene.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
+from glpath.scene.place import shown
 
 Sampler = Literal["independent", "multijitter"]
 
@@ -53,12 +56,13 @@ _SKY_ROWS = 1025
 class MitsubaScene:
     """A scene for Mitsuba.
 
-    plugins     : {"type": "scene", ...}, see the module
+    plugins     : {"type": "scene", ...}, see the module, relative to `origin`
     differences : what it says otherwise than the scene, a sentence each, without a full stop
     """
 
     plugins: Plugin
     differences: tuple[str, ...]
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def described(
@@ -72,7 +76,10 @@ def described(
     Raises SceneError for what `path_traceable` refuses.
     """
     notes = Notes()
-    scene = at_opening(scene, notes)
+    scene = at_opening(scene, notes).centred
+    x, y, z = scene.origin.tolist()
+    if scene.origin.any():  # Mitsuba counts in 32 bits, too, so no transform could hold it
+        notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # of what is not endless
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
@@ -90,7 +97,7 @@ def described(
         "integrator": integrator(max_depth, surfaces.integrator),
         "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
     }
-    return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts)
+    return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
 
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:

@@ -20,6 +20,7 @@ from glpath.image import encode_png, write_exr
 from glpath.scene.export.mitsuba import MitsubaScene
 from glpath.scene.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
+from glpath.scene.place import shown
 
 # The version of the format, which Mitsuba 3 reads as it is.
 _VERSION = "3.0.0"
@@ -45,6 +46,8 @@ def write_xml(translated: MitsubaScene, path: Path) -> None:
     folder = path.with_name(f"{path.stem}_files")
     writer = _Writer(folder)
     scene = ElementTree.Element("scene", version=_VERSION)
+    if any(translated.origin):
+        scene.append(ElementTree.Comment(f" All is relative to {shown(translated.origin)}. "))
     for name, value in translated.plugins.items():
         if name != "type":
             writer.put(scene, name, value, identified=True)

@@ -12,7 +12,6 @@ import io
 import os
 import re
 import sys
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, warn
+from glpath.files import read_bytes
 from glpath.scene.formats import obj
+from glpath.scene.formats.precision import step_at, warn_of_steps
 from glpath.scene.formats.text import decoded
 from glpath.scene.formats.values import LARGEST, nearby_files
 from glpath.scene.geometry import unit_normals
@@ -34,6 +35,7 @@ FORMATS = (".obj", ".ply", ".stl")
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
+_SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
 #: What describes the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
@@ -171,12 +173,14 @@ class MeshFile:
     obj      : the file in plain form, where it is an OBJ
     texture  : the name of the picture that a PLY has
     coloured : vertices or faces have colours, in the file
+    single   : its vertices are numbers of 32 bits
     """
 
     meshes: list[Any]
     obj: obj.Plain | None = None
     texture: str | None = None
     coloured: bool = False
+    single: bool = False
 
 
 def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
@@ -208,6 +212,12 @@ def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
             f"{which(path, place)}has no triangles.",
             "The file is empty, broken, of another format than its suffix says, or holds points or lines only.",
         )
+    if file.single:
+        corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
+        if np.isfinite(corners).all():
+            low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+            source = place if place == Place(str(path)) else f"{place} names {path}:"
+            warn_of_steps(source, step_at(low, high), low, high)
     return file
 
 
@@ -253,7 +263,7 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
 def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
-    suffix, content = path.suffix.lower(), path.read_bytes()
+    suffix, content = path.suffix.lower(), read_bytes(path)
     plain, texture = None, None
     options: dict[str, Any] = {}
     if suffix == ".obj":
@@ -279,7 +289,12 @@ def _parse(path: Path, colours: bool) -> MeshFile:
         if plain is not None
         else suffix == ".ply" and _RED.search(content.partition(b"end_header")[0]) is not None
     )
-    return MeshFile(meshes, plain, texture, coloured)
+    single = False
+    if suffix == ".stl":  # binary, which may begin as one of text does
+        single = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
+    elif suffix == ".ply":  # of text as well, which trimesh takes at its word
+        single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
+    return MeshFile(meshes, plain, texture, coloured, single)
 
 
 def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
@@ -302,12 +317,9 @@ def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
     if file.obj is not None and file.obj.coloured:
         dropped.add("vertex colours")
     if dropped:
-        warnings.warn(
-            SceneWarning(
-                f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
-                "scene gives it. In an [[assets]] table the file has its own."
-            ),
-            stacklevel=2,
+        warn(
+            f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
+            "scene gives it. In an [[assets]] table the file has its own."
         )
 
 

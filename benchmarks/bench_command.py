@@ -1,0 +1,269 @@
+"""`python -m benchmarks bench`: a measurement, beside other programs where they are installed."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from benchmarks.verdict import Report
+from glpath.cli import completion
+from glpath.cli.completion import words
+from glpath.cli.scene import HELP, read_scene, seen
+from glpath.cli.signals import result_of
+from glpath.cli.values import resolution as read_resolution
+from glpath.errors import GlpathError, UsageError
+from glpath.files import check_writable, save_all, write_bytes
+from glpath.terminal import clean_console, say
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from glpath.scene import Scene
+
+# What each bench measures, and which options it takes besides --json.
+BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "path-buffer": (
+        "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
+        ("--scene", "--resolution", "--seeds", "--reference"),
+    ),
+    "gather": (
+        "light of all bounces from radiosity: time to an error, beside path tracing and Mitsuba 3",
+        ("--scene", "--resolution", "--seeds", "--reference", "--scale"),
+    ),
+    "denoise": (
+        "time to an error with Open Image Denoise: the gather and path tracing, beside Mitsuba 3 with the same",
+        ("--scene", "--resolution", "--seeds", "--reference"),
+    ),
+    "textures": (
+        "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
+        ("--rounds", "--scale"),
+    ),
+    "t-buffer": (
+        "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
+        ("--rounds", "--scale"),
+    ),
+    "shaft": (
+        "visibility for radiosity: shafts beside a ray caster and Embree, and the cost of growth",
+        ("--rounds", "--scale"),
+    ),
+    "shaft-options": (
+        "shafts: what each enhancement of the paper, and of its future work, is worth",
+        ("--rounds", "--scale"),
+    ),
+    "viewfactors": (
+        "view factors: closed forms, closed rooms beside pyviewfactor, and a city of 22,800 facets",
+        ("--rounds", "--scale"),
+    ),
+    "measure": (
+        "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
+        ("--scale",),
+    ),
+    "lightmap": (
+        "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
+        ("--scale",),
+    ),
+    "jobs": (
+        "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
+        ("--rounds", "--scale"),
+    ),
+    "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
+}
+
+
+def bench(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help=", ".join(BENCHES), autocompletion=words(BENCHES))
+    ] = None,
+    list_all: Annotated[bool, typer.Option("--list", help="Name all benches.")] = False,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            "--scene",
+            metavar="SCENE",
+            help=f"path-buffer, gather, denoise: {HELP[0].lower()}{HELP[1:-1]}; diffuse, lit by shapes that emit; "
+            "cornell-box-36.",
+            autocompletion=completion.scenes,
+        ),
+    ] = None,
+    resolution: Annotated[
+        str | None, typer.Option(metavar="WxH", help="path-buffer, gather, denoise: instead of the scene's.")
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="path-buffer, gather, denoise: independent renders to take errors over; 3."),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="path-buffer, gather, denoise: a converged picture, to take errors against."
+        ),
+    ] = None,
+    rounds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of which the "
+            "median counts; 7.",
+        ),
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="gather, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: below 1, less work; 1.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
+    ] = None,
+) -> None:
+    """Measure how fast an engine is.
+
+    Times on shared machines drift; the ratios to other programs, taken in the same run, are what to go by. Install
+    the reference extra (pip install -e '.[reference]') for these. A claim that does not hold is reported as such
+    and is no failure; programs that do not find the same are one (exit code 1).
+    """
+    if list_all:
+        for key, (what, _) in BENCHES.items():
+            say(f"{key:<14} {what}")
+        return
+    if name not in BENCHES:
+        raise UsageError(
+            f"bench: {'no name' if name is None else repr(name)}; allowed are {', '.join(BENCHES)}",
+            "`python -m benchmarks bench --list` says what they measure.",
+        )
+    given = {
+        "--scene": scene,
+        "--resolution": resolution,
+        "--seeds": seeds,
+        "--reference": reference,
+        "--rounds": rounds,
+        "--scale": scale,
+    }
+    allowed = BENCHES[name][1]
+    for option, value in given.items():
+        if value is not None and option not in allowed:
+            raise UsageError(f"{option} does not apply to bench {name}; allowed are {', '.join(allowed)}, --json")
+    for option, number in (("--seeds", seeds), ("--rounds", rounds)):
+        if number is not None and number < 1:
+            raise UsageError(f"{option} {number}: must be at least 1")
+    if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
+        raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
+    if output is not None:
+        check_writable(output)
+    measured = None
+    if scene is not None or resolution is not None:
+        size = None if resolution is None else read_resolution(resolution)
+        measured = seen(read_scene(scene or "cornell-box-36", []), size, {})
+    report = result_of(lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0))
+    _show(report, output)
+    if report.faults:
+        raise GlpathError(
+            f"bench {name}: the programs disagree, so that their times compare nothing:\n"
+            + "\n".join(report.faults),
+            "One of them is wrong, unless a small --scale left them too few samples or pixels to tell.",
+        )
+
+
+def _measure(
+    name: str, scene: Scene | None, seeds: int, reference: Path | None, rounds: int, scale: float
+) -> Report:
+    def progress(text: str) -> None:
+        say(text, err=True)
+
+    if name == "gather":
+        from benchmarks.benches.gather import bench_gather
+
+        return bench_gather(seeds, reference, scale, scene, progress)
+    if name == "denoise":
+        from benchmarks.benches.denoise import bench_denoise
+
+        return bench_denoise(seeds, reference, scene, progress)
+    if name == "t-buffer":
+        from benchmarks.benches.t_buffer import bench_t_buffer
+
+        return bench_t_buffer(scale, rounds, progress)
+    if name == "textures":
+        from benchmarks.benches.textures import bench_textures
+
+        return bench_textures(scale, rounds, progress)
+    if name == "shaft":
+        from benchmarks.benches.shaft import bench_shaft
+
+        return bench_shaft(scale, rounds, progress)
+    if name == "shaft-options":
+        from benchmarks.benches.shaft import bench_shaft_options
+
+        return bench_shaft_options(scale, rounds, progress)
+    if name == "viewfactors":
+        from benchmarks.benches.view_factors import bench_view_factors
+
+        return bench_view_factors(scale, rounds, progress)
+    if name == "measure":
+        from benchmarks.benches.measure import bench_measure
+
+        return bench_measure(scale, progress)
+    if name == "lightmap":
+        from benchmarks.benches.lightmap import bench_lightmap
+
+        return bench_lightmap(scale, progress)
+    if name == "jobs":
+        from benchmarks.benches.jobs import bench_jobs
+
+        return bench_jobs(scale, rounds, progress)
+    if name == "start-up":
+        from benchmarks.benches.start_up import bench_start_up
+
+        return bench_start_up(rounds, progress)
+    from benchmarks.benches.path_buffer import bench_path_buffer
+
+    return bench_path_buffer(seeds, reference, scene, progress)
+
+
+def _show(report: Report, output: Path | None) -> None:
+    """As tables, and as JSON where it is wanted."""
+
+    failure = None
+    if output is not None:
+        save = partial(write_bytes, report.as_json().encode())
+        _, failure = save_all({output: save}, {f"{report.name}.json": save}, "Kept in {}.")
+    if str(output) == "-":
+        if failure is not None:
+            raise failure
+        return
+    console = clean_console(soft_wrap=True, highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 200  # a table that is cut to a guessed screen has lost its numbers
+    _print(console, report.measured, report.rows)
+    if report.holds is not None:
+        console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}")
+    for note in report.notes:
+        console.print(note)
+    console.print(", ".join(f"{k} {v}" for k, v in {**report.machine, **report.versions}.items()))
+    if failure is not None:
+        raise failure
+
+
+def _print(console: Console, measured: dict[str, float], rows: list[dict[str, object]]) -> None:
+    from rich.table import Table
+
+    table = Table("measured", "", box=None)
+    for key, value in measured.items():
+        table.add_row(key, f"{value:.4g}")
+    console.print(table)
+    if rows:
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        table = Table(*columns, box=None)
+        for row in rows:
+            values = [row.get(name, "") for name in columns]
+            table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in values))
+        console.print(table)
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    app.command("bench")(bench)

@@ -1,0 +1,246 @@
+"""How soon the gather has all bounces of light, its radiosity solver included, beside path tracing and Mitsuba 3.
+
+The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`). Programs take turns within one
+run: the gather from a coarse solution, path tracing guided by it to a depth at which next to nothing is missing
+(`path_buffer_`: its name from when it cast by the path-buffer), Mitsuba's path tracer at depth 64, with roulette
+from its default vertex on, and Cycles at as many bounces where it is installed. Error is relMSE against a converged
+picture of all bounces, less that picture's own; the samples to the target are read off the polyline through
+log(error) over log(samples), the time is theirs and, of ours, the solver's. Compilation is not counted. `measured`:
+
+    reference_relmse                : the error of the converged picture itself; absent where nobody knows it
+    solver_s                        : the radiosity solution, once; elements : how many it has
+    guide_s                         : where light comes from, by the solution, once
+    gather_ms_per_set, gather_ms_per_set.STAGE : whole, and by stage (run one by one, so that they add up to more)
+    gather_relmse_N                 : error at N path sets, mean over seeds
+    scans_ms_per_set                : of the gather with shared directions, cast by the path-buffer
+    gather_sets_to_target, gather_s : path sets to the target; seconds, the solver's among them
+    path_buffer_..., mitsuba_..., cycles_... : the same of the others
+    vs_path_buffer, vs_mitsuba, vs_cycles : their time over the gather's
+    ..._mean_off                    : by how much the mean of the largest picture is off that of the converged one
+    radiance_s, radiance_relmse     : of Radiance's one picture, where it is installed
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.benches.equal_error import (
+    TARGET,
+    Contestant,
+    Ground,
+    Say,
+    compared_with,
+    mean_off,
+    other_peers,
+    radiance_row,
+    render_peer_in_steps,
+    samples_to_target,
+    scaled,
+    stage_times,
+    trace_in_steps,
+    warm_up,
+)
+from benchmarks.verdict import Condition, Report, faults, judge, machine
+from glpath.film_metadata import Aov
+from glpath.gl.context import Context, get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather import device_radiosity
+from glpath.integrators.path_engines import path_engine
+from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.ray_paths import RayPathEngine
+from glpath.integrators.settings import Directions, GatherSettings, PathTraceSettings
+from glpath.radiosity.solution import RadiositySolution
+from glpath.rendering.factory import solve_for_gather
+from glpath.scene import load_scene
+from glpath.scene.model import Scene
+from glpath.versions import versions
+
+SCENE = "cornell-box-36"
+#: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.
+DEPTH = 64
+#: The path tracer's. Longer paths add less than a tenth of the target to the error and cost a scan each.
+PATH_DEPTH = 8
+_GATHER_SETS = (16, 32, 64, 128)
+_PATH_SETS = (32, 64, 128)
+_SAMPLES = (64, 169)
+# The path tracer's lacks the light of longer paths.
+AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.02) for name in ("gather", "path_buffer", "mitsuba"))
+RULE = (*AGREEMENT, Condition("vs_path_buffer", ">", 1.0), Condition("vs_mitsuba", ">", 1.0))
+
+
+def bench_gather(
+    seeds: int = 3,
+    reference: str | Path | None = None,
+    scale: float = 1.0,
+    scene: Scene | None = None,
+    say: Say = lambda text: None,
+) -> Report:
+    """Measure; takes about five minutes on two cores of llvmpipe with Mitsuba.
+
+    Parameters
+    ----------
+    seeds     : independent renders that errors and times are taken over
+    reference : a converged picture of the scene with all bounces; by default the one that ships, else Mitsuba
+                makes one, once (`benchmarks.references.kept`)
+    scale     : below 1, fewer samples of all, to see that it works
+    scene     : instead of the box; diffuse, lit by shapes that emit. Raises SceneError for others
+    say       : called with a line on what goes on
+    """
+    context = get_context()
+    ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
+    scene, peer, truth, notes = ground.scene, ground.peer, ground.truth, ground.notes
+
+    say("radiosity")
+    solve(scene)  # compiles what is left to compile
+    seconds, solution = solve(scene)
+    solver_s = [seconds]
+    say(f"stages, on {context.info.renderer}")
+    timed = stage_times(gather_engine(context, scene, solution, 0, timings=True))
+    guide_s = guiding_seconds(context, scene, solution)
+    measured = {f"gather_ms_per_set.{stage}": ms for stage, ms in timed.items()}
+    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solution, 0, directions="pair"), (8, 16, 24))
+    measured["scans_ms_per_set"] = float(np.median(scans_ms))
+
+    contestants = {
+        "gather": Contestant(
+            scaled(_GATHER_SETS, scale),
+            lambda counts, seed: trace_in_steps(gather_engine(context, scene, solution, seed), counts),
+            unit="set",
+        ),
+        "path_buffer": Contestant(
+            scaled(_PATH_SETS, scale),
+            lambda counts, seed: trace_in_steps(path_engine_of(context, scene, solution, seed), counts),
+            unit="set",
+        ),
+    }
+    if peer is not None:
+        contestants["mitsuba"] = Contestant(
+            scaled(_SAMPLES, scale), lambda counts, seed: render_peer_in_steps(peer, counts, DEPTH, seed)
+        )
+    rows: list[dict[str, object]] = []
+    if truth is not None:
+        if not np.isnan(truth.relmse):
+            measured["reference_relmse"] = truth.relmse
+        with other_peers(scene, DEPTH, truth, notes, scale) as others:
+            contestants |= others
+            for name, contestant in contestants.items():
+                if scale >= 1:
+                    say(f"how many samples of {name}")
+                    contestant.grow(truth, TARGET)
+            for seed in range(seeds):
+                say(f"render {seed + 1} of {seeds}")
+                solver_s.append(solve(scene)[0])
+                for contestant in contestants.values():
+                    contestant.run(seed, truth)
+
+    measured |= {
+        "solver_s": float(np.median(solver_s)),
+        "guide_s": guide_s,
+        "elements": float(solution.element_count),
+    }
+    claim = f"the gather, its solver included, is the first to relMSE {TARGET:g} with all bounces"
+    holds: bool | None = None
+    if truth is not None:
+        for name in ("gather", "path_buffer"):
+            contestants[name].before_s = measured["solver_s"] + guide_s
+        for name, contestant in contestants.items():
+            measured |= summary(name, contestant, TARGET) | {
+                f"{name}_mean_off": mean_off(contestant.means, truth.image)
+            }
+            rows += contestant.rows(name)
+        for name in ("path_buffer", "mitsuba"):
+            if name in contestants:
+                measured[f"vs_{name}"] = measured[f"{name}_s"] / measured["gather_s"]
+        measured |= compared_with("cycles", measured, measured["gather_s"])
+        by_radiance, its_rows = radiance_row(scene, truth, notes)
+        measured, rows = measured | by_radiance, rows + its_rows
+    if all(condition.left in measured for condition in RULE):
+        claim, holds = judge(claim, RULE, measured)
+    return Report(
+        name="gather",
+        claim=claim,
+        measured=measured,
+        holds=holds,
+        rows=rows,
+        machine=machine(context.info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "numba", "mitsuba") | {"driver": context.info.driver},
+        notes=notes,
+        faults=faults(AGREEMENT, measured),
+    )
+
+
+def solve(scene: Scene) -> tuple[float, RadiositySolution]:
+    """Seconds of the radiosity solver, and its solution: that of a render that is given none."""
+    start = time.perf_counter()
+    solution = solve_for_gather(scene)
+    return time.perf_counter() - start, solution
+
+
+def guiding_seconds(context: Context, scene: Scene, solution: RadiositySolution) -> float:
+    """What a gather's path guides take before its first set, compiled."""
+    found = []
+    for seed in range(4):
+        engine = gather_engine(context, scene, solution, seed)
+        assert isinstance(engine, RayPathEngine), "the default's engine"
+        found.append(engine.guide.seconds if engine.guide else 0.0)
+    return float(np.median(found[1:]))
+
+
+def gather_engine(
+    context: Context,
+    scene: Scene,
+    solution: RadiositySolution,
+    seed: int,
+    directions: Directions = "own",
+    timings: bool = False,
+    aovs: tuple[Aov, ...] = (),
+    branches: int = GatherSettings.branches,
+) -> PathSetEngine:
+    """The gather, compiled."""
+    settings = GatherSettings(seed=seed, directions=directions, aovs=aovs, branches=branches)
+    return compiled_engine(context, scene, solution, settings, timings)
+
+
+def path_engine_of(
+    context: Context, scene: Scene, solution: RadiositySolution, seed: int, aovs: tuple[Aov, ...] = ()
+) -> PathSetEngine:
+    """The path tracer for all bounces, guided by the solution, compiled."""
+    settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs, guide="solution")
+    return compiled_engine(context, scene, solution, settings)
+
+
+def compiled_engine(
+    context: Context,
+    scene: Scene,
+    solution: RadiositySolution | None,
+    settings: GatherSettings | PathTraceSettings,
+    timings: bool = False,
+) -> PathSetEngine:
+    """An engine, which goes by the solution if there is one, with all that is left to compile compiled."""
+    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings)
+    tracer = path_engine(
+        context.gl,
+        DeviceScene(context.gl, scene),
+        settings,
+        (0, 0, *scene.camera.resolution),
+        radiosity=radiosity,
+        hardware=context.info.hardware,
+        timings=timings,
+    )
+    warm_up(tracer)
+    return tracer
+
+
+def summary(name: str, contestant: Contestant, target: float) -> dict[str, float]:
+    """The contestant's numbers."""
+    unit = contestant.unit
+    needed = samples_to_target(contestant.counts, contestant.error, target)
+    return {
+        f"{name}_ms_per_{unit}": contestant.ms_per_sample,
+        **{f"{name}_relmse_{n}": float(e) for n, e in zip(contestant.counts, contestant.error, strict=True)},
+        f"{name}_{unit}s_to_target": needed,
+        f"{name}_s": contestant.before_s + 1e-3 * needed * contestant.ms_per_sample,
+    }

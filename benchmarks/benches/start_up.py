@@ -1,0 +1,89 @@
+"""How long a small picture takes from the shell, the whole process: what a batch of small jobs pays each time.
+
+Programs take turns, and the median counts; each runs once before, so that shaders and files are in their caches.
+Mitsuba renders its own box, which is the same scene, as small and with as many samples, by both of its variants for
+the CPU; the quicker one is the peer.
+
+measured:
+    python_s, glpath_s, mitsuba_s : seconds of a process: an empty Python, ours, the peer
+    vs_mitsuba                    : how many times as fast as the peer
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from benchmarks.peers.mitsuba import find_llvm
+from benchmarks.timing import in_turns, seconds_of
+from benchmarks.verdict import Condition, Report, judge, machine
+from glpath.errors import GlpathError
+from glpath.gl.context import get_context
+from glpath.versions import versions
+
+RULE = (Condition("glpath_s", "<=", 1.2),)
+_SIZE = 64
+
+_MITSUBA = """
+import sys
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+box = mi.cornell_box()
+box["sensor"]["film"] |= {"width": int(sys.argv[2]), "height": int(sys.argv[2])}
+mi.util.write_bitmap(sys.argv[3], mi.render(mi.load_dict(box), spp=1), write_async=False)
+"""
+
+
+def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda text: None) -> Report:
+    """Time the processes. Raises GlpathError where ours fails; a peer that does not run is left out."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = str(Path(folder, "a.png"))
+        ours = ["-m", "glpath", "render", "cornell-box-36", "--spp", "1", "--resolution", f"{_SIZE}x{_SIZE}"]
+        programs = {"python": ["-c", "pass"], "glpath": [*ours, "--quiet", "-o", picture]}
+        if importlib.util.find_spec("mitsuba") is not None:
+            for variant in ("scalar_rgb", "llvm_ad_rgb"):
+                programs[f"mitsuba {variant}"] = ["-c", _MITSUBA, variant, str(_SIZE), picture]
+        failed = {}
+        for name, arguments in programs.items():
+            progress(f"{name}, once to fill its caches")
+            done = _run(arguments)
+            if done.returncode:
+                failed[name] = (done.stderr.decode(errors="replace").strip().splitlines() or ["no word"])[-1]
+        if "glpath" in failed:
+            raise GlpathError(f"bench start-up: glpath render failed: {failed['glpath']}", "See `glpath doctor`.")
+        progress(f"{rounds} turns")
+        contestants = {
+            name: partial(seconds_of, partial(_run, arguments))
+            for name, arguments in programs.items()
+            if name not in failed
+        }
+        seconds = in_turns(contestants, rounds)
+    measured = {"python_s": seconds["python"], "glpath_s": seconds["glpath"]}
+    peers = [s for name, s in seconds.items() if name.startswith("mitsuba")]
+    if peers:
+        measured |= {"mitsuba_s": min(peers), "vs_mitsuba": min(peers) / seconds["glpath"]}
+    claim, holds = judge(f"a picture of {_SIZE} x {_SIZE} and one path set within 1.2 s", RULE, measured)
+    return Report(
+        "start-up",
+        claim,
+        measured,
+        holds,
+        rows=[{"program": name, "seconds": s} for name, s in seconds.items()],
+        machine=machine(get_context().info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "mitsuba"),
+        notes=[f"left out: {name}: {why}" for name, why in failed.items()],
+    )
+
+
+def _run(arguments: list[str]) -> subprocess.CompletedProcess[bytes]:
+    llvm = find_llvm()
+    environment = os.environ | ({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})
+    return subprocess.run(
+        [sys.executable, *arguments], env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False
+    )

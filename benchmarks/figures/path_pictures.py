@@ -1,0 +1,195 @@
+"""The pictures of the path-buffer paper [PB]: how they are made, and how they are held against Mitsuba's.
+
+Pictures are 256 x 256, as the paper's, down to a scale of 0.1, and smaller below; path sets are as many as the
+paper's times the scale. The paper's times are those of its workstation, an HP 735. Its box and its room are
+lost: `cornell-box-36` and `room` have as many triangles. Here a picture's time is that of its path sets, with the
+compilation of shaders, and without the radiosity solution, which is told beside it. Means are over the pixels that
+show no lamp, which would outweigh all else.
+
+[PB] B. Walter, J. Lengyel, "The Path-Buffer", PCG-95-4, Cornell University, 1995.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.figures.mesh_step import mesh_step
+from benchmarks.figures.outcome import Say, judged
+from benchmarks.figures.style import pictures
+from benchmarks.references.stored import at_one_size
+from benchmarks.verdict import Condition
+from glpath.compare import relative_mse
+from glpath.image import tonemap
+from glpath.progress import duration
+from glpath.radiosity import RadiositySolution, solve_radiosity
+from glpath.radiosity.picture import EyeHits
+from glpath.rendering import render
+from glpath.scene import Scene, load_scene
+from glpath.scene.model import Float64
+
+BOX, ROOM = "cornell-box-36", "room"
+SIDES = (32, 64, 128, 256)
+#: Minutes on the paper's workstation, where it tells them [PB 5].
+PAPER_MINUTES = {"path-buffer-7": 35.0, "path-buffer-9": 32.0, "path-buffer-12": 233.0}
+#: Triangles of the paper's radiosity mesh of the box.
+BOX_ELEMENTS = 210
+# Particles of the Monte Carlo solver. The paper doesn't say; with these, small polygons are as wrong as it tells.
+_BOX_PARTICLES, _ROOM_PARTICLES = 1_000_000, 250_000
+
+outcome = partial(judged, with_gl=True)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """radiance: (H, W, 3); mean: of `mean_of`; seconds: wall time"""
+
+    radiance: Float64
+    mean: float
+    path_sets: int
+    seconds: float
+
+    def row(self, what: str, name: str = "") -> dict[str, Any]:
+        row = {"picture": what, "path_sets": self.path_sets, "mean_radiance": self.mean, "seconds": self.seconds}
+        return row | {"paper_minutes": PAPER_MINUTES.get(name)}
+
+
+def scene_at(name: str, scale: float) -> Scene:
+    """A scene whose picture is as large as it is in the paper, or a half, a quarter, an eighth of that."""
+    side = min(SIDES, key=lambda s: abs(math.log(s / (SIDES[-1] * math.sqrt(10 * scale)))))
+    return load_scene(name).with_camera(resolution=(side, side))
+
+
+def count(full: int, scale: float) -> int:
+    """Path sets at this scale."""
+    return max(8, round(full * scale))
+
+
+def mean_of(hits: EyeHits, radiance: Float64) -> float:
+    """Of what is seen but the lamps."""
+    return float(radiance[hits.reflecting].mean())
+
+
+def traced(say: Say, what: str, hits: EyeHits, path_sets: int, max_depth: int) -> Picture:
+    """A picture by path tracing."""
+    say(f"{what}: {path_sets} path sets of depth {max_depth}")
+    start = time.perf_counter()
+    film = render(hits.scene, spp=path_sets, max_depth=max_depth, directions="pair")
+    return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
+
+
+def gathered(say: Say, what: str, hits: EyeHits, path_sets: int, solution: RadiositySolution) -> Picture:
+    """A picture gathered from a solution."""
+    say(f"{what}: gather of {path_sets} path sets")
+    start = time.perf_counter()
+    film = render(
+        hits.scene,
+        integrator="gather",
+        spp=path_sets,
+        radiosity=solution,
+        directions="pair",
+        direct_light="solution",
+        lookup_distance=0,
+    )
+    return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
+
+
+def solved(say: Say, scene: Scene, scale: float, seed: int = 0) -> tuple[RadiositySolution, float]:
+    """Monte Carlo radiosity, and the seconds it took: of the box in 210 elements, of the room one a triangle."""
+    box = scene.name == BOX
+    particles = max(32768, round(min(1.0, 10 * scale) * (_BOX_PARTICLES if box else _ROOM_PARTICLES)))
+    say(f"Monte Carlo radiosity of {scene.name}, {particles} particles")
+    start = time.perf_counter()
+    largest = float(np.linalg.norm(np.ptp(scene.bounds, axis=0)))
+    solution = solve_radiosity(
+        scene,
+        method="monte-carlo",
+        patches=BOX_ELEMENTS if box else None,
+        size=None if box else largest,
+        particles=particles,
+        seed=seed,
+    )
+    return solution, time.perf_counter() - start
+
+
+# Beside Mitsuba's
+
+
+def mean_off(hits: EyeHits, radiance: Float64, reference: Float64) -> float:
+    """By how much the mean over what is seen but the lamps is off that of Mitsuba's picture: |ratio - 1|."""
+    ours, theirs, reflecting = at_one_size(radiance, reference, hits.reflecting.astype(float))
+    whole = reflecting == 1
+    return abs(float(ours[whole].mean() / theirs[whole].mean()) - 1)
+
+
+def error(radiance: Float64, reference: Float64) -> float:
+    """relMSE to Mitsuba's picture."""
+    ours, theirs = at_one_size(radiance, reference)
+    return relative_mse(ours, theirs)
+
+
+def as_mitsuba(hits: EyeHits, found: Picture, reference: Float64, noise: float = 0.3) -> dict[str, float]:
+    """Numbers of a picture that is to be Mitsuba's, and what its number of path sets lets them be; see `SAME`.
+
+    noise : of one path set, in the mean and as relMSE
+    """
+    return {
+        "mean_off": mean_off(hits, found.radiance, reference),
+        # A percent, and what as many points of a Sobol sequence leave, shared by all pixels.
+        "mean_off_allowed": 0.01 + noise / found.path_sets,
+        "relmse": error(found.radiance, reference),
+        "relmse_allowed": noise / found.path_sets,
+    }
+
+
+#: By which a picture is Mitsuba's, but for its noise.
+SAME = (Condition("mean_off", "<=", "mean_off_allowed"), Condition("relmse", "<=", "relmse_allowed"))
+
+
+def gather_numbers(
+    found: Picture, hits: EyeHits, solution: RadiositySolution, shown: Float64, solver_seconds: float
+) -> dict[str, float]:
+    """What the figures of a gather have in common; shown: the solution itself."""
+    step, before = mesh_step(found.radiance, hits, solution), mesh_step(shown, hits, solution)
+    return {
+        "mean": found.mean,
+        "mean_shown": mean_of(hits, shown),
+        "mesh_step": step,
+        "mesh_step_shown": before,
+        "step_share": step / before,
+        "seconds": found.seconds,
+        "solver_seconds": solver_seconds,
+    }
+
+
+def unlit(hits: EyeHits, radiance: Float64) -> float:
+    """Share of what is seen but the lamps that is black."""
+    return float((radiance[hits.reflecting].max(axis=1) <= 0).mean())
+
+
+# On the page
+
+
+def notes(scale: float) -> list[str]:
+    return [] if scale >= 1 else [f"at scale {scale:g}: as much of the path sets"]
+
+
+def page(
+    title: str, said: str, here: str, panels: Sequence[tuple[str, Float64]], table: Sequence[tuple[str, str]] = ()
+) -> Any:
+    shown = [(name, tonemap(radiance)) for name, radiance in panels]
+    return pictures(title, f"Paper: {said}.\nHere: {here}.", shown, len(shown), table)
+
+
+def against_paper(name: str, seconds: float, path_sets: int, *more: tuple[str, str]) -> list[tuple[str, str]]:
+    """Lines of a table: the time here and the paper's."""
+    lines = [("", "here"), ("path sets", f"{path_sets}"), ("picture", duration(seconds)), *more]
+    if name in PAPER_MINUTES:
+        lines.append(("paper, HP 735", f"{PAPER_MINUTES[name]:.0f} min"))
+    return lines

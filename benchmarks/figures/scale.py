@@ -1,0 +1,283 @@
+"""How the time of a path set grows with the number of triangles, from 36 to 5 million, beside Mitsuba 3.
+
+No figure of a paper. The scenes are one family, in which what is seen stays the same: the Cornell box with
+fifteen balls of one size in place of its two boxes, which are tessellated ever finer (12 + 15 * 20 * 4^k
+triangles; the first scene is the box as it is, of 36). The balls show the same area whatever the number N of
+their triangles, so that the same share p of R rays meets them, and of N triangles a set meets about N (1 - exp(-p
+R / N)): nearly all of those that face the room while they are larger than the distance between rays, and never
+more than p R. What the eye alone sees of them is counted.
+
+Programs render the same scenes at the same depth, in turns. What comes before the first path set is told apart:
+the scene on the device and the BVH, or Mitsuba's loading, which builds its own. Scans draw every triangle for
+every direction; from where a set takes too long, they are left out of larger scenes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.figures.outcome import Outcome, Rows, Say, judged
+from benchmarks.figures.style import Series, plot
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.timing import in_turns, seconds_of
+from benchmarks.verdict import Condition
+from glpath.charts import Axis
+from glpath.errors import GlpathError
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.path_engines import path_engine
+from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.settings import Directions, PathTraceSettings
+from glpath.scene import Scene, load_scene
+from glpath.scene.model import Float64, Shape, Shapes
+from glpath.scene.tessellate import unit_sphere
+
+#: How often the balls' triangles are split; at last they are 4,915,200. At scale S, those of S times as many.
+FINENESS = (0, 1, 2, 3, 4, 5, 6, 7)
+DEPTH = 3
+SIDE = 256
+# Centres of the balls, in three layers of five.
+_CENTRES = [
+    (x, y, z)
+    for y in (-0.75, -0.15, 0.45)
+    for x, z in ((-0.65, -0.55), (0.05, -0.7), (0.65, -0.4), (-0.35, 0.15), (0.4, 0.35))
+]
+_RADIUS = 0.22
+# From here on the fits: below, what does not depend on triangles is most of the time.
+_MANY = 1000
+# Seconds of a set from which scans are left out of larger scenes.
+_TOO_LONG = 8.0
+# Path sets of the mean, and Mitsuba's samples of one picture.
+_SETS, _SAMPLES = 32, 9
+PROGRAMS = {"own": "own rays", "scans": "scans (pair)", "mitsuba": "Mitsuba, LLVM"}
+
+
+def balls(fineness: int, side: int = SIDE) -> Scene:
+    """The Cornell box with fifteen balls in place of its boxes, 12 + 15 * 20 * 4^fineness triangles.
+
+    They are flat, as programs differ in what smooth normals mean.
+    """
+    box = load_scene("cornell-box-36").with_camera(resolution=(side, side))
+    walls = [shape for shape in box.shapes if not shape.name.endswith("-box")]
+    white = next(shape.material for shape in walls if shape.name == "floor")
+    maps = np.zeros((len(_CENTRES), 3, 4))
+    maps[:, :, :3] = _RADIUS * np.eye(3)
+    maps[:, :, 3] = _CENTRES
+    ball = replace(unit_sphere(fineness), normals=None)
+    return replace(box, name=f"balls-{fineness}", shapes=Shapes([*walls, Shape("balls", ball, white, maps)]))
+
+
+def scenes(scale: float) -> list[Callable[[], Scene]]:
+    """What makes each scene of the figure, small ones first; at least four."""
+    side = SIDE if scale >= 1 else max(32, round(SIDE * math.sqrt(scale)))
+    most = scale * 4 ** FINENESS[-1]
+    kept = [k for k in FINENESS if k < 3 or 4**k <= 1.01 * most]
+    box = load_scene("cornell-box-36").with_camera(resolution=(side, side))
+    return [lambda: box, *(lambda k=k: balls(k, side) for k in kept)]
+
+
+class _Ours:
+    """One of our engines with a scene, and the seconds that it took to set up."""
+
+    def __init__(self, scene: Scene, directions: Directions) -> None:
+        self._gl = get_context().gl
+        made: list[PathSetEngine] = []
+        self.setup_s = seconds_of(lambda: made.append(self._engine(scene, directions)), self._gl.finish)
+        (self._engine_of_scene,) = made
+        self._index = 0
+        self.first_s = self.seconds()  # compiles what is left to compile
+
+    def _engine(self, scene: Scene, directions: Directions) -> PathSetEngine:
+        context = get_context()
+        return path_engine(
+            context.gl,
+            DeviceScene(context.gl, scene),
+            PathTraceSettings(max_depth=DEPTH, directions=directions),
+            (0, 0, *scene.camera.resolution),
+            hardware=context.info.hardware,
+        )
+
+    def seconds(self) -> float:
+        """Of one path set."""
+        taken = seconds_of(lambda: self._engine_of_scene.trace_path_set(self._index), self._gl.finish)
+        self._index += 1
+        return taken
+
+    def mean(self) -> float:
+        """Of the picture, from the sets so far and, where they are quick, as many as are wanted."""
+        while self._index < _SETS and self.first_s < 1:
+            self.seconds()
+        return float(self._engine_of_scene.take().mean()) / self._index
+
+    def seen(self) -> int:
+        """How many triangles the eye sees."""
+        numbers = self._engine_of_scene.seen()
+        return len(np.unique(numbers[numbers >= 0]))
+
+    def release(self) -> None:
+        self._engine_of_scene.close()
+
+
+class _Mitsuba:
+    """Mitsuba with a scene, and the seconds that it took to load."""
+
+    def __init__(self, scene: Scene) -> None:
+        made: list[Any] = []
+        self.setup_s = seconds_of(lambda: made.append(mitsuba_peer.to_mitsuba(scene, DEPTH, spp=_SAMPLES)))
+        (self._scene,) = made
+        self._spp = mitsuba_peer.samples_rendered(self._scene, _SAMPLES)
+        self._image: Float64 = mitsuba_peer.render_peer(self._scene, self._spp, 1)
+
+    def seconds(self) -> float:
+        """Of one sample of all pixels."""
+        timing = mitsuba_peer.time_to_render(self._scene, self._spp, DEPTH, repeats=1, warm=True)
+        return float(timing.seconds[0]) / timing.spp
+
+    def mean(self) -> float:
+        return float(self._image.mean())
+
+
+def _row(scene: Scene, with_scans: bool, with_mitsuba: bool) -> dict[str, Any]:
+    """Triangles, seconds of a set of each program, of its set-up, and the pictures' means."""
+    own = _Ours(scene, "own")
+    programs: dict[str, _Ours | _Mitsuba] = {"own": own}
+    if with_scans:
+        programs["scans"] = _Ours(scene, "pair")
+    if with_mitsuba:
+        programs["mitsuba"] = _Mitsuba(scene)
+    seconds = in_turns(
+        {name: program.seconds for name, program in programs.items()}, rounds=9, min_rounds=1, enough_s=15.0
+    )
+    row: dict[str, Any] = {"triangles": len(scene.triangles), "seen_by_eye": own.seen()}
+    row |= {f"{name}_s": seconds.get(name) for name in PROGRAMS}
+    row |= {f"{name}_setup_s": programs[name].setup_s if name in programs else None for name in PROGRAMS}
+    row |= {f"{name}_mean": programs[name].mean() if name in programs else None for name in PROGRAMS}
+    for program in programs.values():
+        if isinstance(program, _Ours):
+            program.release()
+    return row
+
+
+def exponent(rows: Rows, name: str, least: float = _MANY) -> float:
+    """p of time ~ N^p, by least squares in logarithms, from `least` triangles on; NaN of fewer than two scenes."""
+    points = [(row["triangles"], row[name]) for row in rows if row[name] is not None and row["triangles"] >= least]
+    if len(points) < 2:
+        return math.nan
+    n, y = np.log(points).T
+    return float(np.polyfit(n, y, 1)[0])
+
+
+def crossing(rows: Rows, a: str = "own_s", b: str = "scans_s") -> float:
+    """The triangles from which on `a` is the faster one in all scenes that both rendered; infinite for none."""
+    both = [row for row in rows if row[a] is not None and row[b] is not None]
+    faster = math.inf
+    for row in reversed(both):
+        if row[a] >= row[b]:
+            break
+        faster = row["triangles"]
+    return float(faster)
+
+
+def figure_scale(scale: float, say: Say) -> Outcome:
+    """Time of a path set against the number of triangles."""
+    notes: list[str] = []
+    try:
+        mitsuba_peer.load_mitsuba()
+        peer = True
+    except GlpathError as error:
+        notes.append(f"without Mitsuba: {error}")
+        peer = False
+    rows: Rows = []
+    scans = True
+    for make in scenes(scale):
+        scene = make()
+        say(f"scale: {len(scene.triangles):,} triangles")
+        rows.append(_row(scene, scans, peer))
+        if scans and rows[-1]["scans_s"] > _TOO_LONG:
+            scans = False
+            took = rows[-1]["scans_s"]
+            notes.append(f"no scans above {len(scene.triangles):,} triangles, where a set took {took:.0f} s")
+    first, last = rows[0], rows[-1]
+    own = [row["own_s"] for row in rows]
+    off = {
+        name: max(abs(row[f"{name}_mean"] / row["own_mean"] - 1) for row in rows if row[f"{name}_mean"] is not None)
+        for name in PROGRAMS
+        if first[f"{name}_mean"] is not None
+    }
+    measured = {
+        "most_triangles": float(last["triangles"]),
+        "own_exponent": exponent(rows, "own_s"),
+        "scans_exponent": exponent(rows, "scans_s"),
+        "own_setup_exponent": exponent(rows, "own_setup_s"),
+        "own_growth": own[-1] / own[0],
+        "own_faster_from": crossing(rows),
+        "scans_mean_off": off["scans"],
+        "last_seen_by_eye": float(last["seen_by_eye"]),
+        "last_own_setup_s": last["own_setup_s"],
+    }
+    rule: tuple[Condition, ...] = (
+        # A BVH's depth is a logarithm: over a thousandfold number the power that fits it best is below a quarter.
+        Condition("own_exponent", "<=", 0.25),
+        Condition("scans_exponent", ">=", 0.5),
+        Condition("own_faster_from", "<=", "most_triangles"),
+        # Sets of scans share their directions, and of large scenes there are few.
+        Condition("scans_mean_off", "<=", 0.1),
+    )
+    if peer:
+        measured |= {
+            "mitsuba_mean_off": off["mitsuba"],
+            "mitsuba_exponent": exponent(rows, "mitsuba_s"),
+            "last_vs_mitsuba": last["mitsuba_s"] / last["own_s"],
+            "first_vs_mitsuba": first["mitsuba_s"] / first["own_s"],
+            "last_mitsuba_setup_s": last["mitsuba_setup_s"],
+        }
+        rule += (Condition("mitsuba_mean_off", "<=", 0.02),)
+    said = "a path set of own rays takes a small power of the number of triangles, one of scans a large one"
+    laws = ", ".join(
+        f"{text} N^{measured[f'{name}_exponent']:.2f}"
+        for name, text in PROGRAMS.items()
+        if f"{name}_exponent" in measured
+    )
+    here = (
+        f"from {_MANY} triangles on {laws}; own rays are ahead of scans from {crossing(rows):,.0f} triangles on. "
+        f"Before the first set of {last['triangles']:,} come {last['own_setup_s']:.1f} s for scene and BVH"
+    )
+    if peer:
+        here += f" (Mitsuba: {last['mitsuba_setup_s']:.1f} s)"
+    side = scenes(scale)[0]().camera.resolution[0]
+    picture = plot(
+        f"Time and number of triangles: depth {DEPTH}, {side} x {side}",
+        f"Claim: {said}.\nHere: {here}.",
+        [
+            (_TRIANGLES, Axis("time of a path set, or of a sample / s", log=True), _series(rows, "s", fits=True)),
+            (_TRIANGLES, Axis("time before the first / s", log=True), _series(rows, "setup_s", fits=False)),
+        ],
+    )
+    return judged("scale", said, rule, measured, rows, picture, notes, with_gl=True)
+
+
+_TRIANGLES = Axis("number of triangles", log=True)
+
+
+def _series(rows: Rows, what: str, fits: bool) -> list[Series]:
+    series, guides = [], []
+    for name, text in PROGRAMS.items():
+        points = [(row["triangles"], row[f"{name}_{what}"]) for row in rows if row[f"{name}_{what}"] is not None]
+        if not points:
+            continue
+        n, y = np.array(points, float).T
+        series.append(Series(text, n, y))
+        p = exponent(rows, f"{name}_{what}")
+        if fits and not math.isnan(p):
+            late = n >= _MANY
+            through = np.exp(np.mean(np.log(y[late]) - p * np.log(n[late])))
+            guides.append(Series(f"N^{p:.2f}", n[late], through * n[late] ** p, "guide"))
+    return series + guides
+
+
+FIGURES = {"scale": (figure_scale, "time of a path set against the number of triangles, 36 to 5 million")}

@@ -1,0 +1,140 @@
+"""Radiance as a peer: the same triangles, all bounces by its cache of ambient light; `rpict` with the same camera,
+`rtrace` at points.
+
+Its answer is biased, as it interpolates between cached values: one picture with an error and a time, no number of
+samples to a target. The programs come with the package pyradiance; see `other_python` for how to install it.
+
+Poor at:  surfaces with a black back, which Radiance does not have: polygons reflect on both sides. Lights reflect
+          nothing.
+Source:   Ward et al. 1988, A ray tracing solution for diffuse interreflection; https://www.radiance-online.org
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers import other_python
+from glpath.errors import GlpathError
+from glpath.machine import core_count
+from glpath.scene.model import Float64, Scene
+
+#: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
+SETTINGS = "-ab 12 -ad 512 -as 256 -aa .15 -ar 128 -ds .05 -dj .9 -dt 0 -dc 1 -lr 16 -ps 1 -pj .9"
+#: Seconds after which it is given up.
+PATIENCE = 900.0
+# Rays along a pixel's side, averaged: what a box filter is.
+_RAYS = 2
+
+
+def version() -> str:
+    """Of the pyradiance that would be asked. Raises GlpathError without one."""
+    return other_python.find_package("pyradiance", other_python.python())[1]
+
+
+def render(scene: Scene) -> tuple[float, Float64]:
+    """Seconds, reading of the scene counted, and (H, W, 3) radiance of a comparable scene, row 0 at the top.
+
+    Raises GlpathError where Radiance is absent or fails.
+    """
+    width, height = scene.camera.resolution
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        start = time.perf_counter()
+        radiance.compile(scene)
+        size = ["-x", str(_RAYS * width), "-y", str(_RAYS * height), "-pa", "0"]
+        picture = radiance.run("rpict", *view(scene), *size, *SETTINGS.split(), "scene.oct")
+        Path(folder, "a.hdr").write_bytes(picture)
+        seconds = time.perf_counter() - start
+        values = np.frombuffer(radiance.run("pvalue", "-h", "-H", "-df", "a.hdr"), np.float32)
+    fine = values.reshape(height, _RAYS, width, _RAYS, 3)
+    return seconds, fine.mean(axis=(1, 3), dtype=np.float64)
+
+
+def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -> tuple[float, Float64]:
+    """Seconds, reading of the scene counted, and (N, 3) irradiance at points by `rtrace -I`, on all cores.
+
+    points, normals : (N, 3) each
+    settings        : how it samples, as on its command line
+
+    Raises GlpathError where Radiance is absent or fails.
+    """
+    table = np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        start = time.perf_counter()
+        radiance.compile(scene)
+        how = ["-I", "-h", "-fff", "-n", str(core_count()), *settings.split()]
+        found = radiance.run("rtrace", *how, "scene.oct", given=table)
+        seconds = time.perf_counter() - start
+    return seconds, np.frombuffer(found, np.float32).reshape(len(points), 3).astype(np.float64)
+
+
+class _Programs:
+    """Radiance's, at work in a folder."""
+
+    def __init__(self, folder: str) -> None:
+        self._package = Path(other_python.find_package("pyradiance", other_python.python())[0])
+        self._environment = os.environ | {"RAYPATH": f".:{self._package / 'lib'}"}
+        self._folder = folder
+
+    def compile(self, scene: Scene) -> None:
+        """Make scene.oct of a comparable scene."""
+        Path(self._folder, "scene.rad").write_text(described(scene))
+        Path(self._folder, "scene.oct").write_bytes(self.run("oconv", "scene.rad"))
+
+    def run(self, program: str, *arguments: str, given: bytes = b"") -> bytes:
+        """What a program writes, of what it is given to read."""
+        command = [str(self._package / "bin" / program), *arguments]
+        try:
+            done = subprocess.run(
+                command,
+                cwd=self._folder,
+                env=self._environment,
+                input=given,
+                capture_output=True,
+                timeout=PATIENCE,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise GlpathError(
+                f"Radiance's {program} took longer than {PATIENCE:.0f} s.", "Take a smaller --resolution."
+            ) from error
+        if done.returncode:
+            said = done.stderr.decode(errors="replace").strip()
+            raise GlpathError(f"Radiance's {program} failed: {said}", "See its manual.")
+        return done.stdout
+
+
+def described(scene: Scene) -> str:
+    """A comparable scene in Radiance's language: a material for each shape, a polygon for each triangle."""
+    lines = []
+    for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        if shape.emits:
+            lines.append(f"void light m{i}\n0\n0\n3 {_numbers(shape.emission)}")
+        else:
+            reflectance = scene.materials[shape.material].reflectance
+            lines.append(f"void plastic m{i}\n0\n0\n5 {_numbers(reflectance)} 0 0")
+        for k, corners in enumerate(scene.triangles[part]):
+            lines.append(f"m{i} polygon s{i}.{k}\n0\n0\n9 {_numbers(corners.ravel())}")
+    return "\n".join(lines) + "\n"
+
+
+def view(scene: Scene) -> list[str]:
+    """The camera as arguments of rpict."""
+    camera = scene.camera
+    _, up, forward = camera.frame()
+    across = 2 * np.degrees(np.arctan(camera.extent[0]))
+    return [
+        *("-vtv", "-vp", *_numbers(camera.position).split(), "-vd", *_numbers(forward).split()),
+        *("-vu", *_numbers(up).split(), "-vv", f"{camera.fov:.9g}", "-vh", f"{across:.9g}"),
+    ]
+
+
+def _numbers(values: Float64) -> str:
+    return " ".join(f"{float(v):.9g}" for v in values)

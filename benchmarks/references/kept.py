@@ -1,0 +1,139 @@
+"""Converged pictures to take errors against: of a file, shipped with glpath, or made by Mitsuba once and kept.
+
+Those that are made are kept in `glpath/references` of the user's cache folder (XDG_CACHE_HOME, else ~/.cache), by
+the scene's digest and depth, batch by batch: who interrupts one goes on with it the next time. Batches have seeds
+of their own, so that the spread between them is the picture's error; it is finished when that is small enough.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.references.stored import error_of_reference, reference_path
+from glpath.errors import GlpathError, UsageError
+from glpath.files import whole_file
+from glpath.film import read_image
+from glpath.npz import open_npz
+from glpath.scene import load_scene, shipped_scenes
+from glpath.scene.model import Float64, Scene
+from glpath.versions import versions
+
+Say = Callable[[str], None]
+
+#: Seeds of the batches; those that are measured are small numbers.
+FIRST_SEED = 1_000_000
+#: Samples of a batch, a square, as multijitter's strata are.
+BATCH = 256
+# Fewer batches do not tell their spread.
+_LEAST_BATCHES = 8
+
+
+@dataclass(frozen=True)
+class Reference:
+    """image: (H, W, 3) radiance; relmse: its own error, NaN where nobody knows; source: where it is from"""
+
+    image: Float64
+    relmse: float
+    source: str
+
+
+def reference_picture(
+    given: str | Path | None, scene: Scene, depth: int, mitsuba: bool, enough: float, say: Say
+) -> Reference | None:
+    """The picture of a file; else the shipped one, else Mitsuba's, kept or made now; None without Mitsuba.
+
+    scene  : a comparable one
+    enough : the relMSE that a picture may have which nobody gave
+    """
+    width, height = scene.camera.resolution
+    if given is not None:
+        image = read_image(given)
+        if image.shape[:2] != (height, width):
+            raise UsageError(
+                f"--reference {given}: is a picture of {image.shape[1]} x {image.shape[0]}, the bench's is "
+                f"{width} x {height}.",
+                f"Give --resolution {image.shape[1]}x{image.shape[0]}, or another picture.",
+            )
+        return Reference(image, error_of_reference(given), str(given))
+    shipped = _shipped(scene, depth)
+    if shipped is not None and (shipped.relmse <= enough or not mitsuba):
+        return shipped
+    if not mitsuba:
+        return None
+    path = reference_folder() / f"{Path(scene.name).name}-{width}x{height}-depth{depth}-{scene.digest()[:16]}.npz"
+    return converged(scene, depth, path, enough, say)
+
+
+def reference_folder() -> Path:
+    """Where pictures are kept that were made here."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glpath" / "references"
+
+
+def _shipped(scene: Scene, depth: int) -> Reference | None:
+    if scene.name not in shipped_scenes():
+        return None
+    path = reference_path(scene.name, depth)
+    if path is None:
+        return None
+    image = read_image(path)
+    # What is called so may be another scene.
+    shipped = load_scene(scene.name).with_camera(resolution=(image.shape[1], image.shape[0]))
+    if shipped.digest() != scene.digest():
+        return None
+    return Reference(image, error_of_reference(path), f"benchmarks/references/{path.name}")
+
+
+def converged(scene: Scene, depth: int, path: Path, enough: float, say: Say) -> Reference:
+    """Mitsuba's picture, its error at most `enough`: what is kept in `path`, and as many batches more."""
+    batches, mean, squares = _kept(path, scene)
+    peer = None
+    while batches < _LEAST_BATCHES or _relmse(batches, mean, squares) > enough:
+        if peer is None:
+            peer = mitsuba_peer.to_mitsuba(scene, depth, spp=BATCH)
+            say(f"no reference of relMSE {enough:.2g}: Mitsuba renders one, kept in {path}")
+        image = mitsuba_peer.render_peer(peer, BATCH, FIRST_SEED + batches)
+        mean, squares = (mean * batches + image) / (batches + 1), squares + image**2
+        batches += 1
+        error = _relmse(batches, mean, squares)
+        made_with = {
+            "program": f"Mitsuba {versions('mitsuba')['mitsuba']}, path, rr_depth 5, multijitter, box filter",
+            "scene": scene.name,
+            "max_depth": depth,
+            "spp": batches * BATCH,
+            "batches": batches,
+            "first_seed": FIRST_SEED,
+            "relmse_of_reference": error,
+        }
+        with whole_file(path) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, radiance=mean, squares=squares, made_with=json.dumps(made_with))
+        if batches >= _LEAST_BATCHES:
+            about = max(batches, round(batches * error / enough))
+            say(f"reference: {batches} batches of about {about}, relMSE {error:.2g}")
+    return Reference(mean, _relmse(batches, mean, squares), str(path))
+
+
+def _kept(path: Path, scene: Scene) -> tuple[int, Float64, Float64]:
+    """Number of batches, their mean and the sum of their squares; none of what cannot be read."""
+    width, height = scene.camera.resolution
+    try:
+        with open_npz(path, ".npz") as stored:
+            made_with = json.loads(str(stored.read("made_with", "U", ())))
+            mean, squares = (stored.read(name, "f", (height, width, 3)) for name in ("radiance", "squares"))
+            return int(made_with["batches"]), mean, squares
+    except (GlpathError, ValueError, KeyError):
+        return 0, np.zeros((height, width, 3)), np.zeros((height, width, 3))
+
+
+def _relmse(batches: int, mean: Float64, squares: Float64) -> float:
+    """Of the mean of so many independent pictures, by the spread between them."""
+    if batches < 2:
+        return float("inf")
+    variance_of_mean = np.maximum(squares / batches - mean**2, 0) / (batches - 1)
+    return float(np.mean(variance_of_mean / (mean**2 + 0.01)))

@@ -1,0 +1,151 @@
+"""Pages for people: a title, a map or a plot, a caption; and values over a plane in false colours.
+
+matplotlib is the `figures` extra. It is imported only inside functions, with the Agg canvas, never a display. The
+colours differ for the colour-blind too (Okabe and Ito 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import GlpathError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+UInt8 = NDArray[np.uint8]
+
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
+
+DPI = 100
+_CAPTION_SIZE, _CAPTION_LINE = 10.5, 19  # points, pixels
+MARGIN = 16
+
+
+@dataclass(frozen=True)
+class Axis:
+    """label: with its unit; log: powers of ten; zero: begin at 0."""
+
+    label: str
+    log: bool = False
+    zero: bool = False
+
+
+def field(
+    title: str,
+    caption: str,
+    values: NDArray[np.float64],
+    extent: tuple[float, float, float, float],
+    axes_of: tuple[Axis, Axis],
+    unit: str,
+    size: int = 480,
+) -> UInt8:
+    """A page with values (rows, columns) over a plane in false colours, with their scale and lines of equal values.
+
+    values : NaN where there is none, which is grey
+    extent : where the first and the last column begin and end, then rows, of which the first is the lowest
+    size   : of the longer side of the map, pixels
+    """
+    require_matplotlib()
+    from matplotlib.ticker import MaxNLocator
+
+    left_of_map, right_of_map, below_map = 78, 110, 52
+    wide, high = extent[1] - extent[0], extent[3] - extent[2]
+    # A strip is drawn no thinner than it can be read.
+    across, up = (max(160, round(size * side / max(wide, high))) for side in (wide, high))
+    width = max(left_of_map + across + right_of_map, 420)
+    figure, bottom, height = page(title, wrapped(caption, width), width, up + below_map + 8)
+    below = (bottom + below_map) / height
+    axes = figure.add_axes((left_of_map / width, below, across / width, up / height))
+    top = float(np.nanmax(values))
+    axes.set_facecolor(GREY)
+    drawn = axes.imshow(
+        values, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top or 1.0, aspect="auto"
+    )  # fmt: skip
+    rows, columns = values.shape
+    if min(rows, columns) >= 3 and np.nanmin(values) < top:
+        x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
+        y = extent[2] + (np.arange(rows) + 0.5) * high / rows
+        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without that of 0
+        lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
+        axes.clabel(lines, fontsize=8, fmt="%g")
+    axes.set_xlabel(axes_of[0].label, color=INK, fontsize=11)
+    axes.set_ylabel(axes_of[1].label, color=INK, fontsize=11)
+    legend = figure.add_axes(((left_of_map + across + 16) / width, below, 16 / width, up / height))
+    figure.colorbar(drawn, cax=legend)
+    legend.set_ylabel(unit, color=INK, fontsize=11)
+    for each in (axes, legend):
+        each.tick_params(colors=INK, labelsize=10, length=4)
+    return rastered(figure)
+
+
+def rule(figure: Figure, left: float, right: float, level: float) -> None:
+    from matplotlib.lines import Line2D
+
+    figure.add_artist(Line2D([left, right], [level, level], color=PALE, linewidth=1.0))
+
+
+def wrapped(caption: str, width: int) -> list[str]:
+    """Lines of the caption as they fit into a page so many pixels wide."""
+    require_matplotlib()
+    from matplotlib.backends import backend_agg
+    from matplotlib.font_manager import FontProperties
+
+    agg: Any = backend_agg  # without types in matplotlib
+    font, canvas = FontProperties(size=_CAPTION_SIZE), agg.RendererAgg(1, 1, DPI)
+    room = width - 2 * MARGIN
+
+    def fits(line: str) -> bool:
+        return bool(canvas.get_text_width_height_descent(line, font, ismath=False)[0] <= room)
+
+    lines = []
+    for paragraph in caption.splitlines():
+        line = ""
+        for word in paragraph.split():
+            if line and not fits(f"{line} {word}"):
+                lines.append(line)
+                line = word
+            else:
+                line = f"{line} {word}".strip()
+        lines.append(line)
+    return lines
+
+
+def page(title: str, lines: Sequence[str], width: int, body: int) -> tuple[Figure, int, int]:
+    """A white page with title and caption; where its body begins from below, and its height, in pixels."""
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    bottom = 2 * MARGIN + _CAPTION_LINE * len(lines)
+    height = bottom + body + 52
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor="white")
+    figure.text(MARGIN / width, 1 - 28 / height, title, fontsize=13, fontweight="bold", color=INK)
+    for i, line in enumerate(lines):
+        level = (bottom - MARGIN - _CAPTION_LINE * (i + 1) + 5) / height
+        figure.text(MARGIN / width, level, line, fontsize=_CAPTION_SIZE, color=INK, parse_math=False)
+    return figure, bottom, height
+
+
+def rastered(figure: Figure) -> UInt8:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)  # without types in matplotlib
+    canvas.draw()
+    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def require_matplotlib() -> None:
+    """GlpathError with the line to type where matplotlib is not installed: asked before the work, not after."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        raise GlpathError(
+            f"matplotlib cannot be imported ({error}); figures are drawn with it.",
+            "pip install 'glpath[figures]'",
+        ) from error

@@ -1,1 +1,0 @@
-"""What benches and figures share: how they time, and how they judge."""

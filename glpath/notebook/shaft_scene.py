@@ -1,0 +1,191 @@
+"""Who can stand between two shapes of a scene: a picture of the shaft and its candidates [SC], for notebooks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bvh import build_bvh
+from glpath.bvh_nodes import Bvh
+from glpath.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, require_matplotlib
+from glpath.errors import UsageError
+from glpath.notebook.polyhedron import box_corners, faces, shaft_planes
+from glpath.radiosity import Occluders, Shaft, Strategy, candidate_list
+from glpath.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What the shaft between two shapes has to look at.
+
+    shaft    : between the boxes of the two
+    nodes    : (n,) int32 of the candidate list: polygons, and boxes that stay closed
+    boxes    : (b, 6) of those that stay closed
+    polygons : (p,) int32 on the list, alone or in closed boxes; those of the two shapes do not count
+    others   : polygons of the scene, without those of the two shapes
+    """
+
+    shaft: Shaft
+    nodes: Int32
+    boxes: Float64
+    polygons: Int32
+    others: int
+
+
+@dataclass(frozen=True)
+class ShaftScene:
+    """A scene's polygons and the BVH over them, to form shafts in.
+
+    Raises UsageError for a scene without triangles: spheres and planes are not polygons.
+    """
+
+    scene: Scene
+    occluders: Occluders = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "occluders", Occluders.of_scene(self.scene))
+        if not len(self.occluders.corners):
+            raise UsageError(f"{self.scene.name}: has no triangles, and shafts cull polygons.")
+
+    @cached_property
+    def tree(self) -> Bvh:
+        """Every leaf one polygon."""
+        return build_bvh(*self.occluders.boxes(), leaf_size=1)
+
+    @property
+    def shapes(self) -> list[str]:
+        """Names of the shapes that have polygons."""
+        return [self.scene.shapes[i].name for i in np.unique(self.occluders.shape)]
+
+    def outlines(self) -> list[Float64]:
+        """Corners (3 or 4, 3) of every polygon."""
+        return [
+            np.array([a, b, b + c - a, c] if four else [a, b, c])
+            for (a, b, c), four in zip(self.occluders.corners, self.occluders.parallelogram, strict=True)
+        ]
+
+    def polygons_of(self, shape: str) -> Int32:
+        """Numbers of a shape's polygons. Raises UsageError for a name that there is not."""
+        names = [s.name for s in self.scene.shapes]
+        if shape not in self.shapes:
+            known = self.shapes
+            raise UsageError(
+                f"{self.scene.name}: no shape of polygons is named {shape!r}.",
+                f"There are {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}.",
+            )
+        return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)
+
+    def box_of(self, shape: str) -> Float64:
+        """(6,) the box around a shape."""
+        corners = np.concatenate([self.outlines()[i] for i in self.polygons_of(shape)])
+        return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+
+    def between(
+        self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
+    ) -> Candidates:
+        """The candidates between two shapes, by their names."""
+        shaft = Shaft.between(self.box_of(emitter), self.box_of(receiver))
+        nodes = candidate_list(self.tree, shaft, strategy, ratio=ratio)
+        closed = nodes[self.tree.count[nodes] == 0]
+        boxes = np.concatenate([self.tree.lower[closed], self.tree.upper[closed]], axis=1)
+        own = np.concatenate([self.polygons_of(emitter), self.polygons_of(receiver)])
+        found = np.concatenate([np.zeros(0, np.int32), *(self.tree.items(int(node)) for node in nodes)])
+        polygons = np.setdiff1d(found, own).astype(np.int32)
+        return Candidates(shaft, nodes, boxes, polygons, len(self.occluders.corners) - len(own))
+
+    def draw(
+        self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
+    ) -> Figure:
+        """A matplotlib figure: from above and in 3D, the shaft in blue, candidates in purple, all else grey."""
+        require_matplotlib()
+        from matplotlib.figure import Figure
+
+        found = self.between(emitter, receiver, strategy, ratio)
+        up = int(np.abs(self.scene.camera.up).argmax())
+        # Right-handed, with the scene's up as the last.
+        axes = [(up + 1) % 3, (up + 2) % 3, up]
+        figure = Figure(figsize=(11, 4.6), layout="constrained")
+        above = figure.add_subplot(1, 2, 1)
+        solid: Any = figure.add_subplot(1, 2, 2, projection="3d")
+        self._draw(above, solid, found, emitter, receiver, axes)
+        share = len(found.polygons) / max(found.others, 1)
+        boxes = f" and {len(found.boxes)} closed boxes" if len(found.boxes) else ""
+        figure.suptitle(
+            f"{emitter} to {receiver}, {strategy.name.lower().replace('_', ' ')}: a list of "
+            f"{len(found.nodes) - len(found.boxes)} polygons{boxes}, with {len(found.polygons)} of the "
+            f"{found.others} others on it ({share:.1%})",
+            fontsize=10,
+            color=INK,
+        )
+        return figure
+
+    def _draw(
+        self, above: Any, solid: Any, found: Candidates, emitter: str, receiver: str, axes: list[int]
+    ) -> None:
+        from matplotlib.collections import PolyCollection
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+        outlines = [o[:, axes] for o in self.outlines()]
+        of = {name: set(self.polygons_of(name).tolist()) for name in (emitter, receiver)}
+        listed = set(found.polygons.tolist())
+        hull = [f[:, axes] for f in faces(shaft_planes(found.shaft)) if len(f)]
+        rest = [i for i in range(len(outlines)) if i not in listed | of[emitter] | of[receiver]]
+        large = _large(outlines)
+        layers = (
+            ([outlines[i] for i in rest], GREY, 0.12, 0.4),
+            (hull, BLUE, 0.10, 0.8),
+            ([outlines[i] for i in sorted(listed)], PURPLE, 0.55, 0.8),
+            ([outlines[i] for i in sorted(of[receiver])], GREEN, 0.45, 1.0),
+            ([outlines[i] for i in sorted(of[emitter])], ORANGE, 0.9, 1.0),
+        )
+        for order, (polygons, colour, alpha, width) in enumerate(layers):
+            # Walls, floor and ceiling would hide what is within them.
+            within = [p for p, wall in zip(polygons, _are(polygons, large), strict=True) if not wall]
+            style: dict[str, Any] = {"edgecolor": colour, "linewidth": width, "zorder": order + 1}
+            above.add_collection(PolyCollection([p[:, :2] for p in within], facecolor=colour, alpha=alpha, **style))
+            solid.add_collection3d(Poly3DCollection(within, facecolor=colour, alpha=alpha, **style))
+        for box in found.boxes:
+            corners = box_corners(box)[:, axes]
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            above.plot(*_rectangle(low[:2], high[:2]), color=PURPLE, linewidth=1.2, linestyle="--", zorder=7)
+        points = np.concatenate(outlines)
+        low, high = points.min(axis=0), points.max(axis=0)
+        above.set_xlim(low[0], high[0])
+        above.set_ylim(low[1], high[1])
+        above.set_aspect("equal")
+        above.set_xlabel("xyz"[axes[0]])
+        above.set_ylabel("xyz"[axes[1]])
+        above.set_facecolor("white")
+        for spine in above.spines.values():
+            spine.set_color(PALE)
+        solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        solid.set_box_aspect(high - low, zoom=1.25)
+        solid.view_init(elev=38, azim=-60)
+        solid.set_axis_off()
+
+
+def _extent(polygon: Float64) -> float:
+    return float(np.linalg.norm(np.ptp(polygon, axis=0)))
+
+
+def _large(outlines: list[Float64]) -> float:
+    """Half of the scene's diagonal."""
+    return 0.5 * _extent(np.concatenate(outlines))
+
+
+def _are(polygons: list[Float64], large: float) -> list[bool]:
+    return [_extent(p) > large and len(p) == 4 and np.ptp(p, axis=0).min() < 1e-6 * large for p in polygons]
+
+
+def _rectangle(low: Float64, high: Float64) -> tuple[list[float], list[float]]:
+    return [low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]]

@@ -1,0 +1,153 @@
+"""A scene about its own middle, before anything of it becomes a number of 32 bits.
+
+Georeferenced models lie millions of units from the origin, where neighbouring numbers of 32 bits are half a unit
+apart. So engines, solvers and writers of 32-bit formats work on `Scene.centred`: everything in it is relative to
+`Scene.origin`, by subtraction in float64. A scene that is near the origin already stays as it is, to the bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.camera import Camera
+from glpath.scene.geometry import Mesh, Shape, Shapes
+from glpath.scene.stream import Stream
+
+if TYPE_CHECKING:
+    from glpath.scene.model import Scene
+
+Float64 = NDArray[np.float64]
+
+#: In diagonals of the scene, how far its middle is from the origin at most. There 32 bits tell 2e-7 of the diagonal
+#: apart, a tenth of what scans allow (`DEPTH_TOLERANCE` in shaders/path_scan.frag).
+FARTHEST = 4.0
+
+
+def origin_of(lower: Float64, upper: Float64) -> Float64:
+    """(3,) what to subtract from a scene between two corners (3,); zeros where it is near the origin.
+
+    A multiple of a power of two that is no larger than the scene, so that it has few digits, in 32 bits as well: a
+    whole number, where the scene is larger than a unit.
+    """
+    middle, diagonal = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
+    farthest = float(np.abs(middle).max())
+    # Without a size it is a single plane's point, of no meaning.
+    if not 0 < diagonal < math.inf or farthest <= FARTHEST * diagonal:
+        return np.zeros(3)
+    step = 2.0 ** math.floor(math.log2(diagonal))
+    return np.asarray(np.round(middle / step) * step)
+
+
+def centred(scene: Scene) -> Scene:
+    """See `Scene.centred`."""
+    if scene.centred_by is not None:
+        return scene
+    # The camera has no part in this: it may be far from what it looks at.
+    origin = origin_of(*scene.still().bounds)
+    return moved(scene, origin) if origin.any() else scene
+
+
+def moved(scene: Scene, origin: Float64) -> Scene:
+    """The scene relative to a point (3,)."""
+    lower, upper = scene.bounds
+    middle = 0.5 * (lower + upper) - origin
+    meshes: dict[Mesh, tuple[Mesh, Float64]] = {mesh: _about_itself(mesh) for mesh in scene.shapes.meshes}
+    lights = (
+        light if light.kind == "directional" else replace(light, position=light.position - origin)
+        for light in scene.lights
+    )
+    return replace(
+        scene,
+        camera=moved_camera(scene.camera, origin),
+        shapes=Shapes(_moved_shape(scene, shape, origin, middle, meshes) for shape in scene.shapes),
+        lights=tuple(lights),
+        centred_by=scene.origin + origin,
+    )
+
+
+def moved_camera(camera: Camera, origin: Float64) -> Camera:
+    """The camera relative to a point (3,); itself where that is zero."""
+    if not origin.any():
+        return camera
+    keys = (replace(key, position=key.position - origin, target=key.target - origin) for key in camera.motion)
+    return replace(camera, position=camera.position - origin, target=camera.target - origin, motion=tuple(keys))
+
+
+def _about_itself(mesh: Mesh) -> tuple[Mesh, Float64]:
+    """A mesh whose own vertices are near zero, as files of 32 bits hold them, and what was subtracted, (3,)."""
+    origin = origin_of(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) if len(mesh.vertices) else np.zeros(3)
+    return (replace(mesh, vertices=mesh.vertices - origin) if origin.any() else mesh), origin
+
+
+def _moved_shape(
+    scene: Scene, shape: Shape, origin: Float64, middle: Float64, meshes: dict[Mesh, tuple[Mesh, Float64]]
+) -> Shape:
+    if isinstance(shape.geometry, Stream):
+        return replace(shape, geometry=_moved_stream(shape.geometry, origin))
+    if isinstance(shape.geometry, Mesh):
+        mesh, within = meshes[shape.geometry]
+        if within.any():
+            motion = shape.motion
+            if motion is not None:
+                motion = replace(motion, placed=_before(motion.placed, within))
+            maps = _before(shape.world_from_object, within)
+            shape = replace(shape, geometry=mesh, world_from_object=maps, motion=motion)
+    maps = _shifted(shape.world_from_object, origin)
+    if shape.geometry == "plane" and not scene.materials[shape.material].needs_uv:
+        maps = _about(maps, middle)
+    motion = shape.motion
+    if motion is not None:
+        motion = replace(motion, maps=_shifted(motion.maps, origin))
+    return replace(shape, world_from_object=maps, motion=motion)
+
+
+def _shifted(maps: Float64, origin: Float64) -> Float64:
+    """(N, 3, 4), what they place being relative to the origin (3,)."""
+    found = np.array(maps, np.float64)
+    found[:, :, 3] -= origin
+    return found
+
+
+def _before(maps: Float64, within: Float64) -> Float64:
+    """(N, 3, 4), of an object that is relative to a point (3,) of its own."""
+    found = np.array(maps, np.float64)
+    found[:, :, 3] += found[:, :, :3] @ within
+    return found
+
+
+def _about(planes: Float64, middle: Float64) -> Float64:
+    """(N, 3, 4): the planes with the point nearest to the middle as that of u = v = 0, which nobody asks for."""
+    found = planes.copy()
+    normal = found[:, :, 2]
+    apart = np.sum((found[:, :, 3] - middle) * normal, axis=1, keepdims=True)
+    found[:, :, 3] = middle + apart * normal
+    return found
+
+
+@dataclass(frozen=True)
+class _MovedChunk:
+    """A stream's chunks, relative to a point (3,)."""
+
+    chunk: Callable[[int], Float64]
+    origin: Float64
+
+    def __call__(self, number: int) -> Float64:
+        return self.chunk(number) - self.origin
+
+
+def _moved_stream(stream: Stream, origin: Float64) -> Stream:
+    digest = hashlib.sha256(stream.digest.encode() + np.ascontiguousarray(origin, "<f8").tobytes()).hexdigest()
+    return replace(
+        stream,
+        chunk=_MovedChunk(stream.chunk, origin),
+        lower=stream.lower - origin,
+        upper=stream.upper - origin,
+        digest=digest,
+    )

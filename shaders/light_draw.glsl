@@ -1,0 +1,140 @@
+// light_draw.glsl: light samples that a path draws for itself, where those that a path set shares would make the errors
+// of all paths alike; `glpath.lighting` is the same on the CPU, and says what is drawn how densely.
+// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS of the lights; surface.glsl, light_sample.glsl
+// Frame:  world.
+#include <LIGHT_DRAWS>
+uniform uvec4 light_parts[PARTS];  // the first of its numbers, how many these are; its first piece, its last
+#ifdef HAS_ENVIRONMENT
+uniform int sky_halves;            // of the rows of the map
+#endif
+
+float fraction(uint number) { return float(number >> 8u) * (1.0 / 16777216.0); }
+
+// The last entry, from `first` to `last`, that numbers from this on choose.
+#define SEARCH(first, last, number, begins_at)                 \
+    while (first < last)                                       \
+    {                                                          \
+        int middle = (first + last + 1) >> 1;                  \
+        if (begins_at(middle) <= number) first = middle;       \
+        else last = middle - 1;                                \
+    }
+
+uint piece_begins(int piece) { return light_piece_texel(piece, LIGHT_PIECE_CHOICE).x; }
+
+#ifdef HAS_ENVIRONMENT
+uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE).x; }
+
+uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
+
+// A direction of the map, of the density of its radiance but for `weight`: `Environment.directions`, where a tent's angle
+// from up has the sine in it, which here is in the weight.
+vec3 sky_drawn(vec3 u, out float weight)
+{
+    uint number = uint(u.x * 16777216.0) << 8u;
+    int first = 0, last = sky_halves - 1;
+    SEARCH(first, last, number, half_begins)
+    uvec4 of = sky_half_texel(first, SKY_HALF_CHOICE);
+    int row = int(of.y >> 1u);
+    float lower = (of.y & 1u) != 0u ? -1.0 : 1.0, mass = uintBitsToFloat(of.z), rows = float(sky_size.y), theta;
+    if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {  // beyond the middle of the first row and of the last it is flat
+        theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
+        if (lower < 0.0) theta = PI - theta;
+        weight = 1.0;
+    } else {
+        float w = sqrt(u.y);
+        theta = (float(row) + 0.5 - lower * (1.0 - w)) * (PI / rows);
+        weight = 0.5 * PI / rows * sin(theta) / mass;
+    }
+    int start = row * sky_size.x;
+    first = start;
+    last = start + sky_size.x - 1;
+    number = uint(u.z * 16777216.0) << 8u;
+    SEARCH(first, last, number, texel_begins)
+    uint begins = texel_begins(first), ends = first + 1 < start + sky_size.x ? texel_begins(first + 1) : 0xFFFFFFFFu;
+    float rest = min(float(number - begins) / float(max(ends - begins, 1u)), 1.0);
+    float tent = rest < 0.5 ? sqrt(2.0 * rest) - 1.0 : 1.0 - sqrt(2.0 - 2.0 * rest);
+    float phi = (0.5 - (float(first - start) + 0.5 + tent) / float(sky_size.x)) * (2.0 * PI);
+    vec3 local = vec3(sin(theta) * vec2(cos(phi), sin(phi)), cos(theta));
+    return local.x * sky_middle + local.y * cross(sky_up, sky_middle) + local.z * sky_up;
+}
+#elif defined(HAS_SKY)
+// As dense as the radiance: by the inverse of what lies below an elevation, `Sky.directions`.
+vec3 sky_drawn(vec3 u, out float weight)
+{
+    weight = 1.0;
+    float horizon = dot(sky_horizon, vec3(1.0 / 3.0)), zenith = dot(sky_zenith, vec3(1.0 / 3.0));
+    float part = u.x * (horizon + 0.5 * (horizon + zenith)), above = part - horizon;
+    float root = horizon + sqrt(max(horizon * horizon + 2.0 * (zenith - horizon) * above, 0.0));
+    float z = above < 0.0 ? above / max(horizon, 1e-30) : 2.0 * above / max(root, 1e-30);
+    z = clamp(z, -1.0, 1.0);
+    float r = sqrt(1.0 - z * z), phi = 2.0 * PI * u.y;
+    vec3 size = abs(sky_up), axis = vec3(0.0, 0.0, 1.0);
+    if (size.x <= size.y && size.x <= size.z) axis = vec3(1.0, 0.0, 0.0);
+    else if (size.y <= size.z) axis = vec3(0.0, 1.0, 0.0);
+    vec3 x = normalize(cross(sky_up, axis)), y = cross(sky_up, x);
+    return r * cos(phi) * x + r * sin(phi) * y + z * sky_up;
+}
+#endif
+
+// A sample of a part of the lights; share: of all lights that the part is, by their probability.
+LightSample light_draw(int part, uvec3 point, out float share)
+{
+    uvec4 of = light_parts[part];
+    share = float(of.y) * (1.0 / 4294967296.0);
+    uint number, rest;
+    umulExtended(point.x, of.y, number, rest);
+    number += of.x;
+    int piece = int(of.z), last = int(of.w);
+    SEARCH(piece, last, number, piece_begins)
+    uvec4 choice = light_piece_texel(piece, LIGHT_PIECE_CHOICE);
+    // What is left of the number is uniform within the piece.
+    float u = (float(number - choice.x) + fraction(rest)) / float(max(piece_begins(piece + 1) - choice.x, 1u));
+    vec3 numbers = vec3(min(u, 0.99999994), fraction(point.y), fraction(point.z));
+    uint kind = choice.w & 7u;
+    float weight = uintBitsToFloat(choice.z);
+    LightSample drawn;
+    drawn.position = drawn.normal = drawn.radiance = vec3(0.0);
+    drawn.density = weight;
+    drawn.kind = kind;
+    drawn.cone = vec2(-1.0);
+    drawn.quadratic = true;
+#ifdef HAS_PROFILES
+    drawn.profile = -1;
+#endif
+    if (kind == LIGHT_AREA) {
+        int triangle = int(choice.y);
+        bool front = (choice.w & 8u) == 0u;
+        uvec4 face = face_texel(triangle, FACE_CORNERS);
+        vec3 a = vertex_position(face.x), b = vertex_position(face.y), c = vertex_position(face.z);
+        // Area-preserving: parallel lines to the edge opposite corner a.
+        float root = sqrt(numbers.x), unused;
+        drawn.position = mix(a, mix(b, c, numbers.y), root);
+        vec4 plane = facet_texel(triangle, FACET_PLANE);
+        drawn.normal = front ? plane.xyz : -plane.xyz;
+        drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);
+    }
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+    else {
+#ifdef HAS_SKY
+        if (kind == LIGHT_SKY) {
+            vec3 wi = sky_drawn(numbers, weight);
+            drawn.normal = -wi;
+            drawn.radiance = sky(wi) * weight;
+            drawn.density = max(sky_density(wi), 1e-30);
+            return drawn;
+        }
+#endif
+        int light = int(choice.y);
+        uvec3 punctual = punctual_texel(light, PUNCTUAL_KIND).xyz;
+        drawn.position = light_texel(light, LIGHT_POSITION).xyz;
+        drawn.normal = light_texel(light, LIGHT_DIRECTION).xyz;
+        drawn.radiance = light_texel(light, LIGHT_INTENSITY).rgb;
+        drawn.cone = light_texel(light, LIGHT_CONE).xy;
+        drawn.quadratic = punctual.y != 0u;
+#ifdef HAS_PROFILES
+        drawn.profile = int(punctual.z) - 1;
+#endif
+    }
+#endif
+    return drawn;
+}
