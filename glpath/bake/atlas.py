@@ -37,8 +37,8 @@ _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
 _FILLED, _STEP, _TRIALS = 0.95, 0.985, 30
 #: Part of the way between what fits and what does not by which less is tried than what is likely to fit.
 _SHY = 0.05
-#: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many: the
-#: time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000 that do, 0.05 of 250).
+#: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many:
+#: the time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000, 0.05 of 250).
 _MANY, _WHOLE, _PATCH = 20_000, 1024, 250
 #: Core seconds of an atlas: of a triangle, and of a piece that hangs together, over all trials (measured); and the
 #: most that is begun.
@@ -266,7 +266,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
 
 
 def _between(fits: tuple[float, float], over: tuple[float, float], size: int) -> float:
-    """Texels a scene unit whose page may be as large as wanted, of (texels, page) that fits and of one that doesn't.
+    """Texels a scene unit for a page as large as wanted: of (texels, page) that fits and of one that does not.
 
     The sides of charts grow with the texels, and gutters stay, so that the page does in between.
     """

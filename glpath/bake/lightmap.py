@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed, require_xatlas
 from glpath.bake.pages import pages_of
-from glpath.bake.seams import DARK, Seams
+from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, rasterised
 from glpath.denoise import denoised_lightmap, require_denoiser
@@ -202,10 +202,11 @@ class Lightmap:
     def steps(self) -> NDArray[np.float64]:
         """(K,) at points along seams, how far the luminances on both charts are apart, as a share of their mean.
 
-        Where that is darker than a hundredth of the mean of all texels, as a share of the latter.
+        Where that is darker than a hundredth of the mean of all texels with light, as a share of the latter.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
-        dark = DARK * float(luminance(self.irradiance[self.baked].astype(np.float64)).mean())
+        lit = self.irradiance[lit_texels(self.irradiance, self.baked)].astype(np.float64)
+        dark = DARK * float(luminance(lit).mean())
         return np.asarray(np.abs(a - b) / np.maximum(0.5 * (a + b), max(dark, 1e-12)))
 
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:

@@ -100,8 +100,9 @@ class Seams:
         number = number.reshape(index.shape)
         rows = np.broadcast_to(np.arange(len(self))[None, :, None], index.shape)
         before = pages.reshape(-1, 3)[used].astype(np.float64)
-        mean = max(float(pages[baked].mean(dtype=np.float64)), 1e-12)
-        dark = DARK * max(float(luminance(pages[baked].astype(np.float64)).mean()), 1e-12)
+        lit = pages[lit_texels(pages, baked)].astype(np.float64)
+        mean = max(float(lit.mean()), 1e-12)
+        dark = DARK * max(float(luminance(lit).mean()), 1e-12)
 
         def per_texel(values: Float64) -> Any:
             return coo_array((values.ravel(), (rows.ravel(), number.ravel())), shape=(len(self), len(used))).tocsr()
@@ -142,6 +143,15 @@ class Seams:
             index.append((self.page * height + r) * width + c)
             weights.append((fy if down else 1 - fy) * (fx if right else 1 - fx))
         return np.stack(index, axis=-1), np.stack(weights, axis=-1)
+
+
+def lit_texels(pages: Float32, baked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(P, h, w): those that are baked and have any light; all that are baked where none has.
+
+    How much there is of what no light gets to, such as undersides of floors, says nothing of how dark the rest is.
+    """
+    lit = baked & (pages > 0).any(axis=-1)
+    return np.asarray(lit if lit.any() else baked)
 
 
 def _least(

@@ -1,9 +1,9 @@
 """Which sides of a scene's surfaces get texels, and which points of them are inside other geometry.
 
-All that is shown get some. A side that is shown: every front, and the back of a material with two sides, but for the
-inside of a closed solid (`solids`), which is proved. Sides that no chain of rays leads from to a lamp, to the sky or
-to a punctual light are dark: they get fewer texels, as this is found by chance. A point from which one sees nothing
-but dark sides is inside something, as the floor is under a box that stands on it.
+All that can be seen get some: every front, and the back of a material with two sides, but for the inside of a
+closed solid, which is proved (`solids`). Sides that no chain of rays leads from to a lamp, to the sky or to a
+punctual light are dark. They get fewer texels and never none, as this is found by chance. A point from which one
+sees nothing but dark sides is inside something, as the floor is under a box that stands on it.
 
 Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
 Poor at:  light that gets in by a hole which none of some thousand rays from a surface finds: its texels are large.
@@ -27,7 +27,7 @@ from glpath.scene.model import Float64
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Walks from a side of a piece, round by round until it is found to be lit, and of one round together; at least one.
+#: Walks from a side of a piece, round by round until it is found to be lit, and of all in a round; at least one.
 _ROUNDS, _RAYS = (16, 64, 256, 1024), 1 << 17
 #: Share of walks from which on a side is lit before the last round, and after it: a few slip through edges.
 _SURELY, _SLIPS = 0.02, 1e-3
@@ -78,7 +78,7 @@ class Sides:
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
         if surfaces.sends.all(axis=1).any():
             hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
-            hidden &= surfaces.sends.all(axis=1)[:, None]  # the other side is there
+            hidden[~np.asarray(surfaces.sends.all(axis=1))] = False  # where the other side is not there
         shown = surfaces.sends & ~hidden
         return cls(scene, shown, hidden, _lit(scene, rays, surfaces, shown, seed), rays, surfaces)
 
@@ -264,7 +264,7 @@ def _shining_points(
 
 
 def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> Bools:
-    """(N,): whether rays that meet `hit` at a distance get to what `_shining_points` says; never to a lamp's back."""
+    """(N,): whether rays that meet `hit` get to what `_shining_points` says; never to a lamp's back."""
     behind = (target >= 0) & ~np.isfinite(length)
     return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
 

@@ -1,4 +1,4 @@
-"""Sides of triangles that are inside a closed, opaque solid without a light in it: nobody sees them, no light gets there.
+"""Sides of triangles that are inside a closed, opaque solid without a light in it, where nobody sees them.
 
 A closed surface is a set of triangles each edge of which two of them share, in opposite order, and which does not
 cross itself. One of its sides is then its inside everywhere, whichever way it is wound, and the sign of its volume
@@ -99,7 +99,7 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
     count = len(found.closed)
     solid = found.closed & (found.inner >= 0)
     solid &= np.bincount(found.surface, ~opaque, count) == 0
-    lamps = shines.any(axis=1)
+    lamps: Bools = np.asarray(shines.any(axis=1))
     inner = found.inner[found.surface]
     own = shines[np.arange(len(inner)), np.maximum(inner, 0)]
     solid &= np.bincount(found.surface, own, count) == 0
@@ -107,7 +107,8 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
         return none
     crossed = np.zeros(count, np.bool_)
     edges = np.stack([found.vertex, found.vertex[:, [1, 2, 0]]], axis=2)
-    wanted = (solid[found.surface][:, None] & (edges[..., 0] < edges[..., 1])) | lamps[:, None]
+    once = edges[..., 0] < edges[..., 1]
+    wanted = np.asarray((solid[found.surface][:, None] & once) | np.asarray(lamps)[:, None])
     which, corner = np.nonzero(wanted)
     ends = np.stack([scene.triangles[which, corner], scene.triangles[which, (corner + 1) % 3]], axis=1)
     _cross(rays, found.vertex, found.surface, lamps, which, edges[which, corner], ends, crossed)

@@ -45,7 +45,8 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         away = left[hit < 0]
         if scene.sky is not None:
             found[away] = scene.sky.radiance(directions[away])
-        left, hit, back, distance = (part[hit >= 0] for part in (left, hit, back, distance))
+        met = hit >= 0
+        left, hit, back, distance = left[met], hit[met], back[met], distance[met]
         origins[left] += distance[:, None] * directions[left]
         own[left] = hit
         through = clear[scene.triangle_shape[hit]]

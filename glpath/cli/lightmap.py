@@ -163,8 +163,8 @@ def lightmap(
     """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
 
     All bounces and every kind of light, by the engines of `glpath render`. All of the model is baked; the inside of
-    closed solids has no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights, metal and
-    glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
+    closed solids has no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights,
+    metal and glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
     """
     from glpath.bake.lightmap import check_density, check_glb
 
@@ -232,10 +232,8 @@ def lightmap(
 
         conclude(film, failure, keeper, write)
     if not quiet and progress != "json":
-        for line in (
-            *_summary(made[0], None if materials == "keep" else told_stops[0], denoise),
-            f"  {light_of(loaded)}",
-        ):
+        words_of_it = _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
+        for line in (*words_of_it, f"  {light_of(loaded)}"):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)
