@@ -81,7 +81,7 @@ NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
 NO_SHADOW_RAYS = shader(
     "whitted.frag", "if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;", ""
 )
-NO_REFLECTION = shader("whitted.frag", "weight *= mirrored(bsdf, dot(n, -direction));", "weight *= 0.0;")
+NO_REFLECTION = shader("whitted.frag", "weight *= mirrored(bsdf, dot(mirroring, -direction));", "weight *= 0.0;")
 ALL_LIT = shader(
     "point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
 )
