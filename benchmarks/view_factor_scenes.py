@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from math import atan, cos, log, pi, sin, sqrt, tau
 from typing import Any
 
@@ -71,6 +72,54 @@ def block_in_a_room(cells: int) -> FaceList:
     """A cube in whose middle a block hangs, in triangles: 24 cells^2 faces, closed."""
     room = box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)
     return joined(room, box_faces([0.3, 0.3, 0.2], [0.6, 0.7, 0.6], cells, inward=False, triangles=True))
+
+
+def ball_in_a_box(cells: int = 4) -> FaceList:
+    """A cube in whose middle a ball of 320 triangles hangs: with 4 x 4 cells 512 triangles, closed."""
+    ball = _icosphere(2)
+    room = box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)
+    return joined(room, (0.3 * ball[0] + 0.5, ball[1]))
+
+
+def slats(count: int = 14, cells: int = 3) -> FaceList:
+    """A cube of 12 cells^2 triangles, in which thin sheets of two sides hang as slats of a blind, turned by 40
+    degrees, with slits between: 164 triangles, closed."""
+    parts = [box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)]
+    u, v = np.array([0, 0.96, 0]), 0.96 / count * np.array([cos(0.7), 0, sin(0.7)])
+    for k in range(count):
+        origin = np.array([0.3, 0.02, (k + 0.5) / count]) - 0.5 * v
+        parts += [grid(origin, u, v, 1, 1, True), grid(origin, v, u, 1, 1, True)]
+    return joined(*parts)
+
+
+def _icosphere(divided: int) -> FaceList:
+    """20 triangles of an icosahedron, each quartered so many times; on the unit sphere, fronts outside."""
+    golden = (1 + sqrt(5)) / 2
+    points = [[0.0, s, t * golden] for s in (-1, 1) for t in (-1, 1)]
+    vertices = np.array([np.roll(p, k) for k in range(3) for p in points])
+    near = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < 2.1
+    faces = []
+    for i, j, k in combinations(range(12), 3):
+        if near[i, j] and near[j, k] and near[k, i]:
+            out = float(np.linalg.det(vertices[[i, j, k]])) > 0
+            faces.append([i, j, k] if out else [i, k, j])
+    points = [list(v / np.linalg.norm(v)) for v in vertices]
+    for _ in range(divided):
+        middles: dict[tuple[int, int], int] = {}
+        quartered = []
+        for face in faces:
+            m = []
+            for a, b in ((face[0], face[1]), (face[1], face[2]), (face[2], face[0])):
+                edge = (min(a, b), max(a, b))
+                if edge not in middles:
+                    middle = np.add(points[a], points[b])
+                    middles[edge] = len(points)
+                    points.append(list(middle / np.linalg.norm(middle)))
+                m.append(middles[edge])
+            a, b, c = face
+            quartered += [[a, m[0], m[2]], [m[0], b, m[1]], [m[2], m[1], c], m]
+        faces = quartered
+    return np.array(points), faces
 
 
 def closed_at_random(seed: int) -> FaceList:

@@ -12,6 +12,7 @@ import errno
 import os
 import re
 import secrets
+import select
 import shutil
 import stat
 import sys
@@ -55,6 +56,59 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             yield temporary
     except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
+
+
+# How long somebody may take to begin to write into a pipe that is read.
+_PIPE_S = 10.0
+
+
+def check_file(path: str | Path) -> None:
+    """Raise OSError, with the reason as its text, where a library that opens `path` itself would wait for ever."""
+    if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):
+        raise _refused(path, kind or "a pipe")
+
+
+def open_file(path: str | Path) -> BinaryIO:
+    """A file, opened to be read. Raises OSError, also for a pipe or a device, which would block or never end."""
+    # Without waiting: who opens a pipe is halted until somebody writes.
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if (kind := _unreadable_kind(mode)) or stat.S_ISFIFO(mode):
+            raise _refused(path, kind or "a pipe")
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """All of a file, or of a pipe into which somebody writes, as bash has one for <(...). Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    with os.fdopen(descriptor, "rb") as file:
+        mode = os.fstat(descriptor).st_mode
+        if kind := _unreadable_kind(mode):
+            raise _refused(path, kind)
+        if stat.S_ISFIFO(mode):
+            waiting = select.poll()
+            waiting.register(descriptor, select.POLLIN)
+            if not waiting.poll(1e3 * _PIPE_S):
+                raise _refused(path, f"a pipe into which nobody has written for {_PIPE_S:g} s")
+        os.set_blocking(descriptor, True)
+        return file.read()
+
+
+def _unreadable_kind(mode: int) -> str:
+    """What it is that has no content to read; "" for a file, a pipe, or nothing."""
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        return "a device"
+    return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
+
+
+def _refused(path: str | Path, kind: str) -> OSError:
+    if kind == "a folder":
+        return IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    return OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
 
 
 def write_bytes(content: bytes, path: Path) -> None:

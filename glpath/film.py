@@ -15,7 +15,7 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -36,12 +36,14 @@ from glpath.film_metadata import (
     ID_AOVS,
     SHAPES,
     FilmMetadata,
+    add_aov,
     differences,
     joined,
+    least_depths,
     merged_values,
 )
 from glpath.film_npz import FilmParts, read_parts, write_parts
-from glpath.image import UInt8, check_exposure, encode_png, write_exr, write_png
+from glpath.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.image import tonemap as tonemapped
 from glpath.noise import MIN_BATCHES, error_bound
 from glpath.npz import open_npz
@@ -65,7 +67,8 @@ _PREVIEW = 1024
 class Film:
     """Sums of radiance over path sets, in batches.
 
-    radiance_sums : (BATCHES, H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709, row 0 at the top
+    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
+                    at the top
     batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
@@ -79,6 +82,8 @@ class Film:
     metadata: FilmMetadata
     aov_sums: dict[str, Float64] = field(default_factory=dict)
     shape_counts: ShapeCounts | None = None
+    #: Called when a notebook is about to show the film: a picture of it that stands there already gives way.
+    before_shown: Callable[[], None] | None = field(default=None, init=False)
     # What `denoised` has found, and for which path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
@@ -109,7 +114,7 @@ class Film:
         assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
         self.ranges = united(self.ranges, ((start, stop),))
         for name in self.aov_sums:
-            self.aov_sums[name] += aov_sums[name]
+            add_aov(name, self.aov_sums[name], aov_sums[name])
         if self.shape_counts is not None:
             self.shape_counts += ShapeCounts.of(aov_sums[SHAPES])
         batch = batch_of(start)
@@ -129,7 +134,7 @@ class Film:
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64, the image: W sr^-1 m^-2, linear Rec. 709, row 0 at the top.
+        """(H, W, 3) float64, the image: W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
         Raises UsageError when there is no path set in it.
         """
@@ -148,10 +153,13 @@ class Film:
         "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
                         samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
                         own extent (of an endless plane) counts as so far
+        "depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
+                        `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
         "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
                         scene far from the origin an .exr has them relative to its header's `position_origin`
-        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order;
-                        0 where there is none. An .exr has the Cryptomatte of objects with it, see `cryptomatte`
+        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
+                        one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
+                        objects with it, see `cryptomatte`
         "material_id" : the same of materials
 
         Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
@@ -182,6 +190,8 @@ class Film:
             light = np.add.reduce(self.radiance_sums, axis=0) - self.aov_sums["direct"]
             return np.asarray(light / self.path_sets)
         sums = self.aov_sums[name]
+        if name == "depth_min":
+            return np.minimum(least_depths(sums[..., 0]), FAR)
         if name in ("depth", "position"):
             value, hits = sums[..., :-1], sums[..., -1:]
             mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
@@ -269,13 +279,14 @@ class Film:
             self.radiance_sums[batch] += other.radiance_sums[batch]
         self.batch_counts += other.batch_counts
         for name, sums in self.aov_sums.items():
-            sums += other.aov_sums[name]
+            add_aov(name, sums, other.aov_sums[name])
         if self.shape_counts is not None and other.shape_counts is not None:
             self.shape_counts = self.shape_counts + other.shape_counts
         self.metadata = replace(
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
             versions=merged_values(self.metadata.versions, other.metadata.versions),
+            unit=self.metadata.unit or other.metadata.unit,
             elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
             statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
             stop_rule="",
@@ -286,7 +297,7 @@ class Film:
         """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
         used = self.batch_counts > 0
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        return {**vars(self), "radiance_sums": sums, "_denoised": None}
+        return {**vars(self), "radiance_sums": sums, "_denoised": None, "before_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -484,11 +495,24 @@ class Film:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the image, at most 1024 pixels long, and a line of text."""
+        """What Jupyter shows: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        if self.before_shown is not None:
+            self.before_shown()
+        return self.shown()
+
+    def shown(self) -> dict[str, object]:
+        """The image by its MIME types, as `_repr_mimebundle_` gives it."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
-            bundle["image/png"] = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            png = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            bundle |= {"image/png": png, "text/html": png_html(png, self.described())}
         return bundle
+
+    def described(self) -> str:
+        """The image in words, for those who do not see it: the scene, the integrator, path sets and size."""
+        m = self.metadata
+        width, height = m.window[2:]
+        return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
         """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a

@@ -8,11 +8,26 @@ from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
 from typing import Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from glpath.errors import UsageError
 from glpath.image import check_exposure
+from glpath.units import UNITS, Unit
 
 #: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
-Aov = Literal["albedo", "normal", "depth", "position", "object_id", "material_id", "direct", "indirect", "samples"]
+Aov = Literal[
+    "albedo",
+    "normal",
+    "depth",
+    "depth_min",
+    "position",
+    "object_id",
+    "material_id",
+    "direct",
+    "indirect",
+    "samples",
+]
 AOVS: tuple[Aov, ...] = get_args(Aov)
 #: Those that a denoiser goes by.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
@@ -25,10 +40,14 @@ _SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
     "albedo": (3, ("albedo",)),
     "normal": (3, ("normal",)),
     "depth": (2, ("depth",)),
+    "depth_min": (1, ("depth_min",)),
     "position": (4, ("position",)),
     "direct": (3, ("direct", "indirect")),
     "dropped": (1, ("samples",)),
 }
+#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was met.
+_GREATEST = ("depth_min",)
+_INFINITY = np.uint32(0x7F800000)
 #: The counts of shapes, by the same name as of a sum.
 SHAPES = "shapes"
 
@@ -38,7 +57,7 @@ RULES = (SPP, TIME_LIMIT, NOISE)
 
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
-    "scene scene_hash integrator device stop_rule": str,
+    "scene scene_hash integrator device stop_rule unit": str,
     "seed max_depth": int,
     "elapsed_s": int | float,
     "noisy": bool,
@@ -56,11 +75,22 @@ _DECIDES = {
     "window": "crop",
     "aovs": "aovs",
     "position_origin": "position_origin",
+    "unit": "unit",
 }
 # What counts of shapes are of.
 _NAMES = ("shape_names", "material_names", "shape_materials")
 # Of an image, in pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
+
+
+def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
+    """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
+    (np.maximum if name in _GREATEST else np.add)(held, more, out=held)
+
+
+def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths by what a film holds of "depth_min"; infinite where nothing was met."""
+    return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -72,6 +102,7 @@ class FilmMetadata:
     integrator      : for example "path_trace"
     seed, max_depth : of the random numbers; vertices of a path, as in the paper
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
+    unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
     noisy           : whether another seed is another image, so that comparisons have to look at the noise
     full_resolution : (width, height) of the whole image, pixels
@@ -79,9 +110,10 @@ class FilmMetadata:
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
     elapsed_s       : seconds of rendering, summed over what was merged
-    statistics      : counts, summed when merging: `paths_cast`, `paths_lost` (to the roulette of a cell),
-                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
+    statistics      : counts, summed when merging: `paths_cast`; of shared directions `paths_lost` (to the roulette
+                      of a cell); `paths_cut` (at a length that chance should have ended before); `dropped_samples`
+                      (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage; `radiosity_s`, of a
+                      gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise
@@ -106,6 +138,7 @@ class FilmMetadata:
     elapsed_s: float = 0.0
     noisy: bool = True
     exposure: float | None = None
+    unit: Unit | Literal[""] = ""
     statistics: Mapping[str, Any] = field(default_factory=dict)
     aovs: tuple[str, ...] = ()
     stop_rule: str = ""
@@ -164,6 +197,8 @@ def metadata_of(text: str) -> FilmMetadata:
         check_exposure(metadata.exposure)
     except UsageError as error:
         raise ValueError(error.message) from error
+    if metadata.unit not in ("", *UNITS):
+        raise ValueError(f"its unit is {shown(metadata.unit)}, expected one of {', '.join(UNITS)}")
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
@@ -234,7 +269,7 @@ def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str
             keys = sorted({*mine, *other})
             pairs = {f"settings.{key}": (mine.get(key, "absent"), other.get(key, "absent")) for key in keys}
         else:
-            pairs = {word: (mine, other)}
+            pairs = {word: (mine, other)} if name != "unit" or (mine and other) else {}
         found += [(key, shown(a), shown(b)) for key, (a, b) in pairs.items() if a != b]
     return found
 

@@ -6,16 +6,20 @@ Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduc
 
 from __future__ import annotations
 
+import base64
+import html
 import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.c_output import without_lines
 from glpath.errors import ImageError, UsageError
-from glpath.files import reading, whole_file
+from glpath.files import check_file, reading, whole_file
 from glpath.npz import check_unfolded, open_npz, read_npy
 from glpath.rgbe import read_header, read_rgbe
 
@@ -156,6 +160,12 @@ def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> byt
     return encoded
 
 
+def png_html(png: bytes, alt: str) -> str:
+    """A PNG as HTML, with words for those who do not see it: of a PNG alone JupyterLab shows none."""
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}" style="max-width: 100%">'
+
+
 def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
     """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top. Raises ImageError."""
     with whole_file(path) as temporary:
@@ -208,12 +218,13 @@ def write_exr(
         planes = layer[..., None] if layer.ndim == 2 else layer
         for i, channel in enumerate(layer_channels(name)):
             written[channel] = np.ascontiguousarray(planes[..., i], np.float32)
-    with whole_file(path) as temporary:
+    with whole_file(path) as temporary, _openexr(temporary):
         OpenEXR.File(header, written).write(str(temporary))
 
 
 # What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
-_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "object_id": "X", "material_id": "X", "samples": "X"}
+_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "depth_min": "Z"}
+_LETTERS |= dict.fromkeys(("object_id", "material_id", "samples"), "X")
 
 
 def layer_channels(name: str) -> list[str]:
@@ -249,6 +260,7 @@ def read_image(path: str | Path) -> Float64:
             f"{path}: cannot read a {suffix or 'file without a suffix'}. Allowed: {', '.join(READABLE)}."
         )
     with reading(path, suffix):
+        check_file(path)
         return _three_channels(_READERS[suffix](path))
 
 
@@ -262,6 +274,7 @@ def read_eight_bits(path: str | Path) -> UInt8 | None:
     if suffix not in (".png", ".jpg", ".jpeg"):
         return None
     with reading(path, suffix):
+        check_file(path)
         from PIL.JpegImagePlugin import JpegImageFile
         from PIL.PngImagePlugin import PngImageFile
 
@@ -276,6 +289,7 @@ def read_eight_bits(path: str | Path) -> UInt8 | None:
 def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
     with reading(path, ".exr"):
+        check_file(path)
         channels, header = _exr(Path(path))
         texts = {key: value for key, value in header.items() if isinstance(value, str)}
         return {name: pixels.astype(np.float32) for name, pixels in channels.items()}, texts
@@ -286,6 +300,7 @@ def picture_size(path: str | Path) -> tuple[int, int]:
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path, suffix):
+        check_file(path)
         if suffix == ".exr":
             height, width = _exr_header(path)[0]
             return width, height
@@ -339,7 +354,8 @@ def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     import OpenEXR
 
     (height, width), header = _exr_header(path)
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    with _openexr(path):
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
     pixels = {name: np.asarray(channel.pixels) for name, channel in channels.items()}
     for name, array in pixels.items():
         if array.shape != (height, width) or array.dtype.kind not in "fiu":
@@ -353,11 +369,17 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
 
     with path.open("rb") as file:  # what the system says is clearer than what OpenEXR does
         size = file.seek(0, 2)
-    header = OpenEXR.File(str(path), header_only=True).header()
+    with _openexr(path):
+        header = OpenEXR.File(str(path), header_only=True).header()
     first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
     width, height = (last - first + 1).tolist()
     check_unfolded(width * height * 4 * len(header["channels"]), size)
     return (height, width), header
+
+
+def _openexr(path: Path) -> AbstractContextManager[None]:
+    """To read and write with OpenEXR, which writes lines of its own before it raises."""
+    return without_lines(f"{path}: (EXR_", "Warning: Exception raised reading pixel data")
 
 
 def _read_npz(path: Path) -> Float64:

@@ -14,10 +14,14 @@ def in_notebook() -> bool:
 
 def in_cell() -> bool:
     """Does a cell of a notebook run in this thread? A widget's callback may run between cells."""
+    return running_cell() is not None
+
+
+def running_cell() -> str | None:
+    """What tells the run of a cell in this thread from all others; None where none runs."""
     kernel = _kernel()
-    if kernel is None:
-        return False
-    return bool((kernel.get_parent() or {}).get("header", {}).get("msg_type") == "execute_request")
+    header = {} if kernel is None else (kernel.get_parent() or {}).get("header", {})
+    return header.get("msg_id") if header.get("msg_type") == "execute_request" else None
 
 
 def around_cells(before: Callable[[], None], after: Callable[[], None]) -> None:

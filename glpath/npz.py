@@ -21,7 +21,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
-from glpath.files import reading
+from glpath.files import open_file, reading
 
 # Longer than the header of any array of numbers.
 _HEADER = 4096
@@ -66,7 +66,7 @@ class Arrays:
 @contextmanager
 def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
     """The arrays of a file that must be `what`, such as "a film". Raises ImageError, also for what fails inside."""
-    with reading(path, what, remedy), open(path, "rb") as file:
+    with reading(path, what, remedy), open_file(path) as file:
         if not zipfile.is_zipfile(file):
             raise ValueError("it is cut off, or not of this format")
         with zipfile.ZipFile(file) as archive:
@@ -75,7 +75,7 @@ def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
 
 def read_npy(path: str | Path) -> NDArray[Any]:
     """The numbers of an .npy file. To be called within `reading`."""
-    with open(path, "rb") as file:
+    with open_file(path) as file:
         _, dtype, size = _header(file)
         present = file.seek(0, io.SEEK_END)
         if size != present:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TextIO
 
 from glpath.film import Film
-from glpath.interactive import in_notebook
+from glpath.interactive import in_notebook, running_cell
 from glpath.terminal import clean, clean_console
 
 #: Of the command line; in a notebook "auto" is an image.
@@ -161,6 +161,8 @@ def _image() -> Iterator[Report]:
 
     handles: dict[str, Any] = {}
     pace = _Pace()
+    cell = running_cell()
+    latest: Progress | None = None
 
     def show(name: str, bundle: dict[str, object]) -> None:
         if name in handles:
@@ -168,7 +170,14 @@ def _image() -> Iterator[Report]:
         else:
             handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
+    def make_way() -> None:
+        """The cell shows the film itself: once is enough."""
+        if cell is not None and running_cell() == cell:
+            show("picture", {"text/plain": ""})
+
     def report(progress: Progress) -> None:
+        nonlocal latest
+        latest = progress
         rate = pace.rate(progress)
         if not progress.done:
             line = f"{progress.stage} on {progress.renderer}"
@@ -178,10 +187,23 @@ def _image() -> Iterator[Report]:
             # No longer how quick it is: the output stays in the notebook.
             error = "" if progress.error is None else f", error about {percent(progress.error)}"
             line = f"{progress.done} path sets in {duration(progress.elapsed_s)}{error}, {progress.renderer}"
-        show("picture", progress.film._repr_mimebundle_() if progress.done else {"text/plain": ""})
+        bundle: dict[str, object] = progress.film.shown() if progress.done else {"text/plain": ""}
+        if progress.done < progress.total:
+            bundle.pop("image/png", None)  # the HTML has it, and the next one comes soon
+        show("picture", bundle)
         show("line", {"text/plain": line})
 
-    yield report
+    try:
+        yield report
+    except BaseException as error:
+        if latest is not None:
+            # No longer what was to come: the output stays in the notebook.
+            film, ended = latest.film, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+            show("picture", film.shown() if film.path_sets else {"text/plain": ""})
+            show("line", {"text/plain": f"{ended} after {film.path_sets} path sets, {latest.renderer}"})
+        raise
+    if latest is not None:
+        latest.film.before_shown = make_way
 
 
 class _Pace:

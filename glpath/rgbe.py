@@ -13,6 +13,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.files import open_file
 from glpath.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
@@ -62,7 +63,7 @@ def read_header(file: BinaryIO) -> Header:
 
 def read_rgbe(path: Path) -> NDArray[np.float32]:
     """(h, w, 3) float32, row 0 at the top: linear RGB, the exposure of the header undone. Raises ValueError."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         header = read_header(file)
         data = file.read()
     width, height = header.size

@@ -144,9 +144,9 @@ class PointTables:
 class PointSensor:
     """Points with normals: each is a small white Lambertian receiver, lit from the side of its normal.
 
-    What a film of it holds is the radiance of such a receiver, W sr^-1 m^-2: pi times that is the irradiance,
-    W m^-2. Points may lie on surfaces of the scene, which do not shadow themselves, or free in space. The first
-    vertex of a path is the point: `max_depth` 1 is direct light.
+    What a film of it holds is the radiance of such a receiver: pi times that is the irradiance. Points may lie on
+    surfaces of the scene, which do not shadow themselves, or free in space. The first vertex of a path is the
+    point: `max_depth` 1 is direct light.
 
     Made by `PointSensor.of`. A job's JSON has all but the points themselves, for which their digest stands.
 

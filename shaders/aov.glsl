@@ -1,6 +1,6 @@
 // aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
 // Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; whoever includes it has seen(); AOV_QUANTA: of colours and normals,
-//         per unit; AOV_SURFACE, AOV_PLACE: what is summed
+//         per unit; AOV_SURFACE, AOV_PLACE, AOV_NEAREST: what is summed, and where its first output is; _1 its second
 // Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
 // Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
 //
@@ -11,6 +11,7 @@
 //     normal: unit, to shade with, on the side that is seen; 0 where nothing is
 //   AOV_PLACE    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
 //                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were met
+//   AOV_NEAREST  nearest  the least depth: bits of infinity less its bits, so that the greatest is kept; 0 for none
 uniform float place_quanta;  // per scene unit
 uniform float place_extent;  // of which no coordinate is more
 
@@ -18,16 +19,17 @@ UINT_TEXELS(rgba32ui, sum_first);
 UINT_TEXELS(rgba32ui, sum_second);
 UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
+UINT_TEXELS(r32ui, sum_nearest);
 #ifdef AOV_SURFACE
-layout(location = 0) out uvec4 first;
-layout(location = 1) out uvec4 second;
-#ifdef AOV_PLACE
-layout(location = 2) out uvec4 low;
-layout(location = 3) out uvec4 high;
+layout(location = AOV_SURFACE) out uvec4 first;
+layout(location = AOV_SURFACE_1) out uvec4 second;
 #endif
-#else
-layout(location = 0) out uvec4 low;
-layout(location = 1) out uvec4 high;
+#ifdef AOV_PLACE
+layout(location = AOV_PLACE) out uvec4 low;
+layout(location = AOV_PLACE_1) out uvec4 high;
+#endif
+#ifdef AOV_NEAREST
+layout(location = AOV_NEAREST) out uint nearest;
 #endif
 
 // Asked of the bits, as a compiler may turn a comparison around, which is not the same for a NaN.
@@ -56,17 +58,34 @@ void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 }
 #endif
 
+#if defined(AOV_PLACE) || defined(AOV_NEAREST)
+// Along the view; of a panorama the distance.
+float depth_of(vec3 position)
+{
+#ifdef EYE_PANORAMA
+    return length(position - eye_position);
+#else
+    return max(eye_from_world(position).z + eye_ahead, 0.0);
+#endif
+}
+#endif
+
+#ifdef AOV_NEAREST
+void keep_nearest(ivec2 pixel, bool hit, vec3 position)
+{
+    nearest = texel(sum_nearest, pixel).r;
+    if (!hit || !is_finite(position)) return;
+    nearest = max(nearest, 0x7f800000u - floatBitsToUint(min(depth_of(position), place_extent)));
+}
+#endif
+
 #ifdef AOV_PLACE
 void add_place(ivec2 pixel, bool hit, vec3 position)
 {
     low = texel(sum_low, pixel);
     high = texel(sum_high, pixel);
     if (!hit || !is_finite(position)) return;
-#ifdef EYE_PANORAMA
-    vec4 place = vec4(position, length(position - eye_position));
-#else
-    vec4 place = vec4(position, max(eye_from_world(position).z + eye_ahead, 0.0));
-#endif
+    vec4 place = vec4(position, depth_of(position));
     vec4 scaled = floor(clamp(place, -place_extent, place_extent) * place_quanta + 0.5);
     bvec4 negative = lessThan(scaled, vec4(0.0));
     scaled = abs(scaled);
@@ -98,5 +117,8 @@ void main()
 #endif
 #ifdef AOV_PLACE
     add_place(pixel, hit, s.position);
+#endif
+#ifdef AOV_NEAREST
+    keep_nearest(pixel, hit, s.position);
 #endif
 }

@@ -178,9 +178,16 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 
 #ifdef HAS_GLASS
+// Between two equal indices nothing bends, however rough the boundary is: all microfacets send light straight on, which is
+// no density. Nearly equal ones bend by less than a thousandth, and the half vector below would be rounding alone.
+bool is_unbent(Bsdf b)
+{
+    return abs(b.eta - 1.0) < 1e-3;
+}
+
 bool is_frosted(Bsdf b)
 {
-    return max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+    return !is_unbent(b) && max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
 // The same of light from the other side, wi.z < 0. Through a pane as it would be reflected; into a solid by Walter et al.,

@@ -40,6 +40,14 @@ float share_beside(float light, float direction)
     return light > 0.0 ? power_heuristic(light, direction) : 1.0;
 }
 
+#ifdef HAS_MICROFACETS
+// Of microfacets, glass and varnish.
+mat3 mirroring_axes(PathVertex v)
+{
+    return surface_axes(v.bsdf, mirroring_normal(v.n, v.normal, v.wo));
+}
+#endif
+
 // What a vertex makes of a light sample, which is told without shares: of the dull lobe and of the others.
 void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec3 others)
 {
@@ -48,7 +56,7 @@ void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec
          * share_beside(direct.density, q.dull * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
-    mat3 axes = surface_axes(v.bsdf, v.n);
+    mat3 axes = mirroring_axes(v);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
     vec3 f = base.f * share_beside(direct.density, q.microfacets * base.density)
@@ -61,7 +69,7 @@ void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec
 // Of a light sample on the other side.
 vec3 lit_through(PathVertex v, Lobes q, DirectLight direct)
 {
-    mat3 axes = surface_axes(v.bsdf, v.n);
+    mat3 axes = mirroring_axes(v);
     vec3 wi = direct.wi * axes;
     Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
     float cosine = -dot(v.normal, direct.wi);
@@ -83,13 +91,13 @@ struct Departure
 Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
-    Departure d = Departure(reflect(-v.wo, v.n), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
+    Departure d = Departure(reflect(-v.wo, mirroring_normal(v.n, v.normal, v.wo)), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
 #ifdef HAS_MICROFACETS
     if (chosen >= q.mirror) {
         bool coat = chosen < q.mirror + q.coat;
         vec2 alpha = coat ? vec2(b.coat_alpha) : b.alpha;
         bool smooth_one = max(alpha.x, alpha.y) < SMOOTH;
-        mat3 axes = surface_axes(v.bsdf, v.n);
+        mat3 axes = mirroring_axes(v);
         vec3 wo = v.wo * axes, m = smooth_one ? vec3(0.0, 0.0, 1.0) : visible_normal(wo, alpha, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
@@ -99,9 +107,10 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
             d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
-            wi = b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
+            bool unbent = is_unbent(b);
+            wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
             d.straight = b.eta == PANE;
-            if (!smooth_one) d.density = chance * through_lobe(b, wo, wi).density;
+            if (!smooth_one && !unbent) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
@@ -114,11 +123,8 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
     }
 #endif
     float side = dot(d.direction, v.normal);
-    if (d.through ? side >= 0.0 : side <= 0.0) {
-        // A smooth normal has sent it to the wrong side; a mirror is one of the surface itself then.
-        if (d.density == MIRRORED && !d.through) d.direction = reflect(-v.wo, v.normal);
-        else d.weight = vec3(0.0);
-    }
+    // A smooth normal has sent it to the wrong side.
+    if (d.through ? side >= 0.0 : side <= 0.0) d.weight = vec3(0.0);
     return d;
 }
 

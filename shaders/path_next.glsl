@@ -37,7 +37,10 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
     if (ambient_instead(light_kind)) direct.light = vec3(0.0);
 #endif
-    vec3 lit = beta * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
+    vec3 lit = beta * dull_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
+#ifdef HAS_MICROFACETS
+    lit += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, direct.wi) * direct.light;
+#endif
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
         // A surface that the light grazes gets little of it, and its paths would crowd out others of their cells.
@@ -76,7 +79,10 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
     }
 #endif
     vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
-    vec3 throughput = beta * bsdf_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
+    vec3 throughput = beta * dull_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
+#ifdef HAS_MICROFACETS
+    throughput += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, wi) * weight;
+#endif
     float most = max(throughput.r, max(throughput.g, throughput.b));
     if (roulette) {
         float stay = min(1.0, most);

@@ -48,11 +48,12 @@ int scattered = 0;  // surfaces that the path has left, panes that it went strai
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
-const int MIRRORS = 64;         // vertices of a path through glass and by mirrors at most, of which few are left by then
+const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: chance ends them long before
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform int max_depth;               // vertices of a path
+uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
@@ -470,5 +471,6 @@ vec4 trace_path(ivec2 pixel)
         if (!goes_on) break;
 #endif
     }
-    return vec4(L, rays);
+    // More casts than their bits hold count as so many; what stands above them is a path that was cut.
+    return vec4(L, min(rays, float((1 << CAST_BITS) - 1)) + (at.depth >= cut_depth ? float(1 << CAST_BITS) : 0.0));
 }

@@ -133,6 +133,21 @@ vec3 shading_normal(Surface s, bool front, vec3 wo)
     return n;
 }
 
+// The normal to mirror with. Where the shading normal `n` sends the mirror direction below the surface, that direction is
+// lifted to just above it, and the normal is the half vector of it and wo: as `n` turns, so does this, without a step. It
+// depends on wo, so that what is bent is not reciprocal. `normal`: geometric, on wo's side.
+// Source: Keller et al. 2017, The Iray light transport simulation and rendering system, A.3 (bent normals); the height
+// above the surface is that of Cycles' ensure_valid_specular_reflection, which leaves a flat surface as it is.
+vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
+{
+#ifdef HAS_NORMALS
+    vec3 mirrored = reflect(-wo, n);
+    float height = dot(mirrored, normal), least = min(0.9 * dot(normal, wo), 0.01);
+    if (height < least) n = normalize(wo + normalize(mirrored + (least - height) * normal));
+#endif
+    return n;
+}
+
 // By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
 // faces wi. Light from between the two planes is lost: of a uniform surrounding (1 + cos of the angle between the
 // normals) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
@@ -144,6 +159,16 @@ float shading_cosine(vec3 n, vec3 normal, vec3 wi)
     return 1.0;
 #endif
 }
+
+#ifdef HAS_MICROFACETS
+// Of microfacets and varnish, with the cosine to the normal that they mirror with over that to the surface's own.
+vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
+{
+    mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
+    vec3 o = wo * axes, i = wi * axes;
+    return (microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f) * (max(i.z, 0.0) / max(dot(normal, wi), 1e-6));
+}
+#endif
 
 // A point of a triangle whose plane (see FACET_PLANE) is at hand.
 Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)

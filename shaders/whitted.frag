@@ -90,7 +90,11 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
             if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
         }
 #endif
-        sum += bsdf_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi)) * E * (visible / PI);
+        vec3 f = dull_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi));
+#ifdef HAS_MICROFACETS
+        f += mirroring_eval(bsdf, n, normal, wo, wi) * cosine;
+#endif
+        sum += f * E * (visible / PI);
     }
     return sum;
 }
@@ -106,7 +110,13 @@ vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf
         if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
         float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
         if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
-            sum += bsdf_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi) * light.E;
+        {
+            vec3 f = dull_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi);
+#ifdef HAS_MICROFACETS
+            f += mirroring_eval(bsdf, n, normal, wo, light.wi);
+#endif
+            sum += f * light.E;
+        }
     }
     return sum;
 }
@@ -165,15 +175,12 @@ void main()
         shadow_tests += tests - before;
 #endif
 #ifdef REFLECTIONS
-        weight *= mirrored(bsdf, dot(n, -direction));
+        vec3 mirroring = mirroring_normal(n, normal, -direction);
+        weight *= mirrored(bsdf, dot(mirroring, -direction));
         if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
 
         origin = s.position;
-        vec3 reflected = reflect(direction, n);
-#ifdef HAS_NORMALS
-        if (dot(reflected, normal) <= 0.0) reflected = reflect(direction, normal);
-#endif
-        direction = normalize(reflected);
+        direction = normalize(reflect(direction, mirroring));
         begin_ray();
 #ifdef BY_BVH
         primitive = nearest_by_bvh(origin, direction, rounding, primitive, t);

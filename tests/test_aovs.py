@@ -104,6 +104,60 @@ def expected() -> Aovs:
     return slow_aovs(glpath.load_scene(SCENE).with_camera(resolution=RESOLUTION))
 
 
+#: Two cards that face the camera, the nearer one askew in the picture, at depths of 2 and 5; nothing behind.
+CARDS: dict[str, object] = {
+    "camera": {"position": [0, 0, 5], "target": [0, 0, 0], "fov": 60},
+    "materials": {"near": {"reflectance": 0.7}, "far": {"reflectance": 0.3}},
+    "sky": {"zenith": [1, 1, 1], "horizon": 1},
+    "shapes": [
+        {"type": "quad", "corners": [[-1.9, -2, 0], [2, -1.8, 0], [1.9, 2, 0], [-2, 1.8, 0]], "material": "far"},
+        {
+            "type": "quad",
+            "corners": [[-0.4, -0.5, 3], [0.5, -0.4, 3], [0.4, 0.5, 3], [-0.5, 0.4, 3]],
+            "material": "near",
+        },
+    ],
+}
+EVERY: list[dict[str, Any]] = [
+    {"integrator": "path"},
+    {"integrator": "path", "directions": "pair"},
+    {"integrator": "gather"},
+    {"integrator": "t-buffer"},
+    {"integrator": "classic"},
+]
+
+
+@pytest.mark.parametrize("options", EVERY, ids=lambda options: "-".join(map(str, options.values())))
+def test_masks_have_one_number_a_pixel_and_depths_that_a_surface_has(
+    options: dict[str, Any], tmp_path: Path
+) -> None:
+    scene = glpath.load_scene(CARDS).with_camera(resolution=(40, 30))
+    options = {**options, "max_depth": 2, "aovs": ("depth", "depth_min", "object_id", "material_id")}
+    film = glpath.render(scene, spp=24, **options)
+    depth, least, number = (film.aov(name) for name in ("depth", "depth_min", "object_id"))
+    surfaces = np.array([2.0, 5.0, FAR])
+    distance = np.abs(least[..., None] / surfaces - 1)
+    assert distance.min(axis=-1).max() < 1e-5
+    assert np.any(np.abs(depth[..., None] / surfaces - 1).min(axis=-1) > 0.05)  # edges, where they are mixed
+    assert number.dtype == np.int64
+    assert set(np.unique(number)) == {0, 1, 2}
+    # Of pixels without an edge all say the same; the near card is the second one.
+    of_depth = np.array([2, 1, 0])[distance.argmin(axis=-1)]
+    whole = np.abs(depth / least - 1) < 1e-5
+    sky = film.cryptomatte("object").coverage.sum(axis=-1) < 1 - 1e-6
+    assert np.array_equal(number[whole & ~sky], of_depth[whole & ~sky])
+    assert np.all(least <= depth * (1 + 1e-6))
+    # As parts, and as files, to the bit.
+    parts = [glpath.render(scene, spp=12, first_path_set=first, **options) for first in (0, 12)]
+    assert np.array_equal(parts[0].merge(parts[1]).aov("depth_min"), least)
+    film.save(tmp_path / "a.npz")
+    assert np.array_equal(Film.load(tmp_path / "a.npz").aov("depth_min"), least)
+    film.save(tmp_path / "a.exr")
+    channels, _ = read_exr_channels(tmp_path / "a.exr")
+    assert np.array_equal(channels["depth_min.Z"], least.astype(np.float32))
+    assert np.array_equal(channels["object_id.X"], number)
+
+
 def test_aovs_of_more_path_sets_than_a_word_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums are collected before they run over; the bits stay those of all at once."""
     whole = glpath.render("cornell-box-36", spp=8, resolution=(24, 24), max_depth=1, aovs=AOVS)
@@ -270,6 +324,7 @@ LAYERS = {
     "albedo": "RGB",
     "normal": "XYZ",
     "depth": "Z",
+    "depth_min": "Z",
     "position": "XYZ",
     "object_id": "X",
     "material_id": "X",

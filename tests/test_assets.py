@@ -118,7 +118,8 @@ def test_lights_come_along_and_are_placed(tmp_path: Path) -> None:
     steps = "transform = [{ scale = 2 }, { translate = [1, 0, 0] }]"
     scene = scene_with(tmp_path, f'file = "a.gltf"\n{steps}', 'file = "a.gltf"\nlights = false')
     (lamp,) = scene.lights
-    assert (lamp.name, lamp.position.tolist(), lamp.intensity.tolist()) == ("a/Lamp", [1, 6, 0], [6, 3, 1.5])
+    assert (lamp.name, lamp.position.tolist()) == ("a/Lamp", [1, 6, 0])
+    np.testing.assert_allclose(lamp.intensity, np.array([6, 3, 1.5]) / 179)  # candela, in a scene in watts
     assert scene.camera.position.tolist() == [2, 2, 6]  # the scene's, not the model's
 
 
@@ -205,7 +206,7 @@ def test_schema_and_command_line_know_assets(tmp_path: Path) -> None:
     gltf(tmp_path / "box.gltf")
     assert scene_schema is described
     asset = scene_schema()["$defs"]["Asset"]["properties"]
-    assert set(asset) == {"file", "name", "transform", "motion", "materials", "lights", "time"}
+    assert set(asset) == {"file", "name", "transform", "motion", "materials", "lights", "time", "unit"}
     assert all("description" in field for field in asset.values())
     told = CliRunner().invoke(app, ["validate", str(written(tmp_path, 'file = "box.gltf"'))])
     assert (told.exit_code, told.output[:2]) == (0, "ok"), told.output

@@ -29,6 +29,7 @@ from glpath.errors import ContextError, SceneWarning
 from glpath.film import Film, read_image
 from glpath.image import write_exr
 from glpath.progress import duration, percent, reporting
+from glpath.rendering.job import ALL_BOUNCES
 
 
 @dataclass
@@ -172,6 +173,21 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
         "doctor",
     ):
         assert command in result.stdout
+
+
+@pytest.mark.parametrize("command", ["measure", "lightmap"])
+def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) -> None:
+    """Not those of a picture: by paths all bounces count, and there is no eye and no stream."""
+    said = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
+    (depth,) = [line for line in said.splitlines() if "--max-depth" in line]
+    assert f"default {ALL_BOUNCES['max_depth']}." in depth
+    (roulette,) = [line for line in said.splitlines() if "--roulette" in line]
+    assert f"default {ALL_BOUNCES['roulette']}." in roulette
+    for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer"):
+        assert other not in said, other
+    rendered = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    assert "default 5" in next(line for line in rendered.splitlines() if "--max-depth" in line)
+    assert "default never" in next(line for line in rendered.splitlines() if "--roulette" in line)
 
 
 def test_help_says_what_is_written_in_brackets() -> None:

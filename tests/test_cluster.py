@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pickle
 import signal
+import socket
+import ssl
+import subprocess
+import sys
+import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,8 +41,10 @@ from glpath.jobs.connection import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
+from glpath.sensors import PointSensor
 
 distributed = pytest.importorskip("distributed")
+pytest.importorskip("cryptography")
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}
@@ -81,6 +91,16 @@ def test_it_has_the_bits_of_one_process(workers, spp, options):
     assert film.metadata.stop_rule == "spp"
     assert film.metadata.statistics["chunks"] >= spp // 64
     assert told[-1].done == told[-1].total == spp
+
+
+def test_points_are_not_asked_what_a_camera_would_see(workers):
+    """In front of the box, where a camera amid them would look past it: no warning, which would be a failure."""
+    points = np.array([[[0.0, 0.5, 3.0], [0.1, 0.4, 3.0]]])
+    sensor = PointSensor.of(points, np.broadcast_to([0.0, 0.0, -1.0], points.shape), independent=True)
+    job = RenderJob.of(BOX, sensor=sensor, spp=24, max_depth=3)
+    film = render_on(workers, job, chunk_seconds=0.05)
+    assert same(film, run(job))
+    assert film.mean.any()
 
 
 def test_noise_ends_it_where_it_ends_one_process(workers):
@@ -217,7 +237,7 @@ def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
         return Submitted()
 
     client = SimpleNamespace(submit=submit)
-    cluster = SimpleNamespace(client=client, workers=lambda: ["a", "b"], address="played")
+    cluster = SimpleNamespace(client=client, workers=lambda: ["a", "b"], address="played", connected=True)
     film = SimpleNamespace(path_sets=0, ranges=())
     render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), SimpleNamespace(film=film), 1.0)
     chunks = Chunks([(0, 64)], 1.0)
@@ -284,6 +304,132 @@ def test_what_dask_s_configuration_refuses_is_said_at_once(tmp_path):
         pytest.raises(ContextError, match="Dask's certificates cannot be used: No such file"),
     ):
         Cluster("tls://127.0.0.1:1")
+
+
+# Who may connect.
+
+
+def run_code(address: str, security: Any) -> int:
+    """What an attacker does: a client of one's own, which has a function run by a worker; its process id."""
+    with distributed.Client(address, security=security, set_as_default=False, timeout=2) as client:
+        return client.submit(os.getpid).result(timeout=5)
+
+
+def addresses(cluster: Cluster) -> list[str]:
+    """Where the scheduler, the workers and the processes that watch over them listen."""
+    info = cluster.client.scheduler_info()
+    workers = info["workers"]
+    return [cluster.client.scheduler.address, *workers, *(worker["nanny"] for worker in workers.values())]
+
+
+def test_code_is_run_for_those_who_have_the_certificate(workers):
+    assert run_code(workers.client.scheduler.address, workers.client.security) in pids(workers)
+
+
+def test_nobody_without_the_certificate_can_run_code_on_a_local_cluster(workers, caplog):
+    caplog.set_level("CRITICAL", "distributed")
+    scheduler = workers.client.scheduler.address
+    assert scheduler.startswith("tls://")
+    with pytest.raises(OSError, match=r"(?i)timed out|closed|certificate"):
+        run_code(scheduler, distributed.Security.temporary())  # somebody else's
+    with pytest.raises(OSError, match=r"(?i)timed out|closed"):
+        run_code(scheduler.replace("tls://", "tcp://"), distributed.Security(require_encryption=False))
+    # Each that listens ends the handshake of whoever has no certificate, before it reads a word.
+    for address in addresses(workers):
+        host, port = address.removeprefix("tls://").split(":")
+        nobody = ssl.create_default_context()
+        nobody.check_hostname, nobody.verify_mode = False, ssl.CERT_NONE
+        with socket.create_connection((host, int(port)), timeout=5) as plain, pytest.raises((OSError, EOFError)):
+            read_by_tls(nobody, plain)
+
+
+def read_by_tls(context: ssl.SSLContext, plain: socket.socket) -> None:
+    """Raise what ends a connection; by TLS 1.3 it ends with the first read."""
+    with context.wrap_socket(plain) as connection:
+        if not connection.recv(1):
+            raise EOFError
+
+
+def test_a_local_cluster_listens_on_the_loopback_interface_alone(workers):
+    listening = [entry for pid in [os.getpid(), *family(os.getpid())] for entry in listeners(pid)]
+    assert len(listening) >= len(addresses(workers))
+    assert {host for host, _ in listening} == {"127.0.0.1"}
+    for host, port in listening:  # who listens for HTTP has nothing to tell
+        with contextlib.suppress(OSError), socket.create_connection((host, port), timeout=5) as connection:
+            connection.sendall(b"GET /info/main/workers.html HTTP/1.0\r\n\r\n")
+            connection.settimeout(5)
+            assert connection.recv(4096).split(b"\r\n")[0] in (b"", b"HTTP/1.1 404 Not Found")
+
+
+def family(pid: int) -> list[int]:
+    """The processes that a process has started, and those of these."""
+    children = [
+        int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()
+    ]
+    return [*children, *(grandchild for child in children for grandchild in family(child))]
+
+
+def listeners(pid: int) -> list[tuple[str, int]]:
+    """The IPv4 and IPv6 addresses at which a process listens."""
+    found = []
+    inodes = set()
+    for file in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if (name := os.readlink(file)).startswith("socket:["):
+                inodes.add(name[8:-1])
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A" and fields[9] in inodes:
+                host, port = fields[1].split(":")
+                packed = b"".join(bytes.fromhex(host[i : i + 8])[::-1] for i in range(0, len(host), 8))
+                name = socket.inet_ntop(socket.AF_INET if table == "tcp" else socket.AF_INET6, packed)
+                found.append((name, int(port, 16)))
+    return found
+
+
+def test_a_scheduler_without_encryption_is_warned_of(caplog):
+    with open_scheduler() as scheduler, Cluster(scheduler):
+        pass
+    assert "whoever reaches its port can run code as you" in caplog.text
+
+
+@contextlib.contextmanager
+def open_scheduler() -> Iterator[str]:
+    """A scheduler without encryption, in a process of its own, and its address."""
+    command = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scheduler.json"
+        process = subprocess.Popen([*command, "--scheduler-file", str(file)], stderr=subprocess.DEVNULL)
+        try:
+            until = time.monotonic() + 60
+            while not file.exists() and time.monotonic() < until:
+                time.sleep(0.05)
+            yield json.loads(file.read_text())["address"]
+        finally:
+            process.kill()
+            process.wait()
+
+
+# A scheduler that is gone.
+
+
+def test_a_scheduler_that_dies_is_noticed_in_seconds(capfd):
+    with open_scheduler() as address, Cluster(address) as cluster:
+        began: list[float] = []
+        pid = cluster.client.run_on_scheduler(os.getpid)
+        threading.Timer(1.0, lambda: began.append(time.monotonic()) or os.kill(pid, signal.SIGKILL)).start()
+        with pytest.raises(ContextError, match="the scheduler is gone: the connection broke"):
+            render_on(cluster, job_of(16))
+        assert time.monotonic() - began[0] < 8
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_an_address_where_nobody_listens_is_refused_in_seconds():
+    began = time.monotonic()
+    with pytest.raises(ContextError, match=r"no scheduler answers: .*refused"):
+        Cluster("tcp://127.0.0.1:1")
+    assert time.monotonic() - began < 15
 
 
 # The command line.

@@ -18,11 +18,15 @@ from terrain import Hills
 
 import glpath
 from glpath.film import Film
+from glpath.film_metadata import AOVS
 from glpath.gl.context import get_context
 
 STORED = Path(__file__).parent / "data" / "film_hashes.json"
 
 SMALL = {"resolution": (48, 36), "spp": 4}
+
+#: Those that there were when the bits were stored: `depth_min` has tests of its own.
+OLDER_AOVS = tuple(name for name in AOVS if name != "depth_min")
 
 #: Every kind of light, a texture, a highlight and a smooth sphere.
 MIXED: dict[str, object] = {
@@ -212,9 +216,9 @@ FILMS: dict[str, dict[str, object]] = {
     "rays-orthographic": {"scene": "cornell-box", "camera": {"type": "orthographic", "height": 2.0}, **SMALL},
     "rays-panorama": {"scene": LOBES, "camera": {"type": "panorama"}, "resolution": (64, 32), "spp": 4},
     "rays-guided": {"scene": "cornell-box-36", "guide": "solution", **SMALL},
-    "rays-aovs": {"scene": LOBES, "aovs": ("all",), **SMALL},
-    "path-aovs": {"scene": ROUGH, "aovs": ("all",), "directions": "pair", **SMALL},
-    "gather-aovs": {"scene": "cornell-box-36", "integrator": "gather", "aovs": ("all",), **SMALL},
+    "rays-aovs": {"scene": LOBES, "aovs": OLDER_AOVS, **SMALL},
+    "path-aovs": {"scene": ROUGH, "aovs": OLDER_AOVS, "directions": "pair", **SMALL},
+    "gather-aovs": {"scene": "cornell-box-36", "integrator": "gather", "aovs": OLDER_AOVS, **SMALL},
     "t-buffer-aovs": {"scene": MIXED, "integrator": "t-buffer", "aovs": ("albedo", "normal", "depth"), **SMALL},
     "path-stream": {"scene": STREAM, "max_depth": 3, "directions": "pair", "light_resolution": 64, **SMALL},
     "rays-points": {"scene": MIXED, "points": "plane", "spp": 16},

@@ -166,8 +166,8 @@ def quiet(path: Path) -> Scene:
 
 
 def blocks(image: Float64) -> Float64:
-    """Means of 8 x 8 pixels, of what is not the window, which outshines all."""
-    return np.minimum(image, 1.0).reshape(9, 8, 12, 8, 3).mean(axis=(1, 3))
+    """Means of 8 x 8 pixels in W sr^-1 m^-2, of what is not the window, which outshines all."""
+    return np.minimum(image / 179, 1.0).reshape(9, 8, 12, 8, 3).mean(axis=(1, 3))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -272,8 +273,8 @@ def test_half_way_between_two_rotations_is_half_the_angle_the_shorter_way(tmp_pa
     angle = np.radians(120)
     end = sign * np.array([0, 0, np.sin(angle / 2), np.cos(angle / 2)])
     file = animated("rotation", "LINEAR", [[0, 0, 0, 1], end.tolist()])
-    for time, degrees in ((2.0, 60), (1.5, 30)):
-        matrix = read(file, tmp_path, time=time).shapes[0].world_from_object[0]
+    for moment, degrees in ((2.0, 60), (1.5, 30)):
+        matrix = read(file, tmp_path, time=moment).shapes[0].world_from_object[0]
         assert np.degrees(np.arctan2(matrix[1, 0], matrix[0, 0])) == pytest.approx(degrees, abs=1e-4)
 
 
@@ -386,3 +387,97 @@ def test_draco_meshes_are_unpacked(tmp_path: Path) -> None:
     file.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
     found = the_mesh(read(file, tmp_path))
     np.testing.assert_allclose(np.sort(found.vertices, axis=0), np.sort(TRIANGLE, axis=0), atol=1e-3)
+
+
+def tree(count: int, seed: int) -> Gltf:
+    """Nodes below each other in any order, half of them by a matrix, a tenth mirrored; each shows a triangle."""
+    draw = np.random.default_rng(seed)
+    file = Gltf()
+    mesh = file.mesh()
+    below: list[list[int]] = [[] for _ in range(count)]
+    order = draw.permutation(count)
+    for i in range(1, count):
+        if draw.random() < 0.9:
+            below[order[draw.integers(0, i)]].append(int(order[i]))
+    for children in below:
+        fields: dict[str, Any] = {"mesh": mesh} | ({"children": children} if children else {})
+        if draw.random() < 0.5:
+            matrix = np.eye(4)
+            matrix[:3] = np.c_[draw.normal(size=(3, 3)), draw.normal(size=3)]
+            fields["matrix"] = matrix.T.ravel().tolist()
+        else:
+            turn = draw.normal(size=4)
+            parts = {
+                "translation": draw.normal(size=3),
+                "rotation": turn / np.linalg.norm(turn),
+                "scale": draw.uniform(0.5, 1.5, 3) * (1 if draw.random() < 0.8 else [-1, 1, 1]),
+            }
+            fields |= {name: value.tolist() for name, value in parts.items() if draw.random() < 0.7}
+        file.node(**fields)
+    return file
+
+
+def quaternion_matrix(x: float, y: float, z: float, w: float) -> np.ndarray:
+    """By turning each axis: q v q*, written out with cross products."""
+    q = np.array([x, y, z])
+    return np.array([v + 2 * np.cross(q, np.cross(q, v) + w * v) for v in np.eye(3)]).T
+
+
+def placed_one_by_one(file: Gltf) -> list[np.ndarray]:
+    """(3, 4) of each node, by recursion."""
+    nodes = file.json["nodes"]
+    found: dict[int, np.ndarray] = {}
+
+    def place(index: int, above: np.ndarray) -> None:
+        node = nodes[index]
+        local = np.eye(4)
+        if "matrix" in node:
+            local = np.array(node["matrix"]).reshape(4, 4).T
+        else:
+            turn = quaternion_matrix(*node.get("rotation", [0, 0, 0, 1]))
+            local[:3, :3] = turn @ np.diag(node.get("scale", [1, 1, 1]))
+            local[:3, 3] = node.get("translation", [0, 0, 0])
+        found[index] = above @ local
+        for child in node.get("children", []):
+            place(child, found[index])
+
+    children = {child for node in nodes for child in node.get("children", [])}
+    for root in set(range(len(nodes))) - children:
+        place(root, np.eye(4))
+    return [found[i][:3] for i in range(len(nodes))]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tree_of_nodes_stands_where_each_says_below_its_parent(tmp_path: Path, seed: int) -> None:
+    file = tree(120, seed)
+    shapes = read(file, tmp_path).shapes
+    expected = placed_one_by_one(file)
+    mirrored = [np.linalg.det(each[:, :3]) < 0 for each in expected]
+    for shape in shapes:
+        side = shape.name.endswith("(mirrored)")
+        ours = sorted(np.round(shape.world_from_object, 9).reshape(-1, 12).tolist())
+        theirs = [each for each, turned in zip(expected, mirrored, strict=True) if turned == side]
+        np.testing.assert_allclose(ours, sorted(np.round(theirs, 9).reshape(-1, 12).tolist()), atol=1e-7)
+    assert sum(len(shape.world_from_object) for shape in shapes) == 120
+
+
+def seconds_to_read(count: int, folder: Path) -> float:
+    """Of the processor, for so many nodes with a mesh."""
+    file = Gltf()
+    mesh = file.mesh()
+    file.json["nodes"] = [{"mesh": mesh, "translation": [i % 1000, i // 1000, 0.5]} for i in range(count)]
+    path = file.write(folder)
+    began = time.process_time()
+    (shape,) = read_gltf(path).shapes
+    took = time.process_time() - began
+    assert len(shape.world_from_object) == count
+    return took
+
+
+def test_many_nodes_are_placed_together(tmp_path: Path) -> None:
+    assert seconds_to_read(40_000, tmp_path) < 5.0  # 32 where each is placed alone; 0.6
+
+
+@pytest.mark.evidence
+def test_a_million_nodes_take_seconds(tmp_path: Path) -> None:
+    assert seconds_to_read(1_000_000, tmp_path) < 60.0  # 11 on the machine where this was written

@@ -19,7 +19,7 @@ from glpath.film import Film
 from glpath.image import read_eight_bits
 from glpath.integrators.settings import PathTraceSettings
 from glpath.noise import standard_error
-from glpath.rendering import RenderJob
+from glpath.rendering import RenderJob, run
 from glpath.scene import load_scene
 from glpath.sensors import PointSensor
 
@@ -62,7 +62,6 @@ def test_it_has_values_errors_and_lux(scene: Path) -> None:
     found = glpath.irradiance(scene, points, [0, 0, 3.0], spp=16, max_depth=1)
     expected = [lux(x, y, z) for x, y, z in points]
     np.testing.assert_allclose(found.illuminance(), expected, rtol=2e-5)
-    np.testing.assert_allclose(found.illuminance(1.0), np.array(expected) / 179, rtol=2e-5)
     np.testing.assert_allclose(found.values[0], np.array([3, 2, 1]) / 4, rtol=2e-5)
     assert found.values.shape == found.standard_errors.shape == (5, 3)
     # Light that is exact in every path set has no error.
@@ -105,9 +104,10 @@ def test_a_points_error_covers_the_truth_as_often_as_it_should() -> None:
 
 
 #: A meadow that sends nothing back, under the CIE standard overcast sky: a third as bright at the horizon as at the
-#: zenith, by the sine of the elevation. On open ground it makes 1 W m^-2.
-ZENITH = 9 / (7 * np.pi)
+#: zenith, by the sine of the elevation. On open ground it makes 100 lx, so that lux are per cent.
+ZENITH = 100 * 9 / (7 * np.pi)
 OVERCAST: dict[str, Any] = {
+    "unit": "photometric",
     "camera": {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40},
     "materials": {"black": {"reflectance": 0}},
     "sky": {"zenith": [ZENITH] * 3, "horizon": [ZENITH / 3] * 3, "up": [0, 0, 1]},
@@ -128,9 +128,9 @@ def test_daylight_factors_are_those_of_the_overcast_sky() -> None:
     upright = (np.pi / 2 + 4 / 3) / (7 * np.pi / 3)
     assert upright == pytest.approx(0.396, abs=5e-4)
     found = glpath.irradiance(OVERCAST, [[0, 0, 1]] * 2, [up, across], spp=1024)
-    np.testing.assert_allclose(found.illuminance(100), [100, 100 * upright], rtol=0.01)
+    np.testing.assert_allclose(found.illuminance(), [100, 100 * upright], rtol=0.01)
     around = glpath.irradiance(OVERCAST, [[0, 0, 1]], up, receiver="cylinder", spp=1024)
-    np.testing.assert_allclose(around.values, upright, rtol=0.01)
+    np.testing.assert_allclose(around.values, 100 * upright, rtol=0.01)
 
 
 def test_a_cylinder_has_the_mean_of_all_directions_around_it(scene: Path, tmp_path: Path) -> None:
@@ -138,14 +138,14 @@ def test_a_cylinder_has_the_mean_of_all_directions_around_it(scene: Path, tmp_pa
     points = np.array([[1.0, 0, 1], [0.3, -1.5, 1.2], [-2, 0.5, 0.1]])
     r = np.linalg.norm([0, 0, 2] - points, axis=1)
     sine = np.hypot(points[:, 0], points[:, 1]) / r
-    expected = (0.2126 * 3 + 0.7152 * 2 + 0.0722) * sine / (np.pi * r**2)
+    expected = 179 * (0.2126 * 3 + 0.7152 * 2 + 0.0722) * sine / (np.pi * r**2)
     options: dict[str, Any] = {"receiver": "cylinder", "spp": 32, "max_depth": 1}
     for axis in ([0, 0, 1], [0, 0, -2]):
         found = glpath.irradiance(scene, points, axis, **options)
-        np.testing.assert_allclose(found.illuminance(1), expected, rtol=2.1e-3)
+        np.testing.assert_allclose(found.illuminance(), expected, rtol=2.1e-3)
     table = tmp_path / "points.csv"
     table.write_text("\n".join(",".join(map(str, p)) for p in points))
-    asked = ("--points", table, "--normal", "0,0,1", "--receiver", "cylinder", "--lumens-per-watt", 1)
+    asked = ("--points", table, "--normal", "0,0,1", "--receiver", "cylinder")
     result = cli(scene, *asked, "--spp", 32, "--max-depth", 1, "-q", "-o", "-")
     rows = np.genfromtxt(result.stdout.splitlines(), delimiter=",", skip_header=1)
     np.testing.assert_allclose(rows[:, 12], expected, rtol=2.1e-3)
@@ -228,7 +228,7 @@ def test_a_grid_is_measured_and_written(scene: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(table[:, 12], lux(table[:, 0], table[:, 1]), rtol=3e-5)
     with np.load(out[1]) as stored:
         assert stored["points"].shape == (4, 6, 3)
-        assert stored["lumens_per_watt"] == 179
+        assert stored["unit"] == "W m^-2"
         np.testing.assert_allclose(stored["illuminance"].ravel(), table[:, 12], rtol=1e-6)
         # Along x in columns, along y in rows, from the lower corner on.
         assert stored["points"][0, 0].tolist() == [-2.5, -1.5, 0]
@@ -243,10 +243,10 @@ def test_a_grid_is_measured_and_written(scene: Path, tmp_path: Path) -> None:
 def test_points_of_a_table_are_measured(scene: Path, tmp_path: Path) -> None:
     table = tmp_path / "points.csv"
     table.write_text("# meters\nname;z;y;x;nx;ny;nz\ndesk;0;0.5;1;0;0;2\nfloor;0;0;0;0;0;1\n")
-    result = cli(scene, "--points", table, "--spp", 1, "--max-depth", 1, "--lumens-per-watt", 1, "-q", "-o", "-")
+    result = cli(scene, "--points", table, "--spp", 1, "--max-depth", 1, "-q", "-o", "-")
     assert result.exit_code == 0, result.stderr
     rows = np.genfromtxt(result.stdout.splitlines(), delimiter=",", skip_header=1)
-    np.testing.assert_allclose(rows[:, 12], lux(rows[:, 0], rows[:, 1]) / 179, rtol=3e-5)
+    np.testing.assert_allclose(rows[:, 12], lux(rows[:, 0], rows[:, 1]), rtol=3e-5)
     assert rows[:, :3].tolist() == [[1, 0.5, 0], [0, 0, 0]]
 
 
@@ -314,7 +314,6 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
         (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
         (["--points", "nothing.csv"], "cannot be read"),
         (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, gather"),
-        (["--plane", "z=0", "--lumens-per-watt", "0"], "--lumens-per-watt 0: must be above 0"),
         (["--plane", "z=0", "--spp", "0"], "--spp 0"),
         (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .png"),
         (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),
@@ -484,6 +483,20 @@ def test_planes_are_held_against_the_scene(room: Path, scene: Path) -> None:
     assert "warning" not in cli(scene, "--plane", "z=0.5", "--spp", 1, "-o", "-").stderr
 
 
+def test_bakes_of_a_model_without_light_say_what_lights_them(room: Path, tmp_path: Path) -> None:
+    """They are pictures, which have the white sky; but of the camera nobody need hear."""
+    bare = tmp_path / "bare.toml"
+    bare.write_text(LIT[LIT.index("[[shapes]]") :])
+    for scene, light in ((room, "a white sky of radiance 1 from all around, as the"), (bare, "1 punctual light")):
+        result = CliRunner().invoke(
+            app, ["radiosity", str(scene), "--patches", "20", "-o", str(tmp_path / "a.npz")]
+        )
+        assert result.exit_code == 0, result.stderr
+        assert f"light: {light}" in result.stderr
+        assert ("has no light, so a white sky shines" in result.stderr) == (scene == room)
+        assert "camera" not in result.stderr
+
+
 def test_a_scene_file_needs_no_camera_to_be_measured(scene: Path, tmp_path: Path) -> None:
     path, table = tmp_path / "bare.toml", tmp_path / "points.csv"
     path.write_text(LIT[LIT.index("[[shapes]]") :])
@@ -497,6 +510,9 @@ def test_a_scene_file_needs_no_camera_to_be_measured(scene: Path, tmp_path: Path
     assert rows[0] == rows[1]
     found = glpath.irradiance(path, [[0.5, 0, 0.3]], [0, 0, 1], spp=1, max_depth=1)
     assert found.illuminance()[0] == pytest.approx(lux(0.5, 0, 0.3), rel=2e-5)
+    sensor = PointSensor.of([[[0.5, 0, 0.3]]], [[[0.0, 0, 1]]])
+    job = RenderJob.from_json(RenderJob.of(path, sensor=sensor, spp=1, max_depth=1).to_json())
+    np.testing.assert_allclose(np.pi * run(job, sensor=sensor).mean[0], found.values, rtol=1e-6)
     # What goes by the camera's up has to say where it goes.
     path.write_text(path.read_text() + "[sky]\nzenith = 1\nhorizon = 0.3\n")
     with pytest.raises(glpath.SceneError, match=r"sky\.up is missing"):

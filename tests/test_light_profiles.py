@@ -247,8 +247,9 @@ def test_between_angles_it_is_bilinear() -> None:
 
 
 def lamp_scene(profile: Path, **light: object) -> dict[str, object]:
-    """A grey floor seen from above under a lamp, which is turned."""
+    """A grey floor seen from above under a lamp, which is turned; in candela, as its profile."""
     return {
+        "unit": "photometric",
         "camera": {"position": [0, 0.01, 6], "target": [0, 0, 0], "up": [0, 1, 0], "fov": 50},
         "film": {"resolution": [32, 32]},
         "materials": {"grey": {"reflectance": 0.5}},
@@ -335,6 +336,7 @@ def test_every_engine_finds_the_same_among_other_lamps(tmp_path: Path) -> None:
     half = ies(tmp_path / "a.ies", GAMMA[:19], C, web(C, GAMMA[:19]) / 30)
     other = ies(tmp_path / "b.ies", GAMMA, np.zeros(1), web(np.zeros(1), GAMMA) / 30)
     scene = {
+        "unit": "photometric",
         "camera": {"position": [0, 2.2, 4.5], "target": [0, 0.4, 0], "fov": 35},
         "materials": {"floor": {"reflectance": [0.8, 0.3, 0.2]}, "box": {"reflectance": [0.3, 0.5, 0.8]}},
         "film": {"resolution": [24, 18]},
@@ -414,7 +416,7 @@ def test_a_scene_file_names_a_profile_beside_it(tmp_path: Path) -> None:
     light = glpath.load_scene(tmp_path / "room.toml").lights[0]
     assert light.direction.tolist() == [0, -1, 0]  # against the camera's up
     assert light.c0.tolist() == [1, 0, 0]
-    assert light.intensity.tolist() == [1, 1, 1]
+    np.testing.assert_allclose(light.intensity, 1 / 179)  # watts per candela, in a file that is in watts
     assert light.profile is not None
     assert light.profile.candela.shape == (24, 37)
 

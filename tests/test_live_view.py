@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -23,7 +24,7 @@ import pytest
 from PIL import Image
 
 import glpath
-from glpath.notebook.orbit import turned
+from glpath.notebook.orbit import nearer, turned
 
 pytestmark = browser.marks("jupyterlab")
 
@@ -78,6 +79,10 @@ return canvas.toDataURL('image/png').split(',')[1]
 """
 
 
+SHOWN = "return !!document.querySelector('.renderview-wrapper img')"
+SHOWS_AN_IMAGE = "return document.querySelector('.renderview-wrapper img')?.naturalWidth > 1"
+
+
 def wait_for(condition: Callable[[], Any], what: str, seconds: float = SECONDS) -> Any:
     end = time.monotonic() + seconds
     while True:
@@ -94,6 +99,9 @@ class Lab:
     def __init__(self, driver: Any, folder: Path, log: Path) -> None:
         self.driver, self.folder, self.log = driver, folder, log
         self._client: Any = None
+        # What the page and the kernel of the test before say as they end is not this one's.
+        self._before = len(log.read_text().splitlines())
+        driver.get_log("browser")
 
     def run_cells(self) -> None:
         wait_for(
@@ -147,6 +155,21 @@ class Lab:
     def text(self) -> str:
         return str(self.driver.execute_script("return document.querySelector('.jp-Notebook').innerText"))
 
+    def reload(self) -> None:
+        """As the browser's own button does, with the notebook saved; the kernel lives on."""
+        self.driver.execute_async_script(
+            "const done = arguments[0]; window.jupyterapp.commands.execute('docmanager:save').then(() => done())"
+        )
+        self.driver.refresh()
+        wait_for(lambda: self.driver.execute_script(SHOWN), "the view is in the page again")
+
+    def path_sets(self) -> int:
+        return int(self.ask("print(shown.path_sets)"))
+
+    def counter(self) -> int:
+        """Path sets, as the view itself says."""
+        return int(re.search(r"(\d+) of \d+ path sets", self.text())[1])
+
     def press(self, button: str) -> None:
         self.driver.find_element("xpath", f"//button[contains(., '{button}')]").click()
 
@@ -171,7 +194,7 @@ class Lab:
         console = [e["message"] for e in self.driver.get_log("browser") if e["level"] == "SEVERE"]
         # Chromium's word on leaving a notebook that was not saved.
         console = [message for message in console if "beforeunload" not in message]
-        lines = self.log.read_text().splitlines()
+        lines = self.log.read_text().splitlines()[self._before :]
         return [*shown, *console, *(line for line in lines if "Traceback" in line or line.startswith("[E "))]
 
     def camera(self) -> glpath.scene.Camera:
@@ -214,30 +237,25 @@ def driver() -> Iterator[Any]:
         yield chrome
 
 
-OpenNotebook = Callable[[str], Lab]
+OpenNotebook = Callable[..., Lab]
 
 
 @pytest.fixture
 def notebook(server: tuple[Path, str], driver: Any) -> Iterator[OpenNotebook]:
-    """Opens a notebook of one cell in JupyterLab and runs it."""
+    """Opens a notebook of one cell in JupyterLab, and runs it until a script of the page finds what is to come."""
     import nbformat
 
     folder, url = server
     opened: list[Lab] = []
 
-    def run(code: str) -> Lab:
+    def run(code: str, shows: str = SHOWS_AN_IMAGE) -> Lab:
         book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
         book.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
         nbformat.write(book, folder / "view.ipynb")
         driver.get(f"{url}lab/tree/view.ipynb?reset&token=glpath")
         lab = Lab(driver, folder, folder / "log")
         lab.run_cells()
-        wait_for(
-            lambda: driver.execute_script(
-                "return document.querySelector('.renderview-wrapper img')?.naturalWidth > 1"
-            ),
-            "the view shows an image",
-        )
+        wait_for(lambda: driver.execute_script(shows), "the cell shows an image")
         opened.append(lab)
         return lab
 
@@ -306,8 +324,85 @@ def test_the_buttons_stop_save_and_reset(notebook: OpenNotebook) -> None:
     wait_for((lab.folder / "cornell-box.png").exists, "the picture is saved")
     saved = np.asarray(Image.open(lab.folder / "cornell-box.png"))
     wait_for(lambda: np.array_equal(lab.picture(), saved), "what is saved is what is seen", 20)
-    lab.press("Stop")
-    wait_for(lambda: int(lab.ask("print(shown.path_sets)")) > int(sets), "it goes on")
+    lab.drag(60, 25)
+    time.sleep(0.5)
+    assert lab.path_sets() == 0, "it is held, with no image of this camera"
+    lab.press("Save")
+    wait_for((lab.folder / "cornell-box-2.png").exists, "it is made for that, and saved")
+    saved = np.asarray(Image.open(lab.folder / "cornell-box-2.png"))
+    wait_for(lambda: np.array_equal(lab.picture(), saved), "what is saved is what is seen", 20)
+    sets = lab.path_sets()
+    lab.press("Reset")
+    wait_for(lambda: lab.path_sets() > sets, "Reset goes back, and on")
+    assert lab.complaints() == []
+
+
+def test_a_page_loaded_anew_while_the_view_converges_goes_on(notebook: OpenNotebook) -> None:
+    """Frames on their way to the page that is gone are shown by nobody; what goes on needs no word of them."""
+    lab = notebook(CELL.replace("'spp': 24", "'spp': 100000"))
+    wait_for(lambda: lab.path_sets() > 8, "it converges")
+    home = lab.camera()
+    lab.reload()
+    sets = lab.path_sets()
+    wait_for(lambda: lab.driver.execute_script(SHOWS_AN_IMAGE), "the new page shows an image", 20)
+    wait_for(lambda: lab.counter() > sets, "it goes on, and its counter", 20)
+    lab.drag(60, 25)
+    expected = turned(home, 60, 25).position
+    wait_for(lambda: np.allclose(lab.camera().position, expected), "the drag turns it", 20)
+    wait_for(lambda: 0 < lab.counter() < sets, "the image of the new camera begins", 20)
+    lab.press("Reset")
+    wait_for(lambda: np.allclose(lab.camera().position, home.position), "it is back", 20)
+    wait_for(lambda: lab.counter() > 0, "and goes on", 20)
+    assert lab.complaints() == []
+
+
+def test_the_view_takes_keys_and_says_what_it_is(notebook: OpenNotebook) -> None:
+    """Tab reaches it; and Jupyter's own shortcuts, by which R makes a cell raw, do not hear what it takes."""
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.keys import Keys
+
+    lab = notebook(CELL)
+    lab.converged()
+    home = lab.camera()
+    image = lab.driver.find_element("css selector", ".renderview-wrapper img")
+    assert image.accessible_name.startswith("cornell-box, 256 x 192 pixels, by path, up to 24 path sets. Arrow")
+    assert image.aria_role == "application"
+    lab.driver.find_element("xpath", "//button[contains(., 'Save')]").send_keys(Keys.TAB)
+    assert lab.driver.switch_to.active_element == image
+
+    def press(*keys: str) -> None:
+        chain = ActionChains(lab.driver)
+        for key in keys:
+            chain.send_keys(key)
+        chain.perform()
+
+    def sees(camera: glpath.scene.Camera, what: str) -> None:
+        wait_for(lambda: np.allclose(lab.camera().position, camera.position), what, 20)
+
+    press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
+    sees(turned(home, 50, 25), "the arrows turn it")
+    press("+", "+", "-")
+    sees(nearer(turned(home, 50, 25), -1), "it comes nearer")
+    press("r")
+    sees(home, "R resets it")
+    lab.drag(25, 0)  # from here on the keys come by the library's own input
+    press(Keys.ARROW_LEFT)
+    sees(home, "an arrow turns it back")
+    cells = "return [...document.querySelectorAll('.jp-Cell')].map(c => c.className.includes('jp-CodeCell'))"
+    assert all(lab.driver.execute_script(cells)), "no shortcut has made a cell raw"
+    assert lab.complaints() == []
+
+
+def test_a_film_is_one_picture_and_has_words(notebook: OpenNotebook) -> None:
+    """Shown as it converges, and by the cell's last line; what a reader of the screen says is in the page."""
+    lab = notebook(
+        "import glpath\n"
+        "film = glpath.render('cornell-box', resolution=(64, 48), spp=8, max_depth=1, progress=True)\n"
+        "film",
+        "return document.querySelector('.jp-OutputArea-executeResult img')?.naturalWidth === 64",
+    )
+    images = lab.driver.find_elements("css selector", ".jp-OutputArea img")
+    assert [image.accessible_name for image in images] == ["cornell-box, by path, 8 path sets, 64 x 48 pixels"]
     assert lab.complaints() == []
 
 

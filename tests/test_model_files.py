@@ -20,7 +20,7 @@ from glpath import load_scene
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.image import decode_srgb
-from glpath.rendering.job import RenderJob
+from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Material, Scene, check_scene, scene_cameras, scene_parameters
 from glpath.scene.formats.values import nearby_files
 
@@ -82,13 +82,38 @@ def test_gltf_and_obj_of_one_box_are_one_scene(tmp_path: Path) -> None:
     assert pictures[0].max() > 0.1
 
 
+@pytest.mark.parametrize("resolution", [(200, 150), (150, 200), (400, 40), (512, 512)])
+@pytest.mark.parametrize("size", [(1, 6, 1), (8, 1, 1), (1, 1, 1)])
+def test_the_camera_of_a_model_without_one_sees_everything_at_every_resolution(
+    tmp_path: Path, size: tuple[float, float, float], resolution: tuple[int, int]
+) -> None:
+    path = tmp_path / "box.ply"
+    trimesh.creation.box(size).export(path)
+    _, scene = describe(quiet(path), resolution=resolution)
+    assert scene.camera.resolution == resolution
+    at, depth = scene.camera.project(scene.triangles)
+    assert (depth > 0).all()
+    assert (at >= 0).all()
+    assert (at <= resolution).all()
+    # It fills the picture in one direction, as far as a box seen askew can.
+    assert (np.ptp(at.reshape(-1, 2), axis=0) / resolution).max() > 0.6
+
+
+def test_a_camera_that_was_chosen_stays_at_another_resolution(tmp_path: Path) -> None:
+    path = tmp_path / "box.ply"
+    trimesh.creation.box((1, 6, 1)).export(path)
+    position = quiet(path).camera.position * 1.001
+    chosen = quiet(path).with_camera(position=position)
+    assert np.array_equal(chosen.with_camera(resolution=(20, 10)).camera.position, position)
+
+
 @pytest.mark.parametrize("suffix", [".gltf", ".obj"])
 def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) -> None:
     path = (gltf if suffix == ".gltf" else obj)(tmp_path / f"box{suffix}")
     (text,) = said(path)
     assert text == (
         f"{path}: has no camera, so one was set that sees everything: position [1.101, 0.881, 2.202], target "
-        "[0, 0, 0], fov 40, and no light, so a white sky shines from all around."
+        "[0, 0, 0], fov 40, for 512 x 512 pixels, and no light, so a white sky shines from all around."
     )
     scene = quiet(path)
     assert (scene.camera.resolution, scene.camera.up.tolist()) == ((512, 512), [0, 1, 0])
@@ -153,6 +178,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         "camera": "first",
         "time": "rest",
         "shutter": 0.0,
+        "unit": "photometric",
         "light_factor": 1.0,
     }
     job = RenderJob.of(path, parameters={"camera": camera}, spp=1)
@@ -165,7 +191,8 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
     [
         (
             {"kamera": 1},
-            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, light_factor=1.0.",
+            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, light_factor=1.0, "
+            "unit=photometric.",
         ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
         ({"light_factor": "bright"}, 'light_factor is "bright", but must be a number from 0'),

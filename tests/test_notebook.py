@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
+import re
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -142,8 +145,69 @@ def test_stop_holds_the_image_and_reset_goes_back() -> None:
     home = shown.scene.camera
     send(shown, "wheel", dy=-200)
     assert shown.scene.camera is not home
+    shown._stop.value = True
     shown._reset.click()
     assert shown.scene.camera is home
+    assert not shown._stop.value, "Reset goes on with what Stop held"
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_save_makes_a_picture_where_there_is_none_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = view("cornell-box", resolution=SIZE, spp=100000, max_depth=1)
+    shown.picture()
+    shown._stop.value = stopped
+    send(shown, "wheel", dy=-200)
+    if not stopped:
+        rest(shown)
+        shown.draw()
+        shown._reset.click()
+    assert shown.path_sets == 0
+    shown._save.click()
+    assert re.search(r"Saved cornell-box.png: [1-9]\d* of 100000 path sets", shown._message.value)
+    saved = np.asarray(Image.open(tmp_path / "cornell-box.png"))
+    np.testing.assert_array_equal(saved, shown.film.to_srgb(exposure=shown.exposure))
+
+
+def test_keys_turn_shift_come_nearer_and_reset() -> None:
+    shown = view("cornell-box", resolution=SIZE, spp=1, max_depth=1)
+    home = shown.scene.camera
+
+    def press(key: str, *modifiers: str) -> Camera:
+        send(shown, "key_down", key=key, modifiers=modifiers)
+        return shown.scene.camera
+
+    np.testing.assert_allclose(press("ArrowLeft").position, turned(home, -25, 0).position)
+    np.testing.assert_allclose(press("ArrowRight").position, home.position)
+    np.testing.assert_allclose(press("ArrowUp", "Shift").target, shifted(home, 0, -25).target)
+    np.testing.assert_allclose(press("ArrowDown", "Shift").target, home.target)
+    np.testing.assert_allclose(press("+").position, nearer(home, -1).position)
+    np.testing.assert_allclose(press("-").position, home.position)
+    assert press("r", "Control") is not home, "that is the browser's own"
+    assert press("r") is home
+
+
+def test_frames_lost_with_a_page_are_not_waited_for() -> None:
+    """A page that is loaded anew says its size; nobody says what became of the frames that went to the old one."""
+    shown = view("cornell-box", resolution=SIZE, spp=100000, max_depth=1)
+
+    async def pages() -> list[int]:
+        drawn = []
+        shown._canvas._has_visible_views = True
+        for _ in range(2):
+            send(shown, "resize", width=48, height=32)
+            for _ in range(20):
+                rest(shown)
+                shown._image._shown_at = -np.inf
+                await asyncio.sleep(0.01)
+            drawn.append(shown._canvas._rfb_frame_index)
+        return drawn
+
+    first, second = asyncio.run(pages())
+    assert first == shown._canvas.max_buffered_frames, "more than these are not sent unheard"
+    assert second > first
 
 
 def test_save_writes_what_is_seen_and_overwrites_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,8 +246,7 @@ def test_an_error_is_shown_in_the_views_place_and_reset_tries_again(monkeypatch:
 
 def test_a_page_without_a_kernel_shows_the_first_picture() -> None:
     shown = view("cornell-box", resolution=SIZE, spp=2, max_depth=1)
-    bundle = shown._repr_mimebundle_()
-    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    data = data_of(shown)
     picture = np.asarray(Image.open(BytesIO(base64.b64decode(data["image/png"]))))
     assert picture.shape == (32, 48, 3)
     assert np.ptp(picture) > 50
@@ -345,12 +408,112 @@ def test_progress_replaces_a_picture_in_place(monkeypatch: pytest.MonkeyPatch) -
     )
     assert [(what, number) for what, number, _ in shown[:2]] == [("display", 0), ("display", 1)]
     assert all(what == "update" for what, _, _ in shown[2:])
-    pictures = [bundle["image/png"] for _, number, bundle in shown if number == 0 and "image/png" in bundle]
-    assert pictures[-1] == film._repr_mimebundle_()["image/png"]
+    assert shown[-2][2] == film.shown()
+    converging = [bundle for _, number, bundle in shown[:-2] if number == 0 and "text/html" in bundle]
+    assert all("image/png" not in bundle for bundle in converging), "not twice, twice a second"
     lines = [bundle["text/plain"] for _, number, bundle in shown if number == 1]
     assert lines[0].startswith("compiling shaders on ")
     assert lines[-1].startswith("40 path sets in ")
     assert told[-1] == 40
+
+
+class Kernel:
+    """A real kernel, and what its cells show: outputs in order, those with a display's name replaced in place."""
+
+    def __init__(self) -> None:
+        from jupyter_client.manager import start_new_kernel
+
+        self.manager, self.client = start_new_kernel()
+        self.outputs: list[dict[str, Any]] = []
+        self.interrupt_at = ""
+
+    def run(self, cell: str, interrupt_at: str = "") -> list[dict[str, Any]]:
+        """The outputs of a cell, which is interrupted when it shows a text with these words."""
+        first, self.interrupt_at = len(self.outputs), interrupt_at
+        self.client.execute_interactive(cell, timeout=120, output_hook=self._collect)
+        return self.outputs[first:]
+
+    def _collect(self, message: dict[str, Any]) -> None:
+        kind, content = message["msg_type"], message["content"]
+        name = content.get("transient", {}).get("display_id")
+        if kind == "update_display_data":
+            for output in self.outputs:
+                if output["name"] == name:
+                    output["data"] = content["data"]
+        elif kind in ("display_data", "execute_result", "stream", "error"):
+            error = {"text/plain": "\n".join(content["traceback"])} if kind == "error" else {}
+            self.outputs.append({"kind": kind, "name": name, "data": content.get("data", error)})
+            self.outputs[-1]["text"] = content.get("text", "")
+        if self.interrupt_at and self.interrupt_at in content.get("data", {}).get("text/plain", ""):
+            self.interrupt_at = ""
+            self.manager.interrupt_kernel()
+
+    def close(self) -> None:
+        self.client.stop_channels()
+        self.manager.shutdown_kernel(now=True)
+
+
+@pytest.fixture(scope="module")
+def kernel() -> Iterator[Kernel]:
+    made = Kernel()
+    yield made
+    made.close()
+
+
+def pictures(outputs: list[dict[str, Any]]) -> int:
+    return sum("image/png" in output["data"] for output in outputs)
+
+
+def test_a_film_that_a_cell_has_shown_as_it_converged_is_shown_once(kernel: Kernel) -> None:
+    render = "film = glpath.render('furnace', spp=2, max_depth=1, resolution=(8, 8), progress=True)"
+    first = kernel.run(f"import glpath\n{render}\nfilm")
+    assert pictures(first) == 1
+    assert first[-1]["kind"] == "execute_result"
+    assert "image/png" in first[-1]["data"]
+    second = kernel.run(render)
+    assert pictures(second) == 1, "as it converged"
+    assert pictures(kernel.run("film")) == 1, "another cell shows it again"
+    assert pictures(second) == 1, "and takes it from none"
+
+
+def test_an_interruption_says_where_the_film_is(kernel: Kernel) -> None:
+    render = "glpath.render('cornell-box', spp=10**6, max_depth=1, resolution=(16, 16), progress=True)"
+    shown = kernel.run(f"import glpath\nfound = {render}", interrupt_at=" left")
+    assert shown[-1]["kind"] == "error"
+    traceback = re.sub(r"\x1b\[[0-9;]*m", "", shown[-1]["data"]["text/plain"])
+    command = re.search(r"import sys; film = sys.last_value.film", traceback)
+    assert command, traceback
+    sets = int(kernel.run(f"{command[0]}\nprint(film.path_sets)")[0]["text"])
+    assert sets > 0
+    assert f"interrupted after {sets} path sets" in traceback
+    picture, line = (output["data"] for output in shown[:2])
+    assert line["text/plain"].startswith(f"interrupted after {sets} path sets, "), "no time that is left"
+    assert f"{sets} path sets" in picture["text/plain"]
+    assert "image/png" in picture
+
+
+def test_pictures_have_words_for_those_who_do_not_see_them() -> None:
+    film = glpath.render("cornell-box", spp=2, max_depth=1, resolution=(16, 12))
+    alt = words_of(str(film._repr_mimebundle_()["text/html"]))
+    assert alt == "cornell-box, by path, 2 path sets, 16 x 12 pixels"
+    scene = glpath.load_scene("cornell-box").with_camera(resolution=(16, 12))
+    assert "cornell-box: " in words_of(str(scene._repr_mimebundle_()["text/html"]))
+    shown = view(scene, spp=2, max_depth=1)
+    assert words_of(data_of(shown)["text/html"]).startswith("View of cornell-box: by path, 16 x 12 pixels")
+    shafts = explore_shafts("cornell-box")
+    assert "the shaft from light to " in words_of(data_of(shafts)["text/html"])
+    shafts.strategy.value = Strategy.ALWAYS_OPEN
+    assert shafts.picture.tooltip.endswith(" of cornell-box, always open")
+
+
+def words_of(html: str) -> str:
+    (alt,) = re.findall(r'<img alt="([^"]+)"', html)
+    return alt
+
+
+def data_of(widget: Any) -> dict[str, Any]:
+    bundle = widget._repr_mimebundle_()
+    return bundle[0] if isinstance(bundle, tuple) else bundle
 
 
 def test_progress_outside_of_a_notebook_is_lines(capfd: pytest.CaptureFixture[str]) -> None:

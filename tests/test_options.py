@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import re
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -13,6 +18,8 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.cli import render as render_cli
+from glpath.cli.main import app
+from glpath.cli.typed import as_typed
 from glpath.integrators.settings import INTEGRATORS, GatherSettings, PathTraceSettings, TBufferSettings
 from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
@@ -165,3 +172,111 @@ def test_rays_of_their_own_have_no_options_of_shared_directions() -> None:
     own = PathTraceSettings().recorded()
     assert set(shared) - set(own) == {"light_resolution", "cell_share", "cosine_roulette"}
     assert own["directions"] == "own"
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "meant"),
+    [
+        (glpath.render, "spq", "spp"),
+        (glpath.render, "width", "resolution=(width, height)"),
+        (glpath.render, "samples", "spp"),
+        (glpath.render, "progres", "progress"),
+        (RenderJob.of, "spq", "spp"),
+        (glpath.lightmap, "texel", "texels"),
+        (glpath.irradiance, "recever", "receiver"),
+    ],
+)
+def test_a_name_that_is_no_option_is_answered_with_the_one_that_was_meant(call: Any, name: str, meant: str) -> None:
+    points = ([[0, 0, 0]], [0, 1, 0]) if call is glpath.irradiance else ()
+    with pytest.raises(glpath.UsageError) as error:
+        call(BOX, *points, **{name: 3})
+    assert error.value.remedy == f"Did you mean {meant}?"
+    listed = error.value.message.split("allowed are ")[1].split(", ")
+    parameters = inspect.signature(call).parameters.values()
+    assert set(listed) == {p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
+
+
+def test_a_camera_is_given_whole_or_by_what_changes() -> None:
+    scene = glpath.load_scene(BOX)
+    camera = glpath.load_scene(BOX).with_camera(resolution=(8, 6), fov=20.0).camera
+    assert repr(scene.with_camera(camera).camera) == repr(camera)
+    assert scene.with_camera(camera, fov=30.0).camera.fov == 30
+    film = glpath.render(scene, camera=camera, spp=1, max_depth=1)
+    same = glpath.render(scene.with_camera(camera), spp=1, max_depth=1)
+    assert (film.radiance_sums == same.radiance_sums).all()
+    with pytest.raises(glpath.UsageError, match=r"dict where a Camera is needed(?s:.*)with_camera\(position="):
+        scene.with_camera({"fov": 20})
+    with pytest.raises(glpath.UsageError, match=r"no field is named 'width'; allowed are position.*resolution"):
+        scene.with_camera(width=256)
+    with pytest.raises(glpath.UsageError, match=r"camera: 3 where a Camera, or a dictionary"):
+        glpath.render(scene, camera=3)
+
+
+def test_a_warning_is_of_the_line_that_called(tmp_path: Path) -> None:
+    model = tmp_path / "dark.obj"
+    model.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 0\nf 1 2 3\nf 1 2 4\n")
+    one = {"spp": 1, "max_depth": 1, "resolution": (4, 4)}
+    calls: tuple[Callable[[], object], ...] = (
+        lambda: glpath.load_scene(model),
+        lambda: glpath.render(model, **one),
+        lambda: RenderJob.of(model, **one),
+        lambda: list(glpath.render_frames(model, [{}], integrator="path", **one)),
+        lambda: glpath.render(BOX, camera={"position": (0, 0, 1e5), "target": (0, 0, 2e5)}, **one),
+        lambda: glpath.export(BOX, tmp_path / "box.glb"),
+    )
+    for number, call in enumerate(calls):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            call()
+        told = [warning for warning in caught if issubclass(warning.category, glpath.SceneWarning)]
+        assert told or number == 5
+        assert [(w.filename, w.lineno) for w in told] == [(__file__, call.__code__.co_firstlineno)] * len(told)
+
+
+def test_errors_speak_python_and_the_command_line_translates() -> None:
+    """What a library's error names can be typed where the error is read."""
+    with pytest.raises(glpath.SceneError) as error:
+        glpath.render("three-spheres", integrator="path", spp=1)
+    assert 'Render it with integrator="classic" or "t-buffer"' in error.value.remedy
+    shown = CliRunner().invoke(app, ["render", "three-spheres", "--integrator", "path", "-o", "a.png"])
+    assert shown.exit_code == 1
+    assert "Render it with --integrator classic or t-buffer" in shown.output
+    for said, typed in (
+        ("leave out require_gpu=True.", "leave out --require-gpu."),
+        ("in parts (crop=(x, y, width, height), whose", "in parts (--crop x,y,width,height, whose"),
+        ("Render with aovs=('albedo', 'normal').", "Render with --aov albedo --aov normal."),
+        ("with max_depth=4.", "with --max-depth 4."),
+        ('a file with color="red"', 'a file with color="red"'),
+    ):
+        assert as_typed(said) == typed
+
+
+#: These are typed at a prompt by everybody: other programs' options.
+_OTHER_PROGRAMS = re.compile(r"pip install|dask|scheduler|toktx|pytest|var\(--")
+
+
+def test_no_error_of_the_library_speaks_of_options_of_the_command_line() -> None:
+    root = Path(glpath.__file__).parent
+    faces = {"cli", "pytest_plugin", "bench", "benchmarks", "figures", "experiments"}
+    found = []
+    for file in sorted(root.rglob("*.py")):
+        if file.relative_to(root).parts[0] in faces or file.name == "watchdog.py":  # which only commands start
+            continue
+        tree = ast.parse(file.read_text("utf-8"))
+        texts = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings
+        texts |= {
+            id(node)
+            for part in ast.walk(tree)
+            if isinstance(part, ast.keyword) and part.arg == "extra"
+            for node in ast.walk(part)
+        }
+        found += [
+            f"{file.relative_to(root)}:{node.lineno}: {node.value}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in texts
+            and re.search(r"(?<![\w-])--[a-z]", node.value)
+            and not _OTHER_PROGRAMS.search(node.value)
+        ]
+    assert found == []

@@ -132,6 +132,13 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
             "the picture has 8 path sets; noise is told from a change with 32",
         ),
         ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected letters"),
+        ("np.full((4, 4), 128)", ".astype(np.uint8) where white is 255, np.uint16 where it is 65535, float of"),
+        ("__import__('matplotlib.pyplot').pyplot.subplots()[1]", "hand in the figure: axes.figure"),
+        ("__import__('matplotlib.pyplot').pyplot.subplots(2, 2)[1]", "hand in the figure: axes.figure"),
+        (
+            "type('Plotter', (), {'screenshot': print})()",
+            "its picture: Plotter(off_screen=True).screenshot(",
+        ),
     ],
 )
 def test_what_cannot_be_made_or_compared_fails_with_a_reason_and_keeps_the_old_baseline(
@@ -164,6 +171,7 @@ def test_baselines_that_cannot_be_used_are_failures_with_a_reason(run: Run, suit
     Picture.of_array(np.full((8, 4, 3), 0.5)).save(file)
     result = run()
     result.stdout.fnmatch_lines(["*the picture is 8 x 8 and the reference 4 x 8; they must be of one size.*"])
+    result.stdout.fnmatch_lines(["*a render by its resolution and crop, a plot by its figsize and dpi."])
     run("--glpath-update", "failed").assert_outcomes(passed=1)
     run().assert_outcomes(passed=1)
 
@@ -212,6 +220,19 @@ def test_unused_baselines_are_reported_where_all_tests_ran(run: Run, suite) -> N
     result = run()
     result.stdout.fnmatch_lines([unused])
     result.stdout.no_fnmatch_line("*test_left.exr")
+
+
+def test_an_unused_file_that_is_no_picture_is_named_but_not_deleted(run: Run, suite) -> None:
+    baselines = suite(GREY.format(level=0.5))
+    run()
+    (baselines / "test_old.exr").write_bytes(b"cut off")
+    (baselines / "test_older.png").touch()
+    result = run("--glpath-unused", "delete")
+    for name in ("test_old.exr", "test_older.png"):
+        line = f"no test uses this file, which is no picture: baseline/test_a/{name}; delete it by hand"
+        result.stdout.fnmatch_lines([line])
+        assert (baselines / name).exists()
+    assert run("--glpath-unused", "fail").ret == pytest.ExitCode.TESTS_FAILED
 
 
 def test_names_of_baselines(run: Run, suite) -> None:
@@ -305,6 +326,10 @@ def test_the_json_report_has_the_worst_first(failed: Callable[..., Path]) -> Non
     assert severities == sorted(severities, reverse=True)
     assert severities[2] > 1 > severities[3]
     assert report["records"][0]["limits"] == {"threshold": 2.0, "edge": 0.25, "failpercent": 0.0}
+    commands = report["records"][0]["commands"]
+    assert commands["accept"] == "pytest --glpath-update failed 'test_a.py::test_grey[5]'"
+    assert commands["again"].startswith("glpath diff --mode fuzzy glpath-results/test_a/test_grey-5/result.exr ")
+    assert report["records"][-1]["commands"] == {}, "what passed needs none"
 
 
 def test_workers_of_xdist_are_merged_into_one_report(run: Run, suite, pytester: pytest.Pytester) -> None:
@@ -434,7 +459,9 @@ def test_the_page_in_a_browser(failed: Callable[..., Path], run: Run, tmp_path: 
     assert re.search(r'id="unused"><.*test_gone\.exr</li>', shown)
     buttons = re.findall(r"<button(.*?)><b>(.*?)</b>", shown)
     assert [name for state, name in buttons if 'aria-current="true"' in state] == [buttons[1][1]]
-    assert 'id="picture" alt="reference"' in shown
+    assert 'id="picture" alt="reference of test_grey-4"' in shown
+    assert "<p>accept <code>pytest --glpath-update failed 'test_a.py::test_grey[4]'</code></p>" in shown
+    assert "<p>again <code>glpath diff --mode fuzzy glpath-results/" in shown
     browse(page, f"--screenshot={screen}")
     pixels = iio.imread(screen)[..., :3]
     result = iio.imread(next((tmp_path.parent).rglob("glpath-results/test_a/test_grey-5/result.png")))[0, 0]

@@ -122,7 +122,8 @@ def corner(camera: str) -> Scene:
         Material("green", np.array([0.2, 0.6, 0.3])),
     ]
     shapes = [Shape("floor", floor, 0), Shape("left", coloured, 1), Shape("back", back, 2)]
-    return scene_of(shapes, materials, view, (checker,), lights=lights)
+    # In candela, as three.js takes what is exported.
+    return scene_of(shapes, materials, view, (checker,), lights=lights, unit="photometric")
 
 
 @pytest.mark.parametrize("camera", ["perspective", "orthographic"])

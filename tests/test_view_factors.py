@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +20,16 @@ from typer.testing import CliRunner
 import glpath
 from benchmarks.view_factor_scenes import (
     CLOSED_FORMS,
+    FaceList,
+    ball_in_a_box,
     block_in_a_room,
     box_faces,
     city,
     closed_at_random,
+    grid,
+    joined,
     room_of_outline,
+    slats,
 )
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneError, UsageError
@@ -50,13 +58,22 @@ def test_rows_of_an_l_shaped_room_add_up_to_one() -> None:
     """Its floor is no convex polygon, and its corner hides walls from each other."""
     found = glpath.view_factors(room_of_outline(L_SHAPE, 1.0))
     assert found.statistics["partial_pairs"] > 0
-    assert found.closure_error < 1e-4
+    assert found.closure_error < 3e-4
+
+
+@pytest.mark.parametrize("error", [1e-2, 1e-3, 1e-4, 1e-5])
+def test_the_error_that_is_reported_follows_the_one_that_is_asked_for(error: float) -> None:
+    """It was 0.02 at any, where rows were off by 4e-6."""
+    found = glpath.view_factors(room_of_outline(L_SHAPE, 1.0), error=error)
+    assert found.error.max() <= error
+    assert found.statistics["rows_beyond_error"] == 0
+    assert 1 < np.median(found.error / np.abs(found.enclosure)) < 30  # of 8 rows; of many it is below 10, see below
 
 
 def test_rows_of_a_room_with_a_block_add_up_to_one_within_the_error() -> None:
     coarse, fine = (glpath.view_factors(block_in_a_room(6), error=e) for e in (1e-2, 1e-4))
-    assert coarse.closure_error < 2e-3
-    assert fine.closure_error < 1e-4
+    assert coarse.closure_error < 5e-3
+    assert fine.closure_error < 5e-5
     for found in (coarse, fine):
         assert np.all(np.abs(found.enclosure) <= found.error)
 
@@ -67,27 +84,46 @@ def test_hard_rows_come_nearer_where_a_smaller_error_is_asked(seed: int, error: 
     assert glpath.view_factors(closed_at_random(seed), error=error).closure_error < off
 
 
-def covered(seeds: range, error: float) -> float:
-    """The largest share of a row's `error` that its sum is off in closed rooms; the number of rows is checked."""
-    worst, rows = 0.0, 0
-    for seed in seeds:
-        found = glpath.view_factors(closed_at_random(seed), error=error)
-        worst = max(worst, float((np.abs(found.enclosure) / found.error).max()))
-        rows += len(found)
-    assert rows > 40 * len(seeds)
-    return worst
+def off_and_stated(rooms: Iterable[FaceList], error: float) -> tuple[Float64, Float64]:
+    """Of all rows of closed rooms: how far each is from 1, and its `error`."""
+    found = [glpath.view_factors(room, error=error) for room in rooms]
+    return np.concatenate([abs(f.enclosure) for f in found]), np.concatenate([f.error for f in found])
 
 
-def test_rows_of_random_rooms_are_within_the_error_that_is_reported() -> None:
-    worst = covered(range(1000, 1012), 1e-2)
-    assert 0.05 < worst <= 1
+def check_errors(off: Float64, stated: Float64, error: float, beyond: float) -> None:
+    """At most one row in a hundred misses what was asked for, and the errors that are reported are of the right
+    size, but for rows that are all but exact."""
+    assert (off > error).mean() <= 0.01
+    assert (stated > error).mean() <= 0.01
+    assert (off > stated).mean() <= beyond
+    some = stated > 0.01 * error
+    assert some.sum() > 50
+    assert 1 < np.median(stated[some] / np.maximum(off[some], 1e-12)) < 13
+
+
+def test_errors_of_random_rooms_are_of_the_size_that_is_reported() -> None:
+    off, stated = off_and_stated(map(closed_at_random, range(1000, 1012)), 1e-2)
+    assert len(off) > 400
+    check_errors(off, stated, 1e-2, beyond=0.04)
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize(("error", "rooms"), [(0.1, 30), (1e-2, 50), (1e-3, 8)])
-def test_rows_of_many_random_rooms_are_within_the_error_that_is_reported(error: float, rooms: int) -> None:
+@pytest.mark.parametrize(("error", "rooms"), [(0.1, 30), (1e-2, 50), (1e-3, 30), (1e-4, 4)])
+def test_errors_of_many_random_rooms_are_of_the_size_that_is_reported(error: float, rooms: int) -> None:
     """Thousands of rows; what a closed room's row lacks of 1 is its error, by no method of ours."""
-    assert 0.05 < covered(range(2000, 2000 + rooms), error) <= 1
+    off, stated = off_and_stated(map(closed_at_random, range(2000, 2000 + rooms)), error)
+    assert len(off) > 40 * rooms
+    check_errors(off, stated, error, beyond=0.02)
+
+
+@pytest.mark.parametrize("make", [ball_in_a_box, slats], ids=["ball in a box", "slats"])
+def test_rows_past_many_occluders_take_seconds(make: Callable[[], FaceList]) -> None:
+    """Minutes where points were added until two quadratures agreed, however little that changed a row."""
+    glpath.view_factors(np.array([FLOOR, LAMP], float))  # compiles
+    before = time.process_time()
+    off, stated = off_and_stated([make()], 1e-3)
+    assert time.process_time() - before < 20  # 3 to 8; twice that for processors that are slower
+    check_errors(off, stated, 1e-3, beyond=0.1)
 
 
 def test_a_pair_is_the_same_from_either_side() -> None:
@@ -138,6 +174,7 @@ def test_occlusion_agrees_with_monte_carlo(target: list[list[float]]) -> None:
     assert found == pytest.approx(expected, abs=4 * error)
 
 
+@pytest.mark.filterwarnings("ignore:.*see backs of faces")  # of those whose planes cut each other
 def test_what_points_find_is_within_the_error_that_is_reported() -> None:
     """Apart from each other it is points on both, as few as the error allows; the contour integral, which an error
     of 1e-7 asks for, knows better."""
@@ -187,7 +224,8 @@ def test_groups_are_sums_of_faces() -> None:
 
 
 def test_a_scene_has_its_shapes_as_groups() -> None:
-    found = glpath.view_factors("cornell-box-36", groups="shapes")
+    with pytest.warns(glpath.SceneWarning, match="see backs of faces"):  # the blocks stand on an uncut floor
+        found = glpath.view_factors("cornell-box-36", groups="shapes")
     assert len(set(found.names)) == len(found.names) == len(found)
     assert (found.enclosure > -1e-3).all()
 
@@ -207,10 +245,60 @@ def test_closure_of_what_is_open_is_refused() -> None:
         glpath.view_factors(np.array([FLOOR, LAMP], float), enforce=["closure"])
 
 
+def ground_with_a_box(cut: bool, bottom: bool = True) -> FaceList:
+    """50 x 50 x 25 m in the middle of a ground of 100 m, which reaches below it unless it is cut."""
+    pieces = [(-50, -50, 100, 25), (-50, 25, 100, 25), (-50, -25, 25, 50), (25, -25, 25, 50)]
+    if not cut:
+        pieces = [(-50, -50, 100, 100)]
+    ground = [grid([x, y, 0], [w, 0, 0], [0, h, 0], 1, 1) for x, y, w, h in pieces]
+    return joined(*ground, box_faces([-25, -25, 0], [25, 25, 25], 1, inward=False, bottom=bottom))
+
+
+@pytest.mark.parametrize("bottom", [True, False], ids=["closed box", "box without a bottom"])
+def test_what_arrives_at_backs_is_no_sky(bottom: bool) -> None:
+    """A quarter of the ground lies under the box, and sees it from inside. The rest sees what it sees when cut."""
+    cut = glpath.view_factors(ground_with_a_box(cut=True, bottom=False), error=1e-4)
+    assert not cut.backs.any()
+    ground, areas = slice(0, 4), cut.areas[:4]
+    expected = float(cut.sky[ground] @ areas) / 1e4
+    assert 0.3 < expected < 0.74
+    with pytest.warns(glpath.SceneWarning, match=r"1 of \d rows see backs of faces: .* of row 0 25 %"):
+        found = glpath.view_factors(ground_with_a_box(cut=False, bottom=bottom), error=1e-3)
+    assert found.backs[0] == pytest.approx(0.25, abs=1e-3)
+    assert found.backs_error[0] < 2e-3
+    assert not found.backs[1:].any()
+    assert found.sky[0] == pytest.approx(expected, abs=1e-3)
+    assert found.sky + found.row_sums + found.backs == pytest.approx(np.ones(len(found)))
+    assert found.statistics["rows_that_see_backs"] == 1
+
+
+def test_backs_are_seen_from_inside_of_what_has_its_fronts_outside() -> None:
+    """A block, whose fronts are outside, in a room whose fronts are inside, sees none; turned, it shows them."""
+    vertices, faces = block_in_a_room(2)
+    assert not glpath.view_factors((vertices, faces)).backs.any()
+    room = box_faces([0, 0, 0], [1, 1, 1], 2, inward=True)
+    block = box_faces([0.3, 0.3, 0.3], [0.7, 0.7, 0.7], 1, inward=True)
+    with pytest.warns(glpath.SceneWarning, match="24 of 30 rows see backs"):
+        found = glpath.view_factors(joined(room, block), error=1e-3)
+    assert found.backs[:24] == pytest.approx(1 - found.row_sums[:24], abs=2e-3)  # closed: no sky
+    assert not found.backs[24:].any()  # inside of the block
+
+
+def test_a_sheet_of_two_faces_has_no_back() -> None:
+    sheet = [[0.2, 0.2, 0.5], [0.8, 0.2, 0.5], [0.8, 0.8, 0.5], [0.2, 0.8, 0.5]]
+    vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 1, inward=True)
+    both = np.concatenate([vertices, sheet]), [*faces, [24, 25, 26, 27], [27, 26, 25, 24]]
+    assert len(vertices) == 24
+    assert not glpath.view_factors(both).backs.any()
+    with pytest.warns(glpath.SceneWarning, match="see backs"):
+        assert glpath.view_factors((both[0], both[1][:-1])).backs[0] > 0.1
+
+
 def test_the_sky_sees_what_no_face_does() -> None:
     found = glpath.view_factors(city(2))
-    assert (found.enclosure > -1e-3).all()
-    assert found.enclosure.max() == 1  # a roof above all others
+    assert (found.sky > -1e-3).all()
+    assert not found.backs.any()
+    assert found.sky.max() == 1  # a roof above all others
 
 
 def test_back_faces_see_nothing() -> None:
@@ -312,7 +400,7 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         pass
 
     def stop(progress: glpath.ViewFactorProgress) -> None:
-        if progress.done > 60:
+        if progress.done > 100:  # of which those of two tasks may be lost
             raise StopError
 
     with pytest.raises(StopError):
@@ -320,7 +408,7 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     assert part.exists()
     seen = []
     resumed = glpath.view_factors(faces, resume=part, on_progress=lambda p: seen.append((p.stage, p.done)))
-    assert next(done for stage, done in seen if stage == "rows") > 60
+    assert next(done for stage, done in seen if stage == "rows") >= 32
     assert not part.exists()
     assert np.array_equal(resumed.matrix.toarray(), whole.matrix.toarray())
     with pytest.raises(StopError):
@@ -367,6 +455,24 @@ def test_files(tmp_path: Path) -> None:
     (tmp_path / "g.npz").write_bytes((tmp_path / "f.npz").read_bytes()[:300])
     with pytest.raises(GlpathError, match="cannot be read as view factors"):
         glpath.ViewFactors.load(tmp_path / "g.npz")
+
+
+def test_files_that_hold_factors_hold_what_arrives_at_backs(tmp_path: Path) -> None:
+    """Or what a row lacks of 1 would count as sky."""
+    from scipy.io import netcdf_file
+
+    with pytest.warns(glpath.SceneWarning, match="see backs"):
+        found = glpath.view_factors(ground_with_a_box(cut=False), error=1e-2)
+    for name in ("f.npz", "f.csv", "svf.inp.001", "vf.nc.inp.001"):
+        found.save(tmp_path / name)
+    again = glpath.ViewFactors.load(tmp_path / "f.npz")
+    assert np.array_equal(again.backs, found.backs)
+    assert np.array_equal(again.sky, found.sky)
+    assert again.statistics["backs_most"] == found.backs[0]
+    assert (tmp_path / "f.csv").read_text().splitlines()[-1] == f"0,backs,{found.backs[0]:.9g}"
+    assert float((tmp_path / "svf.inp.001").read_text().splitlines()[1]) == pytest.approx(found.sky[0])
+    with netcdf_file(tmp_path / "vf.nc.inp.001", mmap=False) as file:
+        assert file.variables["backs"].data == pytest.approx(found.backs, rel=1e-6)
 
 
 def read_idf(path: Path) -> tuple[str, list[str]]:
@@ -451,6 +557,61 @@ def test_the_command_writes_the_inside_of_a_model(tmp_path: Path) -> None:
     assert "warning" not in done.stderr  # a model needs neither light nor camera
     assert glpath.ViewFactors.load(out).row_sums == pytest.approx(np.ones(6))
     assert not (tmp_path / "F.npz.part").exists()
+
+
+def test_the_command_reports_backs_and_rows_that_miss_the_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute._CAUTION", 250.0)
+    done = CliRunner().invoke(
+        app, ["viewfactors", "cornell-box-36", "-o", str(tmp_path / "F.npz"), "--error", "1e-2"]
+    )
+    assert done.exit_code == 0, done.stderr
+    assert re.search(r"backs of faces: seen by \d+ faces, [\d.]+ % of a row at most", done.stderr)
+    assert re.search(r"\d+ of 36 rows \([\d.]+ %\) miss the error of 0.01 that is wanted", done.stderr)
+
+
+@pytest.mark.parametrize("resume", [True, False])
+def test_an_interrupted_command_names_what_is_kept_and_how_to_go_on(
+    resume: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **given: object) -> None:
+        if given["resume"]:
+            Path(str(given["resume"])).touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute.view_factors", interrupted)
+    out = tmp_path / "a b.npz"
+    command = ["viewfactors", "cornell-box-36", "-o", str(out), "--error", "1e-2", "--flip"]
+    done = CliRunner().invoke(app, [*command, *["--resume"] * resume])
+    assert done.exit_code == 130
+    if resume:
+        assert f"interrupted: the rows that are done are in {out}.part" in done.stderr
+        again = done.stderr.split("go on with: ")[1].strip()
+        assert shlex.split(again)[1:] == [
+            *command[:4], "--groups", "faces", "--error", "0.01", "--flip", "--resume",
+        ]  # fmt: skip
+    else:
+        assert "interrupted: nothing is kept; --resume keeps the rows that are done" in done.stderr
+
+
+def test_sigterm_ends_the_command_within_a_row(tmp_path: Path) -> None:
+    """Rows of `office` take seconds at this error, and are told of while they do."""
+    out = tmp_path / "F.npz"
+    command = [sys.executable, "-m", "glpath", "viewfactors", "office", "-o", str(out), "--error", "1e-6"]
+    glpath.view_factors(np.array([FLOOR, LAMP], float))  # compiles
+    running = subprocess.Popen([*command, "--resume", "--progress", "json"], stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    for line in running.stderr:
+        if '"rows"' in line:
+            break
+    time.sleep(1)
+    running.terminate()
+    start = time.monotonic()
+    _, said = running.communicate(timeout=60)
+    assert time.monotonic() - start < 20  # of which the most is to load what ends it, on a machine that is busy
+    assert running.returncode == 130
+    assert "go on with: glpath viewfactors office" in said
 
 
 def test_a_matrix_that_cannot_be_closed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -155,8 +155,8 @@ def bench_measure(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     say(f"the truth, of {len(points)} points")
     _, long = ours("path", max(64, round(_TRUTH * scale)), 1)
     truth = long.values
-    own = np.sqrt(np.mean(long.illuminance_errors(1.0) ** 2))
-    numbers["reference_error"] = float(own / luminance(truth).mean())
+    own = np.sqrt(np.mean(long.illuminance_errors() ** 2))
+    numbers["reference_error"] = float(own / long.illuminance().mean())
     rows: list[Row] = []
     peers: list[Row] = []
     for paths in _PATHS:

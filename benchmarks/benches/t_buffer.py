@@ -154,7 +154,8 @@ def _visibility(context: Context, scene: Scene, peer: bool, rounds: int, say: Sa
     row: dict[str, object] = {"kind": kind, "objects": len(scene.spheres) + len(scene.triangles)}
     if not peer:
         row |= {"glpath_ms": 1e3 * in_turns(contestants, rounds)["glpath"], "glpath_build_ms": build_ms}
-        objects[0].release()
+        made.pop().close()
+        objects.pop().close()
         return row
 
     natives: list[embree_peer.EmbreeScene] = []
@@ -172,7 +173,8 @@ def _visibility(context: Context, scene: Scene, peer: bool, rounds: int, say: Sa
             contestants["embreex"] = lambda: seconds_of(lambda: native.nearest(*rays, method="single", threads=1))
         contestants["packets"] = lambda: seconds_of(lambda: native.nearest(*rays))
         times = in_turns(contestants, rounds)
-    objects[0].release()
+    made.pop().close()
+    objects.pop().close()
     return row | {
         "glpath_ms": 1e3 * times["glpath"],
         "embreex_ms": 1e3 * times["embreex"],

@@ -104,7 +104,8 @@ def model_room(scale: float, say: Say) -> Outcome:
 
 
 def _as_model(folder: Path, width: int) -> Scene:
-    export(load_scene("parlour", {"resolution": width}), folder / "parlour.glb")
+    # Its numbers are called candela, so that they leave as they are: errors count from a radiance on.
+    export(replace(load_scene("parlour", {"resolution": width}), unit="photometric"), folder / "parlour.glb")
     return load_scene(folder / "parlour.glb").with_camera(resolution=(width, 3 * width // 4))
 
 

@@ -120,7 +120,7 @@ class _Ours:
         return len(np.unique(numbers[numbers >= 0]))
 
     def release(self) -> None:
-        self._engine_of_scene.scene.release()
+        self._engine_of_scene.close()
 
 
 class _Mitsuba:

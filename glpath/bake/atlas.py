@@ -11,7 +11,6 @@ Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is 
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError, SceneError, SceneWarning, UsageError
+from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
 
@@ -129,13 +128,10 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas) -> None:
     found = np.sqrt(np.bincount(atlas.chart, atlas.areas, count) / np.maximum(wide, np.finfo(float).tiny))
     shrunken = (found < 0.75 * atlas.texels) & (found * np.sqrt(wide) > 0.25 * max(atlas.size))
     if shrunken.any():
-        warnings.warn(
-            SceneWarning(
-                f"{scene.source or scene.name}: {shrunken.sum()} of {count} charts are larger than a page of "
-                f"{atlas.size[0]} x {atlas.size[1]} and have {found[shrunken].min():.3g} texels per scene unit in "
-                f"place of {atlas.texels:g}: give a larger --size, or fewer --texels."
-            ),
-            stacklevel=6,
+        warn(
+            f"{scene.source or scene.name}: {shrunken.sum()} of {count} charts are larger than a page of "
+            f"{atlas.size[0]} x {atlas.size[1]} and have {found[shrunken].min():.3g} texels per scene unit in "
+            f"place of {atlas.texels:g}: give a larger size, or fewer texels."
         )
 
 
@@ -176,7 +172,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int
     raise UsageError(
         f"a page of {size} x {size} texels is too small: {int(atlas.chart.max()) + 1} charts with their gutters do "
         "not fit.",
-        "Give a larger --size; or --texels, which takes as many pages as it needs.",
+        "Give a larger size; or texels per scene unit, which take as many pages as they need.",
     )
 
 
@@ -243,7 +239,7 @@ def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:
         if mesh.uv1 is None:
             raise SceneError(
                 f'{place}: the shape "{shape.name}" has no second texture coordinates (TEXCOORD_1) to keep.',
-                "Leave --uv keep out: they are made.",
+                'Leave out uv="keep": they are made.',
             )
     # One side of each triangle: the front, but where light gets to the back alone.
     side = np.where(~shown[:, 0] & shown[:, 1], 1, 0)
@@ -255,7 +251,7 @@ def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:
         raise SceneError(
             f'{place}: the second texture coordinates of {len(outside)} triangles, first of the shape "{name}", '
             "are not within 0 to 1, which those of a lightmap are.",
-            "Leave --uv keep out: others are made.",
+            'Leave out uv="keep": others are made.',
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
@@ -291,5 +287,5 @@ def _check_apart(scene: Scene, atlas: Atlas, place: str) -> None:
     raise SceneError(
         f'{place}: the second texture coordinates of the shapes "{names[0]}" and "{names[1]}" overlap, so that one '
         "texel would be two places (that is so for every mesh with several instances, too).",
-        "Leave --uv keep out: others are made.",
+        'Leave out uv="keep": others are made.',
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from glpath.bake.diffuse import reflected
 from glpath.bake.pages import pages_of
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, warn
 from glpath.files import write_bytes
 from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, write_exr
 from glpath.scene.export.geometry import behind, listed
@@ -22,6 +21,7 @@ from glpath.scene.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.material import Material
 from glpath.scene.model import Float64, Scene
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas
@@ -102,13 +102,15 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
                 page_of.append(page)
     one_sided = tuple(replace(material, two_sided=False) for material in materials)
     made = replace(scene, shapes=Shapes(shapes), materials=one_sided, sky=None, ambient=np.zeros(3), lights=())
+    # What shines keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
+    made = replace(made, unit="photometric")
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
-        warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=4)
+        warn(f"{path}: {text}.")
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
-        said = {"quantity": "irradiance", "unit": "W m^-2", "primaries": "linear Rec. 709"}
+        said = {"quantity": "irradiance", "unit": symbol(scene.unit, "irradiance"), "primaries": "linear Rec. 709"}
         write_exr(path.with_name(f"{stem}.exr"), light, said | {"texCoord": "1", "page": str(page)})
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
         about = said | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
@@ -214,12 +216,12 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
         (
             black,
             "metal, which has no diffuse part to bake and is black here but for what it emits. Where that is not "
-            "meant (in glTF all is metal that has no metallicFactor), set it to 0; or take --materials keep.",
+            'meant (in glTF all is metal that has no metallicFactor), set it to 0; or take materials="keep".',
         ),
     ):
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"
-            warnings.warn(SceneWarning(f"{path}: {listing}: {text}"), stacklevel=4)
+            warn(f"{path}: {listing}: {text}")
 
 
 def check_keepable(scene: Scene) -> None:

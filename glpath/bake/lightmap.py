@@ -35,9 +35,10 @@ from glpath.interactive import in_notebook
 from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import RenderJob, check_sensor, describe
-from glpath.rendering.options import MAX_SPP, check_word, settings_of
+from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
 from glpath.rendering.stopping import StopRules
 from glpath.scene import AnyScene, Scene, load_scene
+from glpath.scene.formats.completed import aside
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors import PointSensor
 
@@ -87,7 +88,7 @@ class Surfaces:
         require_memory(
             _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
             "lightmap: so many texels",
-            "Give a smaller --size." if texels is None else "Give fewer --texels per scene unit.",
+            "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
         )
         if uv == "keep":
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
@@ -136,7 +137,8 @@ class Lightmap:
 
     surfaces   : where the texels are
     film       : of the texels' receivers, as of any render: it merges, and a bake goes on with it
-    irradiance : (P, h, w, 3) float32, W m^-2, linear Rec. 709, row 0 at the top, of each page; gutters are filled
+    irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
+                 each page; gutters are filled
     baked      : (P, h, w) bool, where it was rendered and not only continued
     seams      : points where charts meet
     """
@@ -187,8 +189,8 @@ class Lightmap:
         path      : .glb
         materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
                     (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
-                    irradiance of page i, W m^-2, as baked-i.lightmap.exr, and as .png of eight bits, linear, whose
-                    range baked-i.lightmap.json says
+                    irradiance of page i, in the unit of the scene, as baked-i.lightmap.exr, and as .png of eight
+                    bits, linear, whose range and unit baked-i.lightmap.json says; so are the numbers of what shines
         exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or "auto"; "auto":
                     middle grey
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
@@ -206,6 +208,7 @@ class Lightmap:
         return write_kept(self, path, moz)
 
 
+@with_options
 def lightmap(
     scene: AnyScene,
     *,
@@ -238,7 +241,8 @@ def lightmap(
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
     integrator, options : "path" or "gather" and their options, as of `glpath.render`. By
-              "path" `max_depth` is 64 and `roulette` 4 by themselves, for the light of all bounces
+              "path" paths are ended by roulette alone by themselves, from the 4th vertex on (`max_depth` 1000,
+              `roulette` 4), for the light of all bounces
     film    : of an interrupted bake of the same scene with the same options, to go on with
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
 
@@ -256,8 +260,10 @@ def lightmap(
     [PosixPath('baked.glb')]
     """
     rules = StopRules(time_limit, noise)
+    with aside("camera"):
+        loaded = load_scene(scene, parameters)
     bake = Bake.of(
-        load_scene(scene, parameters),
+        loaded,
         texels=texels,
         size=size,
         uv=uv,

@@ -23,12 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.owner import Owner
 from glpath.sampling import counter_hash
 from glpath.scene.geometry import IDENTITY, Mesh, Shapes
 from glpath.scene.model import Float64, Scene
 
 
-class HemicubeFormFactors:
+class HemicubeFormFactors(Owner):
     """Form factors from points to the triangles of a scene, which are the elements (see `scene_of_elements`).
 
     Parameters

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from glpath.buffers.frame import frame_about
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 
 
-class HemicubeShadowBuffer:
+class HemicubeShadowBuffer(Owner):
     """The triangles that a light point sees.
 
     Parameters

@@ -31,6 +31,7 @@ from glpath.errors import UsageError
 from glpath.gl.constants import INFINITE_DEPTH, LEAST_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
@@ -81,7 +82,7 @@ class Cells(NamedTuple):
     t: NDArray[np.float32]
 
 
-class PathBuffer:
+class PathBuffer(Owner):
     """Casts parallel rays by scan conversion.
 
     Parameters

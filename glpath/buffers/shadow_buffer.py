@@ -38,6 +38,7 @@ from glpath.errors import UsageError
 from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
@@ -61,7 +62,7 @@ class Entries(NamedTuple):
     t: NDArray[np.float32]
 
 
-class PointShadowBuffer(ABC):
+class PointShadowBuffer(Owner, ABC):
     """What lights without extent see in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
     All lights share one texture, a tile for each, so that a shader can loop over them.

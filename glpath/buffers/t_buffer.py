@@ -27,6 +27,7 @@ from glpath.gl import passes
 from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Dispatch, Pass, largest_point
 from glpath.gl.program import Program, load_program
 from glpath.scene.model import Camera
@@ -55,7 +56,7 @@ _SQUARES_WIDTH = 1024  # texels, of the table
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
-class EyeBuffer(ABC):
+class EyeBuffer(Owner, ABC):
     """(object, t) for every pixel of a window.
 
     Parameters

@@ -261,7 +261,7 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
     for path in out:
         for i in range(frames.first, frames.stop):
             there = frames.path(path, i)
-            if path.suffix.lower() == ".png" and there.exists():
+            if path.suffix.lower() == ".png" and there.is_file():
                 with contextlib.suppress(OSError, KeyError, ValueError), Image.open(there) as picture:
                     return float(picture.info["glpath.exposure_stops"])
     return None

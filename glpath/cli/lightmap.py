@@ -21,7 +21,7 @@ from glpath.cli.options import (
 )
 from glpath.cli.outcome import conclude, last_words
 from glpath.cli.running import film_of
-from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import go_on_later
 from glpath.cli.unattended import (
     DEFAULT_HANG_LIMIT,
@@ -39,7 +39,9 @@ from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
 from glpath.files import check_writable, save_all
 from glpath.progress import MODES, duration, percent
+from glpath.rendering.job import ALL_BOUNCES
 from glpath.rendering.options import MAX_SPP
+from glpath.scene.formats.completed import aside
 from glpath.terminal import say
 
 if TYPE_CHECKING:
@@ -48,6 +50,11 @@ if TYPE_CHECKING:
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
 _INTEGRATORS = ("path", "gather")
+#: Of the integrators' options, those that mean something on surfaces.
+_OPTIONS = (
+    "max_depth", "seed", "sampling", "directions", "light_resolution", "guide", "ambient", "roulette", "bounce_lod",
+    "radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "branches",
+)  # fmt: skip
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
 
@@ -58,7 +65,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(lightmap))
+    )(with_integrator_options(lightmap, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
 
 
 def lightmap(
@@ -93,8 +100,8 @@ def lightmap(
         typer.Option(
             metavar="|".join(_MATERIALS),
             help="unlit: base colour times light, which every viewer shows (KHR_materials_unlit). keep: materials "
-            "as they are, TEXCOORD_1, and irradiance beside the file: baked-0.lightmap.exr in W m^-2, and .png "
-            "whose range baked-0.lightmap.json says.",
+            "as they are, TEXCOORD_1, and irradiance beside the file: baked-0.lightmap.exr, and .png whose range "
+            "and unit baked-0.lightmap.json says.",
             rich_help_panel=_OUTPUT,
             autocompletion=words(_MATERIALS),
         ),
@@ -182,7 +189,8 @@ def lightmap(
         "texels": texels, "size": size, "uv": uv, "denoise": denoise, "integrator": integrator,
         "spp": MAX_SPP if spp is None and rules else spp, **option_values(integrator, options),
     }  # fmt: skip
-    loaded = read_scene(scene, parameters)
+    with aside("camera"):
+        loaded = read_scene(scene, parameters)
     check_writable(out)
     if quiet and progress == "auto":
         progress = "none"
@@ -215,7 +223,7 @@ def lightmap(
 
         conclude(film, failure, keeper, write)
     if not quiet and progress != "json":
-        for line in _summary(made[0]):
+        for line in (*_summary(made[0]), f"  {light_of(loaded)}"):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)

@@ -23,6 +23,7 @@ from typer.core import TyperGroup
 import glpath
 from glpath.cli import compare, devices, export, lightmap, measure, merge, radiosity, render, scenes, viewfactors
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
+from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.terminal import CleanHandler, say
 
@@ -60,7 +61,7 @@ class Commands(TyperGroup):
                     raise typer.Exit(INTERRUPTED)
                 return done
             except GlpathError as error:
-                say(f"glpath: error: {error}", err=True)
+                say(f"glpath: error: {as_typed(str(error))}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
@@ -86,7 +87,7 @@ def _wrong_usage_as_lines() -> Iterator[None]:
 def _warnings_and_logs_as_lines() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
-            say(f"glpath: warning: {message}", err=True)
+            say(f"glpath: warning: {as_typed(str(message))}", err=True)
         else:
             say(warnings.formatwarning(message, category, *place[:2]).rstrip(), err=True)
 

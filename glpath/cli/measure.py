@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -40,8 +39,10 @@ from glpath.errors import UsageError
 from glpath.files import Save, check_writable, is_stream, save_all
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.progress import MODES, duration
+from glpath.rendering.job import ALL_BOUNCES
 from glpath.scene.formats.completed import aside
 from glpath.terminal import say
+from glpath.units import EFFICACY
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
@@ -63,7 +64,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(measure, _OPTIONS))
+    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
 
 
 def measure(
@@ -138,20 +139,11 @@ def measure(
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
-    lumens_per_watt: Annotated[
-        float,
-        typer.Option(
-            metavar="LM",
-            help="Of light whose Rec. 709 channels are equal; 1 where the scene's lights are photometric (candela "
-            "of IES profiles or glTF), which glpath takes one to one.",
-            rich_help_panel=_LIGHT,
-        ),
-    ] = 179.0,
     white_sky: Annotated[
         bool,
         typer.Option(
             "--white-sky",
-            help="Light a scene that has no light by a white sky, of radiance 1 from all around.",
+            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
             rich_help_panel=_LIGHT,
         ),
     ] = False,
@@ -159,8 +151,7 @@ def measure(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone (by themselves of 64 vertices, with roulette from the 4th on), or from a radiosity "
-            "solution.",
+            help="Paths alone, of all bounces by default, or from a radiosity solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
         ),
@@ -186,8 +177,8 @@ def measure(
     uniformities U0 (minimum over mean) and Ud (minimum over maximum).
 
     Points may lie on surfaces or be free; each has the light of the side that its normal leaves. The scene needs no
-    camera, but light of its own, or --white-sky. Lux are the
-    luminance (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance in W/m2 times --lumens-per-watt.
+    camera, but light of its own, or --white-sky. Lux are the luminance (0.2126 R + 0.7152 G + 0.0722 B) of the
+    irradiance; of light in watts times 179 lm/W.
     """
     from glpath.cli.point_files import check_kind, check_within, grid_of, read_points, save_csv, save_npz
     from glpath.rendering.points import lit
@@ -209,8 +200,6 @@ def measure(
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    if not 0 < lumens_per_watt < math.inf:
-        raise UsageError(f"--lumens-per-watt {lumens_per_watt:g}: must be above 0.")
     rules = stop_rules(time_limit, noise)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     if checkpoint is not None or resume:
@@ -265,11 +254,11 @@ def measure(
             if path in pictures:
                 title = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
-            saves[path] = partial(save, at=at, found=found, lumens_per_watt=lumens_per_watt, **more)
-        rescue = {"measured.csv": partial(save_csv, at=at, found=found, lumens_per_watt=lumens_per_watt)}
+            saves[path] = partial(save, at=at, found=found, **more)
+        rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
         conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
     if not quiet and progress != "json":
-        for line in (*_summary(found, lumens_per_watt), f"  {light_of(loaded)}"):
+        for line in (*_summary(found), f"  {light_of(loaded)}"):
             say(line, err=True)
         if at.grid is not None:
             say(f"  {at.grid.described(loaded)}", err=True)
@@ -279,20 +268,20 @@ def measure(
     last_words(keeper, f"what {film.path_sets} paths of each point found is written")
 
 
-def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
+def _summary(found: Irradiance) -> Iterator[str]:
     import numpy as np
 
-    lux, error = found.illuminance(lumens_per_watt), found.illuminance_errors(lumens_per_watt)
+    lux, error = found.illuminance(), found.illuminance_errors()
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
-    spread = found.spread(None, lumens_per_watt)
+    spread = found.spread()
     yield f"  illuminance: {_figures(spread)}"
     lit = lux > 0
     if lit.any() and not lit.all():
         dark = np.count_nonzero(~lit)
         have, them = ("point has", "it") if dark == 1 else ("points have", "them")
         yield f"  {dark:,} {have} no light at all: inside of solids, perhaps. Without {them}:"
-        spread = found.spread(lit, lumens_per_watt)
+        spread = found.spread(lit)
         yield f"  {_figures(spread)}"
     elif not lit.any():
         yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
@@ -305,7 +294,8 @@ def _summary(found: Irradiance, lumens_per_watt: float) -> Iterator[str]:
             f"  noise dominates the minimum or the maximum (U0 of the values as they are would be {plain:.3f}): "
             f"take --spp {wanted} or so"
         )
-    yield f"  of W/m2 by {lumens_per_watt:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
+    if found.unit == "radiometric":
+        yield f"  of W/m2 by {EFFICACY:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
 
 
 def _figures(spread: Spread, digits: int = 4) -> str:
@@ -328,7 +318,7 @@ def _with_error(of: Estimate, value: str, unit: str = "") -> str:
     return f"{value} ± {of.error:.2g}{unit}"
 
 
-def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: float, title: str) -> None:
+def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None:
     import numpy as np
 
     from glpath.charts import Axis, field
@@ -338,11 +328,11 @@ def _save_picture(path: Path, at: Points, found: Irradiance, lumens_per_watt: fl
 
     grid = at.grid
     assert grid is not None, "asked for before"
-    lux = found.illuminance(lumens_per_watt)
+    lux = found.illuminance()
     lit = lux > 0
     dark = int(np.count_nonzero(~lit))
     inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
-    spread = found.spread(lit if lit.any() else None, lumens_per_watt)
+    spread = found.spread(lit if lit.any() else None)
     a, b = (f"{step:.3g}" for step in grid.step)
     page = field(
         f"{title}, {AXES[grid.axis]} = {grid.height:g}",

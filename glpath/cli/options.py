@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,11 +52,17 @@ RequireGpuOption = Annotated[
 
 
 def with_integrator_options(
-    function: Callable[..., Any], only: Collection[str] | None = None
+    function: Callable[..., Any],
+    only: Collection[str] | None = None,
+    *,
+    integrators: Collection[str] = tuple(INTEGRATORS),
+    path_defaults: Mapping[str, object] | None = None,
 ) -> Callable[..., Any]:
     """A command with an option for each of the integrators', in place of its last parameter, **options.
 
-    only : names of those that it has; None: all
+    only          : names of those that it has; None: all
+    integrators   : that it has; options of others are left out
+    path_defaults : what options are by default with "path", where that is another value here than a picture's
     """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
@@ -64,9 +71,9 @@ def with_integrator_options(
             option.name,
             inspect.Parameter.POSITIONAL_OR_KEYWORD,
             default=False if option.first.type is bool else option.default,
-            annotation=_annotation(option),
+            annotation=_annotation(option, integrators),
         )
-        for option in options().values()
+        for option in _options_of(integrators, path_defaults or {})
         if only is None or option.name in only
     ]
 
@@ -76,6 +83,16 @@ def with_integrator_options(
 
     command.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
     return command
+
+
+def _options_of(integrators: Collection[str], path_defaults: Mapping[str, object]) -> Iterator[Option]:
+    """The options of these integrators alone, with these defaults of "path"."""
+    for option in options().values():
+        settings = {owner: setting for owner, setting in option.settings.items() if owner in integrators}
+        if "path" in settings and option.name in path_defaults:
+            settings["path"] = replace(settings["path"], default=path_defaults[option.name])
+        if settings:
+            yield Option(option.name, settings)
 
 
 def option_values(integrator: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,12 +111,12 @@ def _extra(option: Option) -> dict[str, Any]:
     return (meta.extra if meta else None) or {}
 
 
-def _flag_of(option: Option) -> str:
+def flag_of(option: Option) -> str:
     given: str = _extra(option).get("flag", flag(option.name))
     return given
 
 
-def _annotation(option: Option) -> Any:
+def _annotation(option: Option, integrators: Collection[str]) -> Any:
     setting = option.first
     kind: Any = setting.type
     metavar = _extra(option).get("metavar")
@@ -115,19 +132,19 @@ def _annotation(option: Option) -> Any:
     return Annotated[
         kind if kind is bool or option.default is not None else kind | None,
         typer.Option(
-            _flag_of(option),
+            flag_of(option),
             metavar=metavar or (None if kind is bool else "N"),
             help=description[0].upper() + description[1:] + ("; may be repeated." if setting.several else "."),
             show_default=False,
-            rich_help_panel=_panel(option),
+            rich_help_panel=_panel(option, integrators),
             autocompletion=words(setting.given_words) if setting.words else None,
         ),
     ]
 
 
-def _panel(option: Option) -> str:
+def _panel(option: Option, integrators: Collection[str]) -> str:
     owners = list(option.settings)
-    return FOR_ALL if len(owners) == len(INTEGRATORS) else f"With --integrator {' or '.join(owners)}"
+    return FOR_ALL if len(owners) == len(integrators) else f"With --integrator {' or '.join(owners)}"
 
 
 def _value(option: Option, integrator: str, value: Any) -> Any:
@@ -137,7 +154,7 @@ def _value(option: Option, integrator: str, value: Any) -> Any:
     setting = option.settings.get(integrator, option.first)
     if setting.words:
         for word in value if setting.several else (value,):
-            check_choice(_flag_of(option), word, setting.given_words)
+            check_choice(flag_of(option), word, setting.given_words)
     elif setting.type == Rgb:
         return colour(flag(option.name), value)
     elif setting.type in (int, float) and setting.meta is not None:

@@ -215,8 +215,8 @@ def _summary(
     if denoise:
         error = film.relative_error(denoised=True)
         yield "  denoised by Open Image Denoise" + ("" if error is None else f", then error about {percent(error)}")
-    cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost", 0)
-    if cast:
+    cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost")
+    if cast and lost is not None:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
     for purpose, count in m.statistics.get("intersection_tests", {}).items():
         yield f"  {_TESTS[purpose]}: {_million(count)} intersection tests"

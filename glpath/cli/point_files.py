@@ -7,7 +7,6 @@ import io
 import math
 import re
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
-from glpath.errors import ImageError, SceneWarning, UsageError
-from glpath.files import is_stream, reason_of, whole_file, write_bytes
+from glpath.errors import ImageError, UsageError, warn
+from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
+from glpath.units import symbol
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -83,8 +83,8 @@ class Grid:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        along = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
-        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {along}"
+        ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
+        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
@@ -202,7 +202,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
         )
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
-    warnings.warn(SceneWarning(told + other), stacklevel=2)
+    warn(told + other)
 
 
 def _at(x: float) -> str:
@@ -282,7 +282,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:
@@ -343,15 +343,19 @@ def _number(cell: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
-    """A line for each point: where, which way, irradiance and illuminance with their standard errors."""
+def save_csv(path: Path, at: Points, found: Irradiance) -> None:
+    """A line for each point: where, which way, irradiance and illuminance with their standard errors.
+
+    Irradiance is in the unit of the scene, which the titles of its columns name.
+    """
+    unit = symbol(found.unit, "irradiance").replace(" m^-2", "/m2")
     columns = {
         **{name: at.points[:, i] for i, name in enumerate(_POINT)},
         **{name: at.normals[:, i] for i, name in enumerate(_NORMAL)},
-        **{f"{name} [W/m2]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
-        **{f"{name} [W/m2]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
-        "E [lx]": found.illuminance(lumens_per_watt),
-        "se [lx]": found.illuminance_errors(lumens_per_watt),
+        **{f"{name} [{unit}]": found.values[:, i] for i, name in enumerate(("E_r", "E_g", "E_b"))},
+        **{f"{name} [{unit}]": found.standard_errors[:, i] for i, name in enumerate(("se_r", "se_g", "se_b"))},
+        "E [lx]": found.illuminance(),
+        "se [lx]": found.illuminance_errors(),
     }
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -365,10 +369,11 @@ def save_csv(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
     write_bytes(text.getvalue().encode(), path)
 
 
-def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) -> None:
+def save_npz(path: Path, at: Points, found: Irradiance) -> None:
     """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    A grid's have its shape before, (rows, columns, ...). Raises ImageError where it cannot be written.
+    `unit` is that of irradiance: "W m^-2" or "lx". A grid's have its shape before, (rows, columns, ...). Raises
+    ImageError where it cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -376,12 +381,12 @@ def save_npz(path: Path, at: Points, found: Irradiance, lumens_per_watt: float) 
         "normals": at.normals,
         "irradiance": found.values,
         "standard_errors": found.standard_errors,
-        "illuminance": found.illuminance(lumens_per_watt),
-        "illuminance_errors": found.illuminance_errors(lumens_per_watt),
+        "illuminance": found.illuminance(),
+        "illuminance_errors": found.illuminance_errors(),
     }
     shaped = {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
     with whole_file(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, lumens_per_watt=lumens_per_watt, **shaped)
+        np.savez_compressed(file, unit=symbol(found.unit, "irradiance"), **shaped)
 
 
 def check_kind(path: Path) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
-from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
 from glpath.cli.stages import Told, reporting
 from glpath.cli.unattended import (
@@ -29,6 +29,7 @@ from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
 from glpath.files import Save, check_writable, save_all
 from glpath.progress import MODES, duration, percent
+from glpath.scene.formats.completed import aside
 from glpath.terminal import say
 
 if TYPE_CHECKING:
@@ -151,7 +152,8 @@ def radiosity(
     check_suffix(out)
     check_choice("--progress", progress, MODES)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
-    loaded = read_scene(scene, parameters)
+    with nullcontext() if check else aside("camera"):
+        loaded = read_scene(scene, parameters)
     check_writable(out)
     keeper = _checkpoint(out, checkpoint, resume)
     options: dict[str, Any] = {
@@ -175,7 +177,7 @@ def radiosity(
             _save(solution, out, solution.save)
         if keeper is not None and not arrived():
             keeper.path.unlink(missing_ok=True)
-    _end(solution, out, quiet or progress == "json")
+    _end(solution, out, loaded, quiet or progress == "json")
     if check and solution is not None:
         from glpath.rendering import element_error
 
@@ -222,7 +224,8 @@ def bake(
             f"--radiosity and --{next(iter(given))} contradict each other: the mesh is that of the solution.",
             "Leave one of them out.",
         )
-    loaded = read_scene(scene, parameters)
+    with aside("camera"):
+        loaded = read_scene(scene, parameters)
     check_writable(out)
     if radiosity is not None:
         solution: RadiositySolution | None = RadiositySolution.load(radiosity, loaded)
@@ -231,7 +234,7 @@ def bake(
         solution = _solve(loaded, {"adaptive": 2} | given, mode)
     if solution is not None:
         _save(solution, out, lambda path: solution.to_glb(loaded, path, exposure=exposure))
-    _end(solution, out, quiet or progress == "json", radiosity is None)
+    _end(solution, out, loaded, quiet or progress == "json", radiosity is None)
 
 
 def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint | None:
@@ -265,10 +268,10 @@ def _save(solution: RadiositySolution, out: Path, save: Save) -> None:
         raise failure
 
 
-def _end(solution: RadiositySolution | None, out: Path, quiet: bool, solved: bool = True) -> None:
+def _end(solution: RadiositySolution | None, out: Path, scene: Scene, quiet: bool, solved: bool = True) -> None:
     """Say what there is; of what was interrupted, exit as such."""
     if solution is not None and not quiet:
-        for line in _summary(solution) if solved else ():
+        for line in (*_summary(solution), f"  {light_of(scene)}") if solved else ():
             say(line, err=True)
         say(f"wrote {out}", err=True)
     if arrived():

@@ -24,10 +24,10 @@ _OF_MICROFACETS = (
 def summarize(scene: Scene) -> dict[str, Any]:
     """What `glpath info` tells, as JSON-able data.
 
-    Power is radiant flux, W where the scene unit is a metre: pi * area * radiance for each side of a shape that
-    emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft, and where there is no
-    total: for directional lights and without falloff. So is the area of a plane, and of a stream, of which
-    triangles are counted alone.
+    Power is flux, W or lm by the unit of the scene, where its unit of length is a metre: pi * area * radiance for
+    each side of a shape that emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft,
+    and where there is no total: for directional lights and without falloff. So is the area of a plane, and of a
+    stream, of which triangles are counted alone.
     """
     lower, upper = scene.bounds
     camera = scene.camera
@@ -55,6 +55,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
     return {
         "name": scene.name,
         "source": scene.source,
+        "unit": scene.unit,
         "sha256": scene.digest(),
         "content_sha256": scene.digest(camera=False),
         "triangles": len(scene.triangles) + scene.shapes.total("stream"),

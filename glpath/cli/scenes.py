@@ -15,11 +15,13 @@ from rich.table import Table
 from glpath.cli import completion
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
+from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.files import write_bytes
 from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
 from glpath.scene.place import coordinates
 from glpath.terminal import clean_console, say, say_json
+from glpath.units import Unit, symbol
 
 # Rows of the table of shapes; a scene can have thousands.
 _SHOWN = 40
@@ -135,10 +137,11 @@ def _area_in_words(shape: dict[str, Any]) -> str:
     return f"{shape['area']:.6g}"
 
 
-def _told_of_sky(sky: dict[str, Any]) -> str:
+def _told_of_sky(sky: dict[str, Any], unit: Unit) -> str:
     if "size" in sky:
         width, height = sky["size"]
-        return f"map of {width} x {height}, {_numbers(sky['integral'])} W m^-2 from all directions"
+        integral = f"{_numbers(sky['integral'])} {symbol(unit, 'irradiance')}"
+        return f"map of {width} x {height}, {integral} from all directions"
     return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
@@ -166,6 +169,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         for kind in ("triangles", "spheres", "planes")
         if summary[kind]
     ]
+    unit: Unit = summary["unit"]
     camera, bounds, sky = summary["camera"], summary["bounds"], summary["sky"]
     overview = _table(f"{summary['name']}: {', '.join(counts)}", "", "")
     overview.show_header = False
@@ -181,8 +185,9 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         else "",
         "shutter": _told_of_shutter(summary),
         "resolution": "{} x {}".format(*camera["resolution"]),
+        "light": f"{unit}: {symbol(unit, 'radiance')}, {symbol(unit, 'intensity')}, {symbol(unit, 'irradiance')}",
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
-        "sky": _told_of_sky(sky) if sky else "",
+        "sky": _told_of_sky(sky, unit) if sky else "",
     }.items():
         if value:
             overview.add_row(label, escape(value))
@@ -224,10 +229,10 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             size, scale = "{} x {}".format(*texture["size"]), "{:g} x {:g}".format(*texture["scale"])
             textures.add_row(escape(texture["name"]), size, scale, texture["filter"])
         tables.append(textures)
-    lights = _table("Lights", "name", "kind", "power (W for metres)", "")
+    lights = _table("Lights", "name", "kind", f"power ({symbol(unit, 'power')} for metres)", "")
     for light in summary["lights"]:
         power = "-" if light["power"] is None else _numbers(light["power"])
-        lights.add_row(*map(escape, (light["name"], light["kind"], power, _described(light))))
+        lights.add_row(*map(escape, (light["name"], light["kind"], power, _described(light, unit))))
     return [*tables, lights]
 
 
@@ -244,7 +249,7 @@ def _parameters(summary: dict[str, Any]) -> list[Table]:
     return [table]
 
 
-def _described(light: dict[str, Any]) -> str:
+def _described(light: dict[str, Any], unit: Unit) -> str:
     """What makes this light another than the others, in words."""
     if light["kind"] == "shape":
         return "both sides" if light["two_sided"] else "front"
@@ -253,8 +258,12 @@ def _described(light: dict[str, Any]) -> str:
         words.append(f"towards {_numbers(light['direction'])}")
     if "cone" in light:
         words.append("cone {:g} to {:g} degrees".format(*light["cone"]))
-    unit = "W sr^-1" if light["kind"] != "directional" and light["falloff"] == "quadratic" else "W m^-2"
-    return ", ".join([*words, f"{_numbers(light['intensity'])} {unit}"])
+    if "profile" in light:
+        return ", ".join([*words, f"{_numbers(light['intensity'])} {symbol(unit, 'power')} per lm of its profile"])
+    bound = light["kind"] != "directional" and light["falloff"] == "quadratic"
+    return ", ".join(
+        [*words, f"{_numbers(light['intensity'])} {symbol(unit, 'intensity' if bound else 'irradiance')}"]
+    )
 
 
 def _colour(values: list[float]) -> str:
@@ -280,9 +289,9 @@ def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[
         except UsageError:
             raise
         except GlpathError as problem:
-            return str(problem), []
+            return as_typed(str(problem)), []
     return None, _scene_warnings(caught) + found
 
 
 def _scene_warnings(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    return [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]
+    return [as_typed(str(each.message)) for each in caught if issubclass(each.category, SceneWarning)]

@@ -84,7 +84,7 @@ StatsOption = Annotated[
 ClusterOption = Annotated[
     str | None,
     typer.Option(
-        metavar="local:N|tcp://HOST:PORT",
+        metavar="local:N|tls://HOST:PORT",
         help="Share the path sets out to N processes here, or to the workers of a Dask scheduler; the same bits "
         "(pip install 'glpath[cluster]').",
         rich_help_panel=_LONG,

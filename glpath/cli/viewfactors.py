@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
-from glpath.cli.signals import result_of
+from glpath.cli.signals import exit_code, result_of
 from glpath.cli.stages import Told, reporting
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
@@ -61,7 +62,10 @@ def viewfactors(
             metavar="LIST", help="reciprocity, closure, or both with a comma: made exact by least squares."
         ),
     ] = None,
-    error: Annotated[float, typer.Option(metavar="E", help="Wanted of a row's sum, 1e-7 to 0.1.")] = 1e-3,
+    error: Annotated[
+        float,
+        typer.Option(metavar="E", help="Wanted of a row's sum, 1e-7 to 0.1; of a single factor F, E sqrt(F)."),
+    ] = 1e-3,
     flip: Annotated[
         bool, typer.Option("--flip", help="The fronts are the other sides: the inside of a model.")
     ] = False,
@@ -69,7 +73,7 @@ def viewfactors(
         bool,
         typer.Option(
             "--resume",
-            help="Keep rows that are done in FILE.part (of the first), and go on from there if interrupted.",
+            help="Keep rows that are done in FILE.part (of the first), and go on from there after an interruption.",
         ),
     ] = False,
     parameters: Parameters = None,
@@ -78,8 +82,9 @@ def viewfactors(
 ) -> None:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Row i, column j is the share of what leaves face i that arrives at face j; what a row lacks of 1 goes past all
-    faces, to the sky. Closed forms where nothing stands between two faces, exact visibility from points elsewhere.
+    Row i, column j is the share of what leaves face i that arrives at face j. What a row lacks of 1 goes past all
+    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing stands between
+    two faces, exact visibility from points elsewhere.
     """
     from glpath.radiosity.view_factors.faces import geometry_alone
     from glpath.radiosity.view_factors.formats import check_names, file_kind
@@ -109,7 +114,17 @@ def viewfactors(
         with reporting(mode, sys.stderr, _told) as report:
             return view_factors(loaded, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
 
-    found = result_of(compute)
+    try:
+        found = result_of(compute)
+    except KeyboardInterrupt as stop:
+        say(f"glpath: interrupted: {_kept(part)}", err=True)
+        if part is not None:
+            options = {"--groups": groups, "--enforce": enforce, "--error": f"{error:g}"}
+            words = [*(word for path in out for word in ("-o", str(path)))]
+            words += [word for name, value in options.items() if value is not None for word in (name, value)]
+            words += [word for value in parameters or () for word in ("-D", value)] + ["--flip"] * flip
+            say(f"  go on with: {shlex.join(['glpath', 'viewfactors', str(scene), *words, '--resume'])}", err=True)
+        raise typer.Exit(exit_code()) from stop
     rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
     if wanted:
         try:
@@ -127,6 +142,12 @@ def viewfactors(
             say(f"wrote {path}", err=True)
 
 
+def _kept(part: Path | None) -> str:
+    if part is None:
+        return "nothing is kept; --resume keeps the rows that are done"
+    return f"the rows that are done are in {part}" if part.exists() else "no row was done yet"
+
+
 def _summary(found: ViewFactors) -> Iterator[str]:
     s = found.statistics
     rows = "groups" if found.names else "faces"
@@ -135,10 +156,19 @@ def _summary(found: ViewFactors) -> Iterator[str]:
         f"  pairs of facets: {s['free_pairs']:,} seen whole, {s['partial_pairs']:,} in part; "
         f"{s['hidden_pairs'] + s['hidden_branches']:,} pairs and branches hidden by one occluder"
     )
+    import numpy as np
+
     sums = found.row_sums
-    worst = found.error.max()
-    yield f"  row sums {sums.min():.6f} to {sums.max():.6f}"
-    yield f"  error of a row's sum, a cautious estimate: {worst:.1e} at most"
+    yield f"  row sums {sums.min():.6f} to {sums.max():.6f}, sky {found.sky.min():.6f} to {found.sky.max():.6f}"
+    if s["rows_that_see_backs"]:
+        yield (
+            f"  backs of faces: seen by {s['rows_that_see_backs']:,} {rows}, {100 * s['backs_most']:.3g} % of a "
+            f"row at most, {100 * s['backs']:.3g} % of all; neither in the matrix nor in the sky"
+        )
+    yield f"  error of a row's sum: {np.median(found.error):.1e} in the median, {found.error.max():.1e} at most"
+    if missed := s["rows_beyond_error"]:
+        share = 100 * missed / len(found)
+        yield f"  {missed:,} of {len(found):,} rows ({share:.2g} %) miss the error of {s['error']:g} that is wanted"
     if "reciprocity" not in s.get("enforced", ()):
         yield "  reciprocity: exact but for rounding, as each pair is computed once"
     if "enforced" in s:

@@ -105,7 +105,7 @@ def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Floa
     if a.shape != b.shape:
         raise ImageError(
             f"compare: the picture is {_size(a)} and the reference {_size(b)}; they must be of one size.",
-            "Render both at one --resolution and --crop.",
+            "Make both of one size: a render by its resolution and crop, a plot by its figsize and dpi.",
         )
     if a.ndim != 3 or a.shape[2] != 3 or a.size == 0:
         raise ImageError(f"compare: found arrays of shape {a.shape}, expected (H, W, 3).")

@@ -99,7 +99,7 @@ class Picture:
 
     @classmethod
     def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
-        """Radiance, or sRGB where it is uint8, uint16 or bool: (H, W, 3), (H, W), or (H, W, 4) with alpha.
+        """Radiance of floats, or sRGB of uint8, uint16 and bool: (H, W, 3), (H, W), or (H, W, 4) with alpha.
 
         Raises ImageError.
         """
@@ -107,6 +107,12 @@ class Picture:
         if given.dtype.kind not in "biuf" or given.ndim not in (2, 3) or given.size == 0:
             raise ImageError(
                 f"picture: found an array of shape {given.shape} of {given.dtype}, expected numbers (H, W, 3)."
+            )
+        if given.dtype.kind in "iu" and given.dtype.name not in ("uint8", "uint16"):
+            raise ImageError(
+                f"picture: found integers of {given.dtype}, {given.min()} to {given.max()}, which have no white: "
+                "allowed are uint8 and uint16, sRGB, and floats, radiance.",
+                "Convert it: .astype(np.uint8) where white is 255, np.uint16 where it is 65535, float of radiance.",
             )
         white = {"bool": 1, "uint8": 255, "uint16": 65535}.get(given.dtype.name)
         values = given.astype(np.float64) / (white or 1)

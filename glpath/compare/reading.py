@@ -16,7 +16,7 @@ import numpy as np
 
 from glpath.compare.picture import DENOISED, Picture, glpath_texts
 from glpath.errors import ImageError
-from glpath.files import reading
+from glpath.files import read_bytes, reading
 from glpath.film import Film, holds_film, read_image
 from glpath.image import READABLE, read_exr_channels
 from glpath.npz import check_unfolded, read_npy
@@ -39,7 +39,7 @@ def read_picture(path: str | Path) -> Picture:
     suffix = path.suffix.lower()
     if suffix in _BY_PILLOW:
         with reading(path, "a picture"):
-            return _by_pillow(path.read_bytes(), str(path))
+            return _by_pillow(read_bytes(path), str(path))
     if holds_film(path):
         return Picture.of_film(Film.load(path))
     if suffix == ".exr":

@@ -22,6 +22,7 @@ import numpy as np
 from glpath.errors import SceneError
 from glpath.gl.geometry_stream import GeometryStream
 from glpath.gl.moving import MovingScene
+from glpath.gl.owner import Owner
 from glpath.gl.passes import TriangleIndices
 from glpath.gl.scene_texels import (
     FLOAT_LAYOUT,
@@ -46,7 +47,7 @@ from glpath.scene.model import Environment, Float64, Scene
 MAX_PRIMITIVES = 2**30 - 2
 
 
-class DeviceScene:
+class DeviceScene(Owner):
     """Everything of a scene that shaders read.
 
     numbering : which primitive has which number
@@ -230,14 +231,6 @@ class DeviceScene:
         rasterised = self.triangles.nbytes if "triangles" in self.__dict__ else 0
         streamed = self.stream.nbytes if self.stream is not None else 0
         return sum(16 * t.width * t.height for t in stores) + rasterised + streamed
-
-    def release(self) -> None:
-        for texture in self.textures.values():
-            texture.release()
-        if "triangles" in self.__dict__:
-            self.triangles.release()
-        if self.stream is not None:
-            self.stream.release()
 
 
 def _radius(scene: Scene, centre: Float64) -> float:

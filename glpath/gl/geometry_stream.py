@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Dispatch, Pass, PixelDispatch
 from glpath.gl.program import load_program
 from glpath.gl.texel_store import WIDTH
@@ -71,7 +72,7 @@ class _Place:
     holds: int = -1  # index of the chunk
 
 
-class GeometryStream:
+class GeometryStream(Owner):
     """The streamed triangles of a scene.
 
     Parameters
@@ -169,13 +170,6 @@ class GeometryStream:
             )
             # Or a driver keeps chunk upon chunk: llvmpipe a hundred megabytes of triangles still to be drawn.
             self.gl.finish()
-
-    def release(self) -> None:
-        for texture in (*self._records, *(place.texture for place in self._places)):
-            texture.release()
-        self._records, self._places = [], []
-        self.kept.release()
-        self.command.release()
 
     @property
     def _in_records(self) -> int:

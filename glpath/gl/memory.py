@@ -11,8 +11,8 @@ import numpy as np
 from glpath.errors import ContextError
 
 OUT_OF_MEMORY = (
-    "Render the image in parts (--crop X,Y,W,H, whose .exr have their place in the whole), or fewer pixels; take\n"
-    "smaller textures or shadow-buffers, or another --device."
+    "Render the image in parts (crop=(x, y, width, height), whose .exr have their place in the whole), or fewer\n"
+    "pixels; take smaller textures or shadow-buffers, or another device."
 )
 
 # Bytes below which no device fails that could do anything else.

@@ -144,7 +144,7 @@ def no_gpu(found: list[str]) -> ContextError:
         "a GPU is required, but there is no hardware device that renders; found: "
         + ("; ".join(found) or "nothing"),
         "Install the graphics driver with its EGL library, and see that this user may open /dev/dri/renderD*\n"
-        "(`glpath doctor` looks); or render in software: leave out --require-gpu.",
+        "(`glpath doctor` looks); or render in software: leave out require_gpu=True.",
     )
 
 

@@ -88,9 +88,6 @@ class TriangleIndices:
     def nbytes(self) -> int:
         return self.buffer.size
 
-    def release(self) -> None:
-        self.buffer.release()
-
 
 @dataclass
 class Pass:

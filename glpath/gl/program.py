@@ -8,16 +8,19 @@ says `#include <NAME>` for NAME in the `generated` mapping.
 
 from __future__ import annotations
 
+import hashlib
 import re
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import moderngl
 
 from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
 from glpath.gl.constants import constants_glsl
+from glpath.machine import return_memory
 
 GLSL_VERSION = "#version 430 core"
 
@@ -39,8 +42,39 @@ def shader_folder() -> Path:
     )
 
 
-# By context, and by the whole text of the stages. Compiling takes longer than many a render of a test suite.
-_compiled: WeakKeyDictionary[moderngl.Context, dict[tuple[str, ...], Program]] = WeakKeyDictionary()
+#: Programs that a context keeps for whoever asks next. An engine has 3 to 12, which it keeps as long as it lives;
+#: llvmpipe takes some 5 MB for each.
+MAX_PROGRAMS = 32
+
+
+class _Compiled:
+    """The programs of a context that were used last, by the digest of all their text.
+
+    Compiling takes longer than many a render of a test suite. Programs differ in what scenes have (kinds of
+    primitives, lights, materials, cameras), so that many different scenes have many programs.
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[str, Program] = OrderedDict()
+        self._alive: WeakValueDictionary[str, Program] = WeakValueDictionary()
+
+    def __len__(self) -> int:
+        return len(self._alive)
+
+    def get(self, sources: Mapping[str, Source], compile_them: Callable[[], Program]) -> Program:
+        key = hashlib.sha256("\0".join(source.text for source in sources.values()).encode()).hexdigest()
+        program = self._alive.get(key)
+        if program is None:
+            program = self._alive[key] = compile_them()
+        self._kept[key] = program
+        self._kept.move_to_end(key)
+        if len(self._kept) > MAX_PROGRAMS:
+            self._kept.popitem(last=False)
+            return_memory()
+        return program
+
+
+_compiled: WeakKeyDictionary[moderngl.Context, _Compiled] = WeakKeyDictionary()
 
 
 def forget_programs(gl: moderngl.Context) -> None:
@@ -181,7 +215,8 @@ def load_program(
     generated        : text for `#include <NAME>`: layouts declared in Python
     defines          : name -> value, put as #define lines before everything
 
-    A program is compiled once in a context; later calls for the same one share it.
+    A program is compiled once in a context; later calls for the same one share it, as long as somebody has it or it
+    is among the last `MAX_PROGRAMS` that were asked for.
 
     Raises
     ------
@@ -195,11 +230,7 @@ def load_program(
         sources = _for_llvmpipe(stages, generated, dict(defines or {}), inputs)
     else:
         sources = {stage: Source(name, generated, dict(defines or {})) for stage, name in stages.items()}
-    compiled = _compiled.setdefault(gl, {})
-    key = tuple(source.text for source in sources.values())
-    if key not in compiled:
-        compiled[key] = _compile(gl, sources)
-    return compiled[key]
+    return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
 
 
 def _for_llvmpipe(

@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film_metadata import ID_AOVS, SHAPES
+from glpath.film_metadata import ID_AOVS, SHAPES, add_aov
 from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
@@ -35,6 +35,7 @@ Uniforms = dict[str, object]
 _GROUPS = {
     "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
     "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
+    "AOV_NEAREST": (("depth_min",), ("sum_nearest",)),
 }
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
 # they are (`shaders/aov.glsl`).
@@ -94,11 +95,15 @@ class EyeAovs:
             "place_quanta": self._place_quanta,
             "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
         }
-        self._textures = [{name: self._texture(4) for name in sums} for _ in range(2)]
+        components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
+        self._textures = [{name: self._texture(n) for name, n in components.items()} for _ in range(2)]
         textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.met}
         self._passes: list[Pass] = []
         if groups:
-            defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **dict.fromkeys(groups, 1)}
+            # The first output of each group, and the second: GLSL 4.30 adds none up.
+            outputs = {group: sums.index(of[1][0]) for group, of in groups.items()}
+            outputs |= {f"{group}_1": first + 1 for group, first in outputs.items()}
+            defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
             program = load_program(
                 gl,
                 vertex="fullscreen.vert",
@@ -162,7 +167,7 @@ class EyeAovs:
 
     def _begin(self) -> None:
         height, width = self._size[::-1]
-        numbers = {"albedo": 3, "normal": 3, "depth": 2, "position": 4}
+        numbers = {"albedo": 3, "normal": 3, "depth": 2, "depth_min": 1, "position": 4}
         self._taken = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
         self._taken_shapes = []
 
@@ -184,15 +189,17 @@ class EyeAovs:
             place = ((upper << 32) + low) / self._place_quanta
             self._add("position", np.concatenate([place[..., :3], hits], axis=2))
             self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
+        if "sum_nearest" in sums:
+            self._add("depth_min", sums["sum_nearest"].astype(np.float64))
         self._empty()
 
     def _add(self, name: str, sums: NDArray[np.float64]) -> None:
         if name in self._taken:
-            self._taken[name] += sums
+            add_aov(name, self._taken[name], sums)
 
     def _empty(self) -> None:
         for texture in self._textures[self._sum].values():
-            texture.write(bytes(16 * self._size[0] * self._size[1]))
+            texture.write(bytes(4 * texture.components * self._size[0] * self._size[1]))
         self._path_sets = 0
 
     def _make_shape_passes(self, seen: Seen, textures: dict[str, moderngl.Texture]) -> None:

@@ -74,5 +74,5 @@ def _check_shared(scene: Scene) -> None:
         )
         raise SceneError(
             f"{scene.source or scene.name}: has {found}, which paths that share their directions cannot follow.",
-            "Leave --directions away: paths with directions of their own can.",
+            "Leave out directions: paths with directions of their own can.",
         )

@@ -23,6 +23,7 @@ from glpath.gl.camera import (
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, Stopwatch
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
@@ -38,7 +39,7 @@ from glpath.sensors import CameraSensor, PointSensor, Sensor
 Uniforms = dict[str, object]
 
 
-class PathSetEngine(ABC):
+class PathSetEngine(Owner, ABC):
     """The path sets of one window of the image; whoever derives from it writes `trace_path_set`.
 
     Parameters

@@ -37,7 +37,7 @@ from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
-from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.integrators.settings import DEEPEST, GatherSettings, PathTraceSettings
 from glpath.light_samples import LightSamples
 from glpath.lighting import Lighting
 from glpath.sampling import PathSetSampler, counter_hash
@@ -58,6 +58,11 @@ _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the
 _MOST_BOUNCES = 14
 # A gather's paths that mirrors and glass send on end by chance from here on.
 _MIRRORED = 6
+#: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
+#: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
+CEILING = 1 << 14
+# For how many vertices of a path a draw is cut into areas at most.
+_USUAL_DEPTH = 64
 # Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
 _TESTS_A_VERTEX = 200
 
@@ -185,7 +190,9 @@ class RayPathEngine(PathSetEngine):
                 textures |= guide.textures
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
-        self._areas = draw_areas(self._size, self._branches * settings.max_depth * _TESTS_A_VERTEX)
+        # Of paths that only chance ends, few have more vertices.
+        vertices = min(settings.max_depth, _USUAL_DEPTH)
+        self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
         self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
@@ -232,7 +239,23 @@ class RayPathEngine(PathSetEngine):
         self._look(self._eye_uniforms(place))
         return self.seen()
 
+    def statistics(self) -> dict[str, object]:
+        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only chance should end."""
+        counts = super().statistics()
+        cut = counts.pop("paths_lost")
+        return counts | ({"paths_cut": cut} if cut else {})
+
     # What the draw is told.
+
+    @property
+    def _endless(self) -> bool:
+        """Is it chance alone that ends paths? Then the deepest that can be asked for is no end."""
+        settings = self._settings
+        return (
+            isinstance(settings, PathTraceSettings)
+            and settings.roulette is not None
+            and settings.max_depth == DEEPEST
+        )
 
     def _of_set(self, index: int) -> Uniforms:
         seed = self._settings.seed
@@ -294,7 +317,8 @@ class RayPathEngine(PathSetEngine):
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
-            "max_depth": settings.max_depth,
+            "max_depth": CEILING if self._endless else settings.max_depth,
+            "cut_depth": CEILING - 1 if self._endless else 1 << 30,
             "ambient": tuple(map(float, self._ambient)),
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),

@@ -68,8 +68,9 @@ class IntegratorSettings:
         tuple[Aov, ...],
         Meta(
             description="what the film holds as well, for a denoiser or a compositor: of the surfaces that the eye "
-            'sees, "albedo", "normal", "depth", "position", "object_id" and "material_id" (these with their '
-            'Cryptomatte); of the light, "direct" and "indirect"; how many "samples"; or "all"',
+            'sees, "albedo", "normal", "depth", "depth_min" (of the nearest, no mean), "position", "object_id" and '
+            '"material_id" (one number a pixel; with their Cryptomatte); of the light, "direct" and "indirect"; '
+            'how many "samples"; or "all"',
             extra={"flag": "--aov"},
         ),
     ] = ()
@@ -190,8 +191,9 @@ class PathTraceSettings(PathSetSettings):
         Meta(
             ge=1,
             le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias; by itself, never",
-            extra={"metavar": "DEPTH"},
+            description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the "
+            'most, nothing else ends those of directions "own"',
+            extra={"metavar": "DEPTH", "unset": "never"},
         ),
     ] = None
     geometry_budget: Annotated[

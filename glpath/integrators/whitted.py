@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
-from glpath.film_metadata import SHAPES
+from glpath.film_metadata import SHAPES, add_aov
 from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
+from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, Stopwatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
@@ -45,7 +46,7 @@ from glpath.sensors import CameraSensor, Sensor
 Uniforms = dict[str, object]
 
 
-class WhittedTracer:
+class WhittedTracer(Owner):
     """Traces path sets of one window of the image.
 
     Parameters
@@ -192,8 +193,10 @@ class WhittedTracer:
         """What is on the device of them, and what was held when objects moved."""
         found = self._taken_aovs | ({} if self._aovs is None else self._aovs.take())
         for name, held in self._held_aovs.items():
-            # Of shapes, a picture for each path set.
-            found[name] = np.concatenate([held, found[name]], axis=2) if name == SHAPES else held + found[name]
+            if name == SHAPES:  # a picture for each path set
+                found[name] = np.concatenate([held, found[name]], axis=2)
+            else:
+                add_aov(name, found[name], held)
         return found
 
     def statistics(self) -> dict[str, object]:

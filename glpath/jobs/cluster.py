@@ -1,6 +1,6 @@
 """One render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
 
-    with Cluster("local:4") as cluster:                    # or "tcp://scheduler:8786": `connection`
+    with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786": `connection`
         film = render_on(cluster, RenderJob.of("cornell-box", spp=4096))
 
 The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
@@ -23,14 +23,13 @@ import math
 import queue
 import time
 import uuid
-import warnings
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from glpath.errors import ContextError, GlpathError, SceneWarning, UsageError
+from glpath.errors import ContextError, GlpathError, UsageError, warn
 from glpath.film import Film
 from glpath.film_batches import BLOCK
 from glpath.film_metadata import INTERRUPTED_RULE, merged_values
@@ -47,6 +46,7 @@ from glpath.rendering.loop import Clock, missing
 from glpath.rendering.session import empty_film, metadata_of
 from glpath.rendering.stopping import StopRules, looks_at_noise
 from glpath.scene import Scene, check_scene
+from glpath.sensors import CameraSensor
 
 log = logging.getLogger("glpath")
 
@@ -102,10 +102,10 @@ def render_on(
     if not chunk_seconds > 0:
         raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
     rules = StopRules(time_limit, noise)
-    loaded = job.sensor.seen(job.scene.load(scene))
+    loaded = job.seen(scene)
     plan = plan_of(job.integrator)
-    for text in check_scene(loaded) + plan.warnings(loaded):
-        warnings.warn(text, SceneWarning, stacklevel=2)
+    for text in check_scene(loaded, isinstance(job.sensor, CameraSensor)) + plan.warnings(loaded):
+        warn(text)
     started = time.perf_counter()
     film_of = film
     first = empty_film(metadata_of(job, plan, loaded, None))
@@ -126,7 +126,7 @@ def render_on(
     shared = Shared(uuid.uuid4().hex, job, loaded, plan, backend, device, require_gpu, timings, this_version())
     _Render(cluster, shared, clock, chunk_seconds).run()
     for text in plan.remarks(clock.film):
-        warnings.warn(text, SceneWarning, stacklevel=2)
+        warn(text)
     return clock.film
 
 
@@ -189,6 +189,7 @@ class _Render:
         while True:
             if interrupted:
                 raise KeyboardInterrupt
+            self.cluster.check()
             now = time.monotonic()
             if now - last_look >= _LOOK_AROUND_S:
                 self._look_around(chunks)
@@ -319,13 +320,15 @@ class _Render:
 
     def _look_around(self, chunks: Chunks) -> None:
         """Who is there now; what was at others is handed out again."""
+        if not self.cluster.connected:
+            return  # a call would wait until Dask gives up
         try:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]
         except Exception as error:
             raise ContextError(
                 f"cluster {self.cluster.address}: the scheduler is gone: {error}.",
-                "Start it again; with --checkpoint, --resume goes on.",
+                "Start it again; a render that has kept its film goes on from there.",
             ) from error
         for future in [f for f, task in self._running.items() if task.worker not in self._workers]:
             if future.status == "pending":
@@ -368,6 +371,6 @@ class _Render:
         reason = self._reasons[chunks.failed[0].path_sets[0]]
         return ChunksFailedError(
             f"cluster: path sets {ranges} failed on every worker that tried: {reason}",
-            "All others are in the film. The workers' own logs say more; --sample-range renders a range alone.",
+            "All others are in the film. The workers' own logs say more; a render of such a range alone shows it.",
             self.clock.film,
         )

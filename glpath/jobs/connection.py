@@ -1,13 +1,22 @@
 """The workers of a cluster (Dask distributed): processes of this machine, or those of a scheduler, also by TLS.
 
+Trust:    a Dask scheduler runs whatever code a client sends it, on all workers, and a client unpickles what workers
+          send. So all parts of a cluster trust each other fully, and whoever can connect to one is that user on
+          every machine. Processes of this machine therefore listen on the loopback interface alone, and speak TLS
+          with a key that is made for this cluster, kept in memory, and gone with it: another user of the machine
+          cannot connect. A scheduler without TLS prints a warning: whoever reaches its port can run code.
 Cost:     seconds to start a process of this machine, with a context and shaders of its own.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import os
+import socket
+import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -16,30 +25,44 @@ from glpath.files import reason_of
 from glpath.jobs.worker import Shared, hold, let_go
 from glpath.machine import core_count
 
+log = logging.getLogger("glpath")
+
 # Of a machine that is this one.
 _LOCAL = "local:"
 _MAX_LOCAL = 1024
+_LOOPBACK = "127.0.0.1"
+# A scheduler that has just been started listens after a second or two.
+_REFUSED_S = 5.0
+# A connection that broke may come back within so long; a scheduler that is there answers within so long.
+_LOST_S, _ANSWER_S = 3.0, 30.0
+_ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 
 class Cluster:
     """Workers: processes of this machine, or those of a Dask scheduler.
 
-    address : "local:N" for N processes here; else what `distributed.Client` connects to, "tcp://host:port",
-              "tls://host:port", with Dask's own configuration (TLS, timeouts), or the path of a scheduler file
+    address   : "local:N" for N processes here; else what `distributed.Client` connects to, "tls://host:port",
+                "tcp://host:port", with Dask's own configuration (TLS, timeouts), or the path of a scheduler file
+    dashboard : of processes here: show Dask's dashboard (needs the package bokeh) on a free port of the loopback
+                interface, `client.dashboard_link`. It has no password: every user of this machine can read it.
 
     Raises UsageError for another address, ContextError where nobody answers; GlpathError where distributed is
-    missing.
+    missing. A scheduler without TLS is warned of in the log: see the top of this module.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, dashboard: bool = False) -> None:
         self.address = address
         self._local: Any = None
+        self._lost_at: float | None = None
+        self._quiet = contextlib.ExitStack()
         distributed = _distributed()
+        self._quiet.enter_context(quiet(logging.WARNING))
         if address.startswith(_LOCAL):
-            self._local = _local_cluster(distributed, _count(address))
+            self._local = _local_cluster(distributed, _count(address), dashboard)
             self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
         else:
             self.client = _connected(distributed, address)
+            _warn_if_open(self.address, self.client.scheduler.address)
 
     def __enter__(self) -> Cluster:
         return self
@@ -57,14 +80,47 @@ class Cluster:
             if self._local is not None:
                 with contextlib.suppress(Exception):
                     self._local.close(timeout=10)
+        self._quiet.close()
+
+    def check(self) -> None:
+        """Raise ContextError where the connection to the scheduler has been broken for some seconds.
+
+        Costs nothing: Dask itself tries for half a minute, and a call to the scheduler waits as long.
+        """
+        if self.client.status == "running":
+            self._lost_at = None
+            return
+        now = time.monotonic()
+        if self._lost_at is None:
+            self._lost_at = now
+            self._quiet.enter_context(quiet())  # Dask shows tracebacks of each try
+        if now - self._lost_at >= _LOST_S or self.client.status == "closed":
+            raise self._gone("the connection broke")
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection to the scheduler at this moment."""
+        return bool(self.client.status == "running")
 
     def workers(self) -> list[str]:
-        """The addresses of those that there are now."""
-        return sorted(self.client.nthreads())
+        """The addresses of those that there are now. Raises ContextError where the scheduler does not answer."""
+        try:
+            return sorted(self.client.nthreads(callback_timeout=_ANSWER_S))
+        except Exception as error:
+            raise self._gone(str(error) or f"no answer in {_ANSWER_S:g} s") from error
 
     def share(self, shared: Shared) -> None:
-        """Hand all that a render needs to each worker, and to each that comes later."""
-        self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
+        """Hand all that a render needs to each worker, and to each that comes later. Raises ContextError."""
+        try:
+            self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
+        except OSError as error:
+            raise self._gone(reason_of(error)) from error
+
+    def _gone(self, reason: str) -> ContextError:
+        return ContextError(
+            f"cluster {self.address}: the scheduler is gone: {reason.rstrip('.')}.",
+            "Start it again; with --checkpoint, --resume goes on.",
+        )
 
     def forget(self, shared: Shared) -> None:
         """The render is over."""
@@ -102,22 +158,31 @@ def _count(address: str) -> int:
     return int(text)
 
 
-def _local_cluster(distributed: Any, count: int) -> Any:
+def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
     cores = core_count()
     share = cores // count
     # llvmpipe takes all cores otherwise, for each process; it has a race with a single thread beside its own.
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
     import dask
 
+    # Who dies with its worker is tried again by `chunks`, which knows more than the scheduler.
+    settings: dict[str, Any] = {"distributed.scheduler.allowed-failures": 0}
+    if not dashboard:
+        # Schedulers and workers always listen for HTTP; without routes they answer nothing.
+        settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
-        # Who dies with its worker is tried again by `chunks`, which knows more than the scheduler.
-        with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+        with dask.config.set(settings):
             return distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=None,
-                dashboard_address=":0",  # a port that is free: others may have clusters here, too
+                host=_LOOPBACK,
+                protocol="tls://",
+                security=_temporary_security(distributed),
+                dashboard_address=f"{_LOOPBACK}:0" if dashboard else None,
+                # Without an address of its own Dask would try a fixed port first.
+                scheduler_kwargs={"dashboard": dashboard, "dashboard_address": f"{_LOOPBACK}:0"},
                 silence_logs=logging.ERROR,
                 env={name: value for name, value in threads.items() if name not in os.environ},
             )
@@ -125,26 +190,87 @@ def _local_cluster(distributed: Any, count: int) -> Any:
         raise ContextError(f"cluster {_LOCAL}{count}: the processes do not start: {error}.") from error
 
 
+def _temporary_security(distributed: Any) -> Any:
+    """A key and a certificate for one cluster, in memory alone; all of its parts ask each other for them."""
+    try:
+        return distributed.Security.temporary()
+    except ImportError as error:
+        raise GlpathError(
+            "cluster: processes of this machine speak TLS, which needs the package cryptography.",
+            "pip install 'glpath[cluster]'.",
+        ) from error
+
+
 def _connected(distributed: Any, address: str) -> Any:
     kind = {"scheduler_file": address} if os.path.exists(address) else {"address": address}
     if "address" in kind and "://" not in address:
         raise UsageError(
-            f"cluster {address}: is neither local:N, nor an address such as tcp://scheduler:8786, nor a "
+            f"cluster {address}: is neither local:N, nor an address such as tls://scheduler:8786, nor a "
             "scheduler's file."
         )
-    _check_encryption(distributed, address)
+    named = address if "address" in kind else _address_in(address)
+    _check_encryption(distributed, address, named)
     try:
+        _wait_while_refused(named)
         return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else "timed out"
         raise ContextError(
             f"cluster {address}: no scheduler answers: {reason}.",
-            "Start one (dask scheduler) and workers (dask worker tcp://HOST:8786 --nthreads 1), and name it here.",
+            "Start one (dask scheduler --protocol tls) and workers (dask worker tls://HOST:8786 --nthreads 1), "
+            "and name it here.",
         ) from error
 
 
-def _check_encryption(distributed: Any, address: str) -> None:
-    """Raise ContextError where Dask's configuration has not what the address needs: a client finds out late."""
+def _address_in(path: str) -> str:
+    """The scheduler's address in its file. Raises UsageError for another file."""
+    if not os.path.isfile(path):
+        raise UsageError(f"cluster {path}: is not a file.", "Name the file of dask scheduler --scheduler-file.")
+    try:
+        return str(json.loads(Path(path).read_text())["address"])
+    except OSError as error:
+        raise ContextError(f"cluster {path}: cannot be read: {reason_of(error)}.") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(
+            f"cluster {path}: is not the file of a scheduler.", "Name the file of dask scheduler --scheduler-file."
+        ) from error
+
+
+def _wait_while_refused(address: str) -> None:
+    """Raise ConnectionRefusedError where nobody listens at the address for some seconds.
+
+    Dask tries for half a minute. What cannot be told by a connection is left to it.
+    """
+    host, _, port = address.partition("://")[2].rpartition(":")
+    until = time.monotonic() + _REFUSED_S
+    while host and port.isascii() and port.isdigit():
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=_REFUSED_S).close()
+            return
+        except ConnectionRefusedError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.2)
+        except (OSError, OverflowError):
+            return
+
+
+def _warn_if_open(address: str, scheduler: str) -> None:
+    if not scheduler.startswith(_ENCRYPTED):
+        log.warning(
+            "cluster %s: %s has neither encryption nor a password: whoever reaches its port can run code as you, "
+            "here and on every worker. Start it with --protocol tls and certificates, or keep it on a network that "
+            "you trust as a whole.",
+            address,
+            scheduler,
+        )
+
+
+def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
+    """Raise ContextError where Dask's configuration has not what the address needs: a client finds out late.
+
+    scheduler : the address itself, or the one in the file that it names
+    """
     names = "distributed.comm.tls in its configuration, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
     names += "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY."
     try:
@@ -153,9 +279,9 @@ def _check_encryption(distributed: Any, address: str) -> None:
         raise ContextError(
             f"cluster {address}: Dask's certificates cannot be used: {reason_of(error)}.", f"See {names}"
         ) from error
-    if address.startswith("tls://") and found.get("ssl_context") is None:
+    if scheduler.startswith("tls://") and found.get("ssl_context") is None:
         raise ContextError(f"cluster {address}: TLS needs certificates, and Dask knows of none.", f"Set {names}")
-    if address.startswith("tcp://") and found.get("require_encryption"):
+    if scheduler.startswith("tcp://") and found.get("require_encryption"):
         raise ContextError(
             f"cluster {address}: Dask's configuration (distributed.comm.require-encryption) refuses what is not "
             "encrypted.",
@@ -164,12 +290,15 @@ def _check_encryption(distributed: Any, address: str) -> None:
 
 
 @contextlib.contextmanager
-def quiet() -> Any:
+def quiet(level: int = logging.CRITICAL) -> Any:
     """What distributed logs of connections that break, which is what is expected here."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    # Some of its loggers have levels of their own.
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    before = {name: logging.getLogger(name).level for name in {"distributed", *names}}
+    for name in before:
+        logging.getLogger(name).setLevel(max(level, before[name]))
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)

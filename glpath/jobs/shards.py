@@ -60,7 +60,7 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
         else:
             merged.include(film)
     if merged is None:
-        raise UsageError("merge: no film is named.", "For example glpath merge a.npz b.npz -o all.exr.")
+        raise UsageError("merge: no film is named.", "Name the files of those that are to be added up.")
     return merged, repeated
 
 

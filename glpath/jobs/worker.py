@@ -122,5 +122,5 @@ def forget() -> None:
     """Free what is on the device."""
     global _session
     if _session is not None:
-        _session[1].__exit__()
+        _session[1].close()
     _session = None

@@ -61,8 +61,11 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """The widget, and for pages without a kernel its image."""
         png = bytes(self.picture.value)
-        text = f"<ShaftExplorer: {self.emitter.value} to {self.receiver.value}>"
-        return with_picture(super()._repr_mimebundle_(**options), png, text)
+        return with_picture(super()._repr_mimebundle_(**options), png, f"<ShaftExplorer: {self._described()}>")
+
+    def _described(self) -> str:
+        scene, strategy = self._shafts.scene.name, self.strategy.label
+        return f"the shaft from {self.emitter.value} to {self.receiver.value} of {scene}, {strategy}"
 
     def _chosen(self, change: object) -> None:
         with self._lock:
@@ -77,3 +80,4 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         with io.BytesIO() as file:
             figure.savefig(file, format="png", dpi=90)
             self.picture.value = file.getvalue()
+        self.picture.tooltip = f"Figure of {self._described()}"  # the words of an image, as widgets have no others

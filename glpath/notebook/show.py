@@ -8,12 +8,14 @@ import traceback
 from typing import Any
 
 from glpath.errors import GlpathError
+from glpath.image import png_html
 
 
 def with_picture(bundle: Any, png: bytes, text: str) -> Any:
     """A widget's own mimebundle, data alone or with metadata, and the picture for pages without a kernel."""
     data = bundle[0] if isinstance(bundle, tuple) else bundle
-    data |= {"text/plain": text, "image/png": base64.b64encode(png).decode()}
+    alt = text.strip("<>")
+    data |= {"text/plain": text, "image/png": base64.b64encode(png).decode(), "text/html": png_html(png, alt)}
     return bundle
 
 

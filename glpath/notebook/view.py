@@ -10,6 +10,7 @@ for a moment at a time, in turns with whoever renders.
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import threading
 import time
@@ -22,6 +23,7 @@ from typing import Any, Literal
 
 import ipywidgets
 import numpy as np
+import traitlets
 from jupyter_rfb import RemoteFrameBuffer
 from numpy.typing import NDArray
 
@@ -44,6 +46,15 @@ UInt8 = NDArray[np.uint8]
 _FIRST_SECONDS = 0.5
 #: Seconds between two words on how far it is.
 _WORD_SECONDS = 0.25
+#: As far as a drag of so many pixels: ten degrees.
+_PIXELS_PER_KEY = 25
+#: To where an arrow drags the scene: right, down.
+_ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, -1), "ArrowDown": (0, 1)}
+#: Of the wheel, by the key, with and without Shift as keyboards have them.
+_NOTCHES = {"+": -1, "=": -1, "-": 1, "_": 1}
+_KEYS_HELP = "Arrow keys turn it, with Shift they shift it; + and - go nearer and back; R resets it."
+_SCRIPT = Path(__file__).with_name("canvas.js")
+_FOCUSED = "\n.renderview-view:focus-visible { outline: 2px solid var(--jp-brand-color1, #1976d2); }\n"
 
 
 @with_options
@@ -64,10 +75,11 @@ def view(
     """An image of the scene that turns with the mouse, and converges when it is left alone.
 
     Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
-    double click, or Reset, goes back to the scene's camera. Stop holds the image, Save writes it as PNG into the
-    present folder. `view(...).scene` is the scene as it is seen now, to be rendered, `view(...).film` what has been
-    rendered of it. What moves by itself stands as when the shutter opens. While the camera moves the image has
-    half or a quarter of the pixels along a side.
+    double click, or Reset, goes back to the scene's camera. Keys do the same after a click or Tab: arrows turn,
+    with shift they shift; + and - go nearer and back; R resets. Stop holds the image. Save writes it as PNG into
+    the present folder, with a moment's path sets where it has none yet. `view(...).scene` is the scene as it is
+    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves by itself stands as when the
+    shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
 
     Parameters
     ----------
@@ -119,8 +131,9 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         self._loop: asyncio.AbstractEventLoop | None = None
         self._told_at = -np.inf
 
-        self._canvas = _Canvas(self)
         width, height = live.camera.resolution
+        what = f"{live.scene.name}, {width} x {height} pixels, by {live.job.integrator.integrator}"
+        self._canvas = _Canvas(self, f"{what}, up to {live.job.spp} path sets. {_KEYS_HELP}")
         self._canvas.css_width, self._canvas.css_height = f"{width}px", f"{height}px"
         layout = ipywidgets.Layout(width="6.5em")
         self._reset = ipywidgets.Button(description="Reset", icon="home", layout=layout)
@@ -165,8 +178,9 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         return self._image.converged
 
     def reset(self) -> None:
-        """Go back to the scene's camera; after an error, try again."""
+        """Go back to the scene's camera, and on with the image where Stop held it; after an error, try again."""
         with self._lock:
+            self._stop.value = False
             self._show(self._buttons, self._canvas, self._message)
             self._message.value = ""
             self._look(self._home.camera)
@@ -193,7 +207,8 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         png = image.encode_png(self.picture())
         width, height = self._image.camera.resolution
         sets = f"{self.path_sets} of {self.spp} path sets"
-        text = f"<View of {self._home.name}: {width} x {height} pixels, {sets}>"
+        engine = self._image.job.integrator.integrator
+        text = f"<View of {self._home.name}: by {engine}, {width} x {height} pixels, {sets}>"
         return with_picture(super()._repr_mimebundle_(**options), png, text)
 
     @property
@@ -226,6 +241,17 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             self._look(nearer(camera, event["dy"] / 100))
         elif kind == "double_click":
             self.reset()
+        elif kind == "key_down" and not {"Control", "Alt", "Meta"} & {*event.get("modifiers", ())}:
+            self._press(camera, event["key"], "Shift" in event.get("modifiers", ()))
+
+    def _press(self, camera: Camera, key: str, shifts: bool) -> None:
+        if key in _ARROWS:
+            right, down = (_PIXELS_PER_KEY * sign for sign in _ARROWS[key])
+            self._look(shifted(camera, right, down) if shifts else turned(camera, right, down))
+        elif key in _NOTCHES:
+            self._look(nearer(camera, _NOTCHES[key]))
+        elif key in ("r", "R"):
+            self.reset()
 
     def _show(self, *widgets: ipywidgets.Widget) -> None:
         self.children = widgets
@@ -241,10 +267,15 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
 
     def _save_png(self) -> None:
         with self._shown(ends=False):
-            film = self.film
+            live = self._image
+            with live.context, self._lock:
+                # Just after the camera has moved, and after that while Stop is on, there is none yet.
+                self._find_exposure(live.first(_FIRST_SECONDS))
+                film = live.film
             path = _unused(self._home.name)
             film.save(path, exposure=self.exposure, tonemap=self._tonemap)
             self._message.value = message_html(f"Saved {path}: {film.path_sets} of {self.spp} path sets.")
+            self._redraw()  # what is saved is what is seen
 
     # Drawing.
 
@@ -271,9 +302,12 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
                 self._canvas.request_draw()
 
     def _toned(self, radiance: NDArray[np.float64]) -> UInt8:
+        return image.tonemap(radiance, self._find_exposure(radiance), self._tonemap)
+
+    def _find_exposure(self, radiance: NDArray[np.float64]) -> float:
         if self.exposure is None:
             self.exposure = image.auto_exposure(radiance)
-        return image.tonemap(radiance, self.exposure, self._tonemap)
+        return self.exposure
 
     def _tell(self, live: LiveImage) -> None:
         now = time.perf_counter()
@@ -293,10 +327,17 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
 
 
 class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
-    """The image in the browser, and the pointer over it."""
+    """The image in the browser, the pointer over it, and the keys that it takes.
 
-    def __init__(self, owner: View) -> None:
-        super().__init__()
+    label : what it is and what the keys do, for readers of the screen
+    """
+
+    _esm = f"const RFB = {json.dumps(RemoteFrameBuffer._esm)};\n{_SCRIPT.read_text('utf-8')}"
+    _css = RemoteFrameBuffer._css + _FOCUSED
+    label = traitlets.Unicode("").tag(sync=True)
+
+    def __init__(self, owner: View, label: str) -> None:
+        super().__init__(label=label)
         self._owner = owner
         self.resizable = False
         self.cursor = "grab"
@@ -306,8 +347,21 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self._owner.draw()
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
-        """Hand on what the pointer does."""
+        """Hand on what the pointer and the keys do."""
+        if event["event_type"] in ("show", "resize"):
+            self._forget_lost_frames()
         self._owner.handle_event(event)
+
+    def _forget_lost_frames(self) -> None:
+        """A page that was loaded anew shows none of the frames that were on their way to the one before.
+
+        Without word of them the library sends no others; and a draw that waited for that word in the event loop of
+        the old page counts as asked for, so that no other is.
+        """
+        now = time.time()
+        self._rfb_draw_requested = False
+        self._frame_feedback = {"index": self._rfb_frame_index, "timestamp": now, "localtime": now}
+        self.request_draw()
 
 
 def _unused(name: str) -> Path:

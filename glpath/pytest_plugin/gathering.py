@@ -107,10 +107,13 @@ class Gathering:
 
     def _told_of_unused(self, unused: list[Path]) -> Iterator[str]:
         """A line for each, which is deleted where that is asked for."""
-        from glpath.pytest_plugin.regression import delete_baseline, shown_path
+        from glpath.pytest_plugin.regression import delete_baseline, is_baseline, shown_path
 
         delete = chosen(self.config, "unused") == "delete"
         for file in unused:
+            if is_baseline(file) is None:
+                yield f"no test uses this file, which is no picture: {shown_path(file)}; delete it by hand"
+                continue
             try:
                 if delete:
                     delete_baseline(file)
@@ -150,7 +153,7 @@ class Gathering:
             return []
         from glpath.pytest_plugin.regression import is_baseline
 
-        return [file for _, file in sorted(found.items()) if is_baseline(file)]
+        return [file for _, file in sorted(found.items()) if is_baseline(file) is not False]
 
 
 def _count(n: int, word: str) -> str:

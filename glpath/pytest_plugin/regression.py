@@ -158,6 +158,7 @@ class RenderRegression:
             "measured": {},
             "limits": {},
             "files": {},
+            "commands": {},
         }
         self._records.append(record)
         reference: Picture | None = None
@@ -205,9 +206,7 @@ class RenderRegression:
         mode = mode or marked["mode"] or self._settings.mode or default_mode(picture, reference)
         return mode, {**of_the_run.get(mode, {}), **known, **limits}
 
-    def _fail(
-        self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float], headline: str
-    ) -> NoReturn:
+    def _fail(self, record: dict[str, Any], results: Path, limits: Mapping[str, float], headline: str) -> NoReturn:
         """Fail the test with all that a person needs to look, to repeat it and to accept it."""
         __tracebackhide__ = True
         lines = [f"glpath: {headline}"]
@@ -219,16 +218,23 @@ class RenderRegression:
         for kind in ("result", "difference", "flip"):
             if kind in record["files"]:
                 lines.append(f"  {kind:<10}  {shown_path(record['files'][kind])}")
+        record["commands"] = self._commands(record, results, limits)
+        lines += [f"  {name:<10}  {command}" for name, command in record["commands"].items()]
+        pytest.fail("\n".join(lines))
+
+    def _commands(self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float]) -> dict[str, str]:
+        """What to type to compare the two again, and to accept the new one."""
+        commands, missing = {}, record["outcome"] == "missing"
         if not missing:
             given = "".join(f" --limit {name}={value:g}" for name, value in limits.items())
             result = next(filter(Path.exists, (results / "result.exr", results / "result.png")), results)
             files = f"{shlex.quote(shown_path(result))} {shlex.quote(shown_path(record['baseline']))}"
-            lines.append(f"  again       glpath diff --mode {record['mode']}{given} {files}")
+            commands["again"] = f"glpath diff --mode {record['mode']}{given} {files}"
         wanted = "missing" if missing else "failed"
         # Ids count from pytest's rootdir, but a path on its command line from here.
         test = "::".join([shown_path(self._item.path), *record["test"].split("::")[1:]])
-        lines.append(f"  accept      pytest --glpath-update {wanted} {shlex.quote(test)}")
-        pytest.fail("\n".join(lines))
+        commands["accept"] = f"pytest --glpath-update {wanted} {shlex.quote(test)}"
+        return commands
 
 
 def shown_path(path: str | Path) -> str:
@@ -352,14 +358,15 @@ def _forget(folder: Path) -> None:
         folder.rmdir()
 
 
-def is_baseline(file: Path) -> bool:
-    """Whether glpath has written it: a baseline, or the picture to look at beside one."""
+def is_baseline(file: Path) -> bool | None:
+    """Whether glpath has written it: a baseline, or the picture to look at beside one. None of what is no picture
+    that can be read: nobody can tell."""
     try:
         if file.suffix == ".exr":
             return Picture.is_baseline(read_exr_channels(file)[1])
         provenance = read_picture(file).provenance
     except ImageError:
-        return False
+        return None
     return PREVIEW in provenance or Picture.is_baseline(provenance)
 
 

@@ -22,6 +22,14 @@ from glpath.scene.formats.from_python import is_made_in_python
 Subject = AnyScene | Film | ArrayLike | bytes | Callable[[], Any]
 
 
+#: What has such a method is no picture, but has one.
+_HINTS = {
+    "get_figure": "Of matplotlib's Axes, hand in the figure: axes.figure.",
+    "screenshot": "Of PyVista's Plotter, hand in its picture: Plotter(off_screen=True).screenshot().",
+    "to_image": "Of Plotly's figure, hand in its picture: figure.to_image(format='png').",
+}
+
+
 def picture_of(
     subject: Any, folder: Path, device: Mapping[str, Any], options: Mapping[str, Any], figures: list[Any]
 ) -> Picture:
@@ -82,6 +90,12 @@ def _of_figure(figure: Any, figures: list[Any]) -> Picture:
     return picture_from_bytes(encoded.getvalue())
 
 
+def _has(subject: object, name: str) -> bool:
+    """Whether it has a method, or is several, as of plt.subplots(2, 2), of which the first has."""
+    first = subject.flat[0] if isinstance(subject, np.ndarray) and subject.size else subject
+    return callable(getattr(first, name, None))
+
+
 def _as_array(subject: object) -> ArrayLike:
     try:
         array = np.asarray(subject)
@@ -90,6 +104,7 @@ def _as_array(subject: object) -> ArrayLike:
     if array is None or array.dtype.kind not in "biuf":
         raise UsageError(
             f"render_regression: found {type(subject).__name__}, expected a scene, a Film, an array, an image or "
-            "its file, a figure, or a function that returns one of these."
+            "its file, a figure, or a function that returns one of these.",
+            next((hint for name, hint in _HINTS.items() if _has(subject, name)), ""),
         )
     return array

@@ -48,9 +48,9 @@ class RadiositySolution:
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle
-    elements   : (2, 2, E, 3) float32, irradiance H, W m^-2, linear Rec. 709, the mean over each element; [DIRECT]
-                 straight from a lamp, [INDIRECT] after one reflection or more; of each [0] at the front, [1] at the
-                 back. 0 where a side neither reflects nor emits
+    elements   : (2, 2, E, 3) float32, irradiance H, W m^-2 (lx of a photometric scene), the mean over each element,
+                 linear Rec. 709; [DIRECT] straight from a lamp, [INDIRECT] after one reflection or more; of each
+                 [0] at the front, [1] at the back. 0 where a side neither reflects nor emits
     vertices   : (2, 2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
                  surface meet, so that nothing tears there
     method     : how it was solved

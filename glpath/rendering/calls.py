@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.film import Film
 from glpath.gl.context import Context, open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
@@ -33,7 +32,7 @@ def render(
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
-    camera: Mapping[str, Any] | None = None,
+    camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
     backend: str = "auto",
     device: int | None = None,
@@ -68,7 +67,8 @@ def render(
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees); type
                      ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
-                     focus_distance of a lens, shutter (opens, closes; seconds). A new place ends its motion
+                     focus_distance of a lens, shutter (opens, closes; seconds). A new place ends its motion. Or a
+                     whole `glpath.scene.Camera`, in place of the scene's
     parameters     : of a generated scene
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     time_limit     : end after so many seconds, those of `film` included, and at least one path set
@@ -114,14 +114,14 @@ def render(
         parameters=parameters,
         **options,
     )
-    session = Session(job, loaded, stacklevel=2)
+    session = Session(job, loaded)
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
     with session, reporting_to(progress, on_progress) as report:
         film = session.render(
             job, loaded, context, timings=timings, on_progress=report, rules=rules, film=film, on_step=on_step
         )
     for text in session.remarks(film):
-        warnings.warn(text, SceneWarning, stacklevel=2)
+        warn(text)
     return film
 
 
@@ -162,15 +162,15 @@ def run(
         if not isinstance(job.sensor, PointSensor):
             raise UsageError("sensor: points for a job whose paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
-    loaded = job.sensor.seen(job.scene.load(scene))
-    session = Session(job, loaded, stacklevel=2)
+    loaded = job.seen(scene)
+    session = Session(job, loaded)
     context = open_context(probe_first=in_notebook()) if context is None else context
     with session:
         film = session.render(
             job, loaded, context, timings=timings, on_progress=on_progress, rules=rules, film=film, on_step=on_step
         )
     for text in session.remarks(film):
-        warnings.warn(text, SceneWarning, stacklevel=2)
+        warn(text)
     return film
 
 
@@ -227,7 +227,7 @@ def render_frames(
             )
             if session is None or not session.follows(job, shown):
                 until_done.close()  # what is on the device is of no use for another scene
-                session = until_done.enter_context(Session(job, shown, stacklevel=2))
+                session = until_done.enter_context(Session(job, shown))
             yield session.render(job, shown, context, timings=timings, started=started)
 
 

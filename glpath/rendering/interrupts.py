@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from glpath.errors import kept_in
 from glpath.film import Film
 from glpath.gl.signals import ENDING
 
@@ -26,7 +27,8 @@ class RenderInterrupted(KeyboardInterrupt):
     number: int = signal.SIGINT
 
     def __init__(self, film: Film, number: int = signal.SIGINT) -> None:
-        super().__init__(f"interrupted after {film.path_sets} path sets")
+        kept = kept_in("RenderInterrupted", "film", "render(..., film=film)") if film.path_sets else ""
+        super().__init__(f"interrupted after {film.path_sets} path sets{kept}")
         self.film = film
         self.number = number
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,9 +23,9 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
-from glpath.files import whole_file
+from glpath.files import read_bytes, whole_file
 from glpath.film_batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.integrators.settings import DEEPEST, INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,
     MAX_SPP,
@@ -37,8 +38,9 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.scene import AnyScene, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, shipped_scenes
 from glpath.scene.camera import Projection
+from glpath.scene.formats.completed import aside
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
 from glpath.sensors import CameraSensor, PointSensor, Sensor, SensorKey
@@ -115,19 +117,51 @@ class RenderJob:
 
     @classmethod
     @with_options
-    def of(cls, scene: AnyScene, **options: Any) -> RenderJob:
+    def of(
+        cls,
+        scene: AnyScene,
+        *,
+        integrator: str | IntegratorSettings = "path",
+        spp: int | None = None,
+        first_path_set: int = 0,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        camera: Mapping[str, Any] | Camera | None = None,
+        parameters: Mapping[str, object] | None = None,
+        sensor: PointSensor | None = None,
+        **options: Any,
+    ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
+
+        sensor : points, in place of the scene's camera
 
         {options}
 
         Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
         """
-        return describe(scene, **options)[0]
+        return describe(
+            scene,
+            integrator=integrator,
+            spp=spp,
+            first_path_set=first_path_set,
+            resolution=resolution,
+            crop=crop,
+            camera=camera,
+            parameters=parameters,
+            sensor=sensor,
+            **options,
+        )[0]
 
     @property
     def spp(self) -> int:
         """How many path sets."""
         return self.path_sets[1] - self.path_sets[0]
+
+    def seen(self, scene: Scene | None = None) -> Scene:
+        """The scene as the job's sensor sees it; `scene` and errors as of `SceneSource.load`."""
+        with _needing(self.sensor):
+            loaded = self.scene.load(scene)
+        return self.sensor.seen(loaded)
 
     def split(self, count: int) -> list[RenderJob]:
         """At most `count` jobs with a share of the path sets each, whose films merge into this job's, bit for bit.
@@ -206,7 +240,7 @@ class RenderJob:
     def load(cls, path: str | Path) -> RenderJob:
         """Read a file that `save` wrote. Raises UsageError."""
         try:
-            text = Path(path).read_text("utf-8")
+            text = read_bytes(path).decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             raise UsageError(f"{path}: cannot be read as a render job: {reason}.") from error
@@ -258,7 +292,7 @@ def describe(
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
-    camera: Mapping[str, Any] | None = None,
+    camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
     sensor: PointSensor | None = None,
     **options: Any,
@@ -269,12 +303,13 @@ def describe(
              no `max_depth` is asked for
     """
     if sensor is not None and integrator == "path" and options.get("max_depth") is None:
-        options = _ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
+        options = ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
     settings = settings_of(integrator, options)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
-    loaded = load_scene(scene, parameters)
+    with _needing(sensor):
+        loaded = load_scene(scene, parameters)
     starts: Sensor
     if sensor is None:
         loaded = with_overrides(loaded, resolution, camera)
@@ -291,8 +326,13 @@ def describe(
     return RenderJob(source, settings, starts, window, path_sets), loaded
 
 
-# Of "path": they go on as long as they carry light.
-_ALL_BOUNCES = {"max_depth": 64, "roulette": 4}
+def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
+    """Within, scenes are loaded for a sensor: of points, one needs no camera."""
+    return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
+
+
+#: Of "path" where light is measured: chance alone ends paths, so that all of the light is there.
+ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
@@ -339,7 +379,7 @@ _CAMERA_NUMBERS = {
 def with_overrides(
     scene: Scene,
     resolution: tuple[int, int] | None,
-    camera: Mapping[str, Any] | None,
+    camera: Mapping[str, Any] | Camera | None,
     place: Place | None = None,
 ) -> Scene:
     """The scene with what is replaced of its camera, of which an error says that it stands at `place`.
@@ -347,6 +387,10 @@ def with_overrides(
     Raises UsageError, and SceneError for what cannot be.
     """
     changes: dict[str, Any] = {}
+    if isinstance(camera, Camera):
+        scene, camera = scene.with_camera(camera), {"type": camera.projection}
+    elif not isinstance(camera, Mapping | None):
+        raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
     for name, value in (camera or {}).items():
         if name == "type":
             check_word("camera type", value, get_args(Projection))
@@ -358,8 +402,6 @@ def with_overrides(
         count = _CAMERA_NUMBERS[name]
         found = numbers(f"camera {name}", value, count)
         changes[name] = found if count == 3 else tuple(map(float, found)) if count == 2 else float(found[0])
-    if changes.keys() & {"position", "target", "up"}:
-        changes["motion"] = ()  # where it moved along is not there
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)

@@ -7,6 +7,7 @@ From each field come the parameter of `render` and its line in the docstring (`w
 from __future__ import annotations
 
 import difflib
+import functools
 import inspect
 import textwrap
 import types
@@ -32,6 +33,32 @@ MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
 ALL = "all"
 
 _WIDTH = 110
+
+#: What other programs, and who comes from them, call it: too unlike our own name to be found by its letters.
+_ELSEWHERE = {
+    "width": "resolution=(width, height)",
+    "height": "resolution=(width, height)",
+    "size": "resolution=(width, height)",
+    "film_size": "resolution=(width, height)",
+    "samples": "spp",
+    "sample_count": "spp",
+    "path_sets": "spp",
+    "depth": "max_depth",
+    "bounces": "max_depth",
+    "max_bounces": "max_depth",
+    "rr_depth": "roulette",
+    "engine": "integrator",
+    "method": "integrator",
+    "region": "crop",
+    "fov": "camera={'fov': ...}",
+    "position": "camera={'position': ...}",
+    "target": "camera={'target': ...}",
+    "up": "camera={'up': ...}",
+    "timeout": "time_limit",
+    "gpu": "require_gpu",
+    "verbose": "progress",
+    "callback": "on_progress",
+}
 
 
 @dataclass(frozen=True)
@@ -95,9 +122,9 @@ class Option:
         if len({text for text, _ in texts}) == 1:
             text = next(iter(texts))[0]
             defaults = [
-                _shown(value) + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
+                shown + (f" of {_quoted(owners, 'and')}" if len(texts) > 1 else "")
                 for (_, value), owners in texts.items()
-                if not isinstance(value, bool) and value is not None and value != ()
+                if not isinstance(value, bool) and value != () and (shown := self._shown(value))
             ]
             return text + (f"; default {', '.join(defaults)}" if defaults else "")
         parts = [
@@ -105,6 +132,11 @@ class Option:
             for i, ((text, value), owners) in enumerate(texts.items())
         ]
         return ". ".join(part[0].upper() + part[1:] if i else part for i, part in enumerate(parts))
+
+    def _shown(self, value: Any) -> str:
+        """A default; of None what the setting says in `extra`, or nothing."""
+        meta = self.first.meta
+        return _shown(value) if value is not None else str(((meta and meta.extra) or {}).get("unset", ""))
 
 
 def settings_fields(kind: type[IntegratorSettings]) -> dict[str, Setting]:
@@ -153,12 +185,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
     others_flags = [o.name for o in known.values() if o.default is False and name not in o.settings]
     given = {k: v for k, v in given.items() if v is not None and not (v is False and k in others_flags)}
     for option, value in given.items():
-        if option not in known:
-            near = difflib.get_close_matches(option, known, 1)
-            raise UsageError(
-                f"{option}: no option has this name; allowed are {', '.join(known)}",
-                f"Did you mean {near[0]}?" if near else "",
-            )
+        check_name(option, known)
         if name not in known[option].settings:
             found = str(value) if isinstance(value, Path) else repr(value)
             raise UsageError(
@@ -235,6 +262,19 @@ def check_count(name: str, value: object, low: int, high: int) -> None:
         raise UsageError(f"{name}: {value!r} where a whole number from {low} to {high} is needed")
 
 
+def check_name(name: str, known: typing.Collection[str]) -> None:
+    """One of the names that parameters have, or a UsageError that has all of them, and the one that was meant."""
+    if name in known:
+        return
+    meant = _ELSEWHERE.get(name, "")
+    if meant.partition("=")[0] not in known:
+        meant = next(iter(difflib.get_close_matches(name, known, 1)), "")
+    raise UsageError(
+        f"{name}: no option has this name; allowed are {', '.join(known)}",
+        f"Did you mean {meant}?" if meant else "",
+    )
+
+
 def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
     """One of the words, or a UsageError that names them."""
     if word not in allowed:
@@ -275,7 +315,8 @@ def colour(name: str, value: float | Sequence[float]) -> Rgb:
 def with_options(function: Function) -> Function:
     """The function with all options as parameters by keyword in its signature, in place of its last, **options.
 
-    {options} in its docstring becomes a row for each, {default_spp} the default of spp.
+    Raises UsageError for any other name, with all that it has. {options} in its docstring becomes a row for each,
+    {default_spp} the default of spp.
     """
     signature = inspect.signature(function)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
@@ -288,10 +329,18 @@ def with_options(function: Function) -> Function:
         )
         for option in options().values()
     ]
-    function.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
+    named = [p.name for p in explicit if p.kind is inspect.Parameter.KEYWORD_ONLY]
+
+    @functools.wraps(function)
+    def call(*given: Any, **by_name: Any) -> Any:
+        for name in by_name.keys() - signature.parameters.keys():
+            check_name(name, [*named, *options()])
+        return function(*given, **by_name)
+
+    call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
     text = inspect.cleandoc(function.__doc__ or "")
-    function.__doc__ = text.replace("{options}", options_text()).replace("{default_spp}", default_spp_text())
-    return function
+    call.__doc__ = text.replace("{options}", options_text()).replace("{default_spp}", default_spp_text())
+    return typing.cast("Function", call)
 
 
 def _annotation(option: Option) -> Any:

@@ -7,7 +7,6 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -15,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.film import Film
 from glpath.gl.context import open_context
 from glpath.image import luminance
@@ -32,6 +31,7 @@ from glpath.scene import AnyScene, Scene, Sky, load_scene
 from glpath.scene.formats.completed import aside, uniform_sky
 from glpath.scene.formats.values import LARGEST
 from glpath.sensors import PointSensor
+from glpath.units import Unit, conversion
 
 Float64 = NDArray[np.float64]
 
@@ -40,9 +40,6 @@ Receiver = Literal["plane", "cylinder"]
 #: Directions around a cylinder: the mean of a lamp's light over so many is off by 0.2 % at most, as a clamped
 #: cosine has a harmonic of 2 / (32^2 - 1) there. A power of two, so that path sets take each as often.
 _AROUND = 32
-
-#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
-LUMENS_PER_WATT = 179.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,31 +56,32 @@ class Irradiance:
 
     @property
     def values(self) -> Float64:
-        """(N, 3) float64, W m^-2, linear Rec. 709."""
+        """(N, 3) float64, linear Rec. 709, in the unit of the scene: W m^-2, or lx where it is photometric."""
         return self._of_points(self.film.mean)
 
     @property
+    def unit(self) -> Unit:
+        """Of `values` and their errors: "radiometric" or "photometric", as of the scene."""
+        return self.film.metadata.unit or "radiometric"
+
+    @property
     def standard_errors(self) -> Float64:
-        """(N, 3) float64, W m^-2, one standard deviation: by the spread of independent batches of path sets.
+        """(N, 3) float64, as `values`, one standard deviation: by the spread of independent batches of path sets.
 
         NaN below 16 path sets, where there is one batch. Eight batches tell a point's error to about a quarter.
         """
         return self._of_points(standard_error(self.film.radiance_sums, self.film.batch_counts))
 
-    def illuminance(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
-        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722) times the lumens of a watt.
+    def illuminance(self) -> Float64:
+        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722), a watt having 179 lumens."""
+        return conversion(self.unit, "photometric") * luminance(self.values)
 
-        lumens_per_watt : 179 where the scene's lights are in watts. 1 where they are photometric, as glpath takes
-                          these one to one: candela of IES profiles and of glTF, lux and nits
-        """
-        return lumens_per_watt * luminance(self.values)
-
-    def illuminance_errors(self, lumens_per_watt: float = LUMENS_PER_WATT) -> Float64:
+    def illuminance_errors(self) -> Float64:
         """(N,) float64, lux, one standard deviation of `illuminance`."""
         of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
-        return lumens_per_watt * self._of_points(of_light)[:, 0]
+        return conversion(self.unit, "photometric") * self._of_points(of_light)[:, 0]
 
-    def spread(self, which: NDArray[np.bool_] | None = None, lumens_per_watt: float = LUMENS_PER_WATT) -> Spread:
+    def spread(self, which: NDArray[np.bool_] | None = None) -> Spread:
         """Mean, minimum, maximum and uniformities of `illuminance`, lux, each with its standard error.
 
         which : (N,) bool, the points that count; all. One at least
@@ -95,7 +93,7 @@ class Irradiance:
         chosen = lux if which is None else lux[:, which]
         if not chosen.shape[1]:
             raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
-        return spread_of(lumens_per_watt * np.pi * chosen, self.film.batch_counts)
+        return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
 
     def _of_points(self, radiance: Float64) -> Float64:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
@@ -145,8 +143,8 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `max_depth` is 64 and `roulette` 4 by themselves, for all of the light. (1 is light straight from
-    lamps and the sky.)
+    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    paths, for all of the light. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 
@@ -204,18 +202,18 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     if by_white_sky:
         if has_light and not assumed:
             raise UsageError(
-                f"--white-sky (white_sky): {source} has light of its own.",
+                f"white_sky=True: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
         return replace(scene, sky=uniform_sky())
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
-        warnings.warn(SceneWarning(text), stacklevel=4)
+        warn(text)
     if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
         raise SceneError(
             f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
             "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"
-            "A white sky of radiance 1 from all around is --white-sky, in Python white_sky=True.",
+            "A white sky of radiance 1 from all around is white_sky=True.",
         )
     return own
 

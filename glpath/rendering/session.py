@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, SceneWarning, UsageError
+from glpath.errors import ContextError, UsageError, warn
 from glpath.film import Film
 from glpath.film_metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import WhittedSettings
+from glpath.machine import return_memory
 from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of, sensor_in
 from glpath.rendering.going_on import check_same_render
@@ -34,17 +34,17 @@ class Session:
 
     Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
     context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
-    renders as it is meant, `stacklevel` as of `warnings.warn`, counted from who makes the session.
+    renders as it is meant.
 
     plan : of the job's integrator, where somebody has prepared it already
     """
 
-    def __init__(self, job: RenderJob, scene: Scene, stacklevel: int = 1, plan: Plan | None = None) -> None:
+    def __init__(self, job: RenderJob, scene: Scene, plan: Plan | None = None) -> None:
         self._job = job
         self._plan = plan_of(job.integrator) if plan is None else plan
         seen = isinstance(job.sensor, CameraSensor)
         for text in check_scene(scene, seen) + self._plan.warnings(scene):
-            warnings.warn(text, SceneWarning, stacklevel=stacklevel + 1)
+            warn(text)
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
@@ -54,12 +54,17 @@ class Session:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Free what is on the device."""
-        if self._engine is not None and self._context is not None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what is on the device, and give its memory back. The next render begins with a new engine."""
+        engine, self._engine = self._engine, None
+        if engine is not None and self._context is not None:
             # Where another thread keeps the context, it will do so: no reason to lose a film.
             with suppress(ContextError), self._context:
-                self._engine = None
-        self._engine = None
+                engine.close()
+                del engine
+                return_memory()
 
     def render(
         self,
@@ -94,6 +99,7 @@ class Session:
             check_same_render(
                 film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
             )
+            film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
         clock = Clock(
             film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
         )
@@ -189,6 +195,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         window=job.window,
         noisy=job.integrator.noisy,
         exposure=scene.exposure,
+        unit=scene.unit,
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),

@@ -18,6 +18,12 @@ from pyrr import matrix33
 
 from glpath.scene.geometry import Float64
 
+# Of `framing`: seen from the front, somewhat from above and from the right; how much farther off the eye is than it
+# must be.
+_VIEW = np.array([0.5, 0.4, 1.0])
+_FOV = 40.0
+_MARGIN = 1.1
+
 Projection = Literal["perspective", "orthographic", "panorama"]
 
 
@@ -216,3 +222,21 @@ class Camera:
 def _hold_arrays(of: Camera | CameraKey) -> None:
     for name in ("position", "target", "up"):
         object.__setattr__(of, name, np.asarray(getattr(of, name), np.float64))
+
+
+def framing(lower: Float64, upper: Float64, resolution: tuple[int, int]) -> Camera:
+    """A camera that sees all of a box, (3,) corners in scene units, from somewhat above, y up."""
+    centre = 0.5 * (lower + upper)
+    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
+    # How far the eye must be for each corner of the box to be within the picture.
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
+    right, up, forward = camera.frame()
+    wide, high = camera.extent
+    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
+    distance = _MARGIN * float(needed.max()) or 1.0
+    return replace(camera, position=centre - distance * forward)
+
+
+def may_be_framing(camera: Camera) -> bool:
+    """Whether a camera looks as those of `framing` do; which box it is of, its position says."""
+    return camera.fov == _FOV and not camera.motion and camera.projection == "perspective" and camera.up[1] == 1.0

@@ -13,7 +13,7 @@ import numpy as np
 
 #: Fields that change no picture, by the dataclass that has them.
 UNSEEN = {
-    "Scene": {"name", "source", "exposure", "centred_by"},
+    "Scene": {"name", "source", "exposure", "unit", "centred_by"},
     "Shape": {"name", "kind"},
     "Material": {"name"},
     "Texture": {"name"},

@@ -114,7 +114,8 @@ class Shape:
     material           : index into `Scene.materials`
     world_from_object  : (N, 3, 4) float64, an affine map for each instance, last column the translation. A map that
                          mirrors turns fronts to the other side; so does it a sphere's, to the inside
-    emission           : (3,) float64 radiance W sr^-1 m^-2, linear Rec. 709; zeros for a shape that is not a light
+    emission           : (3,) float64 radiance, linear Rec. 709, in the unit of the scene; zeros for a shape that is
+                         not a light
     emission_two_sided : the light leaves both sides; otherwise only the side of the normal
     subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
     kind               : how it was written: quad, box, mesh, sphere, plane or stream

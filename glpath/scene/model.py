@@ -14,14 +14,15 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError
-from glpath.scene.camera import Camera
+from glpath.errors import SceneError, UsageError
+from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
+from glpath.units import Unit
 
 __all__ = [
     "Camera",
@@ -55,9 +56,10 @@ class Light:
     """A punctual light, without extent. Shapes with an emission are lights too, but not here.
 
     kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
-    intensity : (3,) float64, linear Rec. 709: radiant intensity W sr^-1 (a spot's on its axis), or, with
-                falloff "none" and for a directional light, the irradiance W m^-2 on a surface that faces it. With
-                a profile, what that is multiplied by
+    intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity W sr^-1 or cd (a spot's on its
+                axis), or, with falloff "none" and for a directional light, the irradiance W m^-2 or lx on a surface
+                that faces it. With a profile, what its candela are multiplied by: 1 in a photometric scene,
+                1 / `glpath.units.EFFICACY` in a radiometric one
     position  : (3,) float64; of no meaning for a directional light
     direction : (3,) float64 unit, the way the light goes; of a point light with a profile, where gamma is 0; of no
                 meaning for one without
@@ -90,6 +92,7 @@ class Scene:
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
+    unit         : of all its light: "radiometric" (W) or "photometric" (lm); see `glpath.units`
     """
 
     name: str
@@ -103,6 +106,7 @@ class Scene:
     sky: Sky | Environment | None = None
     exposure: float | None = None
     centred_by: Float64 | None = None
+    unit: Unit = "radiometric"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
@@ -274,9 +278,34 @@ class Scene:
             i for i, s in enumerate(self.shapes) if s.motion and s.motion.moves_within(*self.camera.shutter)
         )
 
-    def with_camera(self, **changes: object) -> Scene:
-        """The same scene seen otherwise; keyword arguments are the fields of `Camera`."""
-        return replace(self, camera=replace(self.camera, **changes))  # type: ignore[arg-type]
+    def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
+        """The same scene seen otherwise.
+
+        camera  : in place of the scene's
+        changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
+                  would stand for them
+
+        A camera that was set for a file without one, to see everything, sees everything at another resolution, too.
+
+        Raises UsageError for what is no camera, and for other names.
+        """
+        if not isinstance(camera, Camera | None):
+            raise UsageError(
+                f"camera: {type(camera).__name__} where a Camera is needed",
+                "Make one, glpath.scene.Camera(...); or name what changes: with_camera(position=(0, 1, 5)).",
+            )
+        known = [field.name for field in fields(Camera)]
+        for name in changes:
+            if name not in known:
+                raise UsageError(f"camera: no field is named {name!r}; allowed are {', '.join(known)}")
+        if changes.keys() & {"position", "target", "up"}:
+            changes = {"motion": ()} | changes
+        seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
+        if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
+            lower, upper = self.bounds
+            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
+                seen = framing(lower, upper, seen.resolution)
+        return replace(self, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
         """A new scene with one shape more, the last one.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,11 +32,11 @@ class Place:
     def field(self, name: str) -> Place:
         """The place of a key of the table that stands here."""
         key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
-        return replace(self, path=f"{self.path}.{key}" if self.path else key)
+        return type(self)(self.source, f"{self.path}.{key}" if self.path else key)
 
     def item(self, index: int) -> Place:
         """The place of an element of the list that stands here, counted from 0."""
-        return replace(self, path=f"{self.path}[{index}]")
+        return type(self)(self.source, f"{self.path}[{index}]")
 
     def written(self, value: object) -> str:
         """`value` as it is written here."""
@@ -62,7 +62,7 @@ class PythonPlace(Place):
         return f"{self.source}{self.path}"
 
     def field(self, name: str) -> Place:
-        return replace(self, path=f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
+        return type(self)(self.source, f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
 
 
 def coordinates(point: Iterable[float]) -> str:

@@ -10,7 +10,6 @@ Cost: a fraction of a millisecond for a primitive of many pixels; those of few p
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
@@ -19,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.image import encode_png, encode_srgb
+from glpath.image import encode_png, encode_srgb, png_html
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Camera, Float64, Scene, sphere_extent
+from glpath.units import Quantity, Unit, symbol
 
 #: Rows of a table; a scene can have thousands of shapes.
 ROWS = 12
@@ -301,6 +301,13 @@ def _sky(scene: Scene, ways: Float64) -> Float64:
     return scene.sky.radiance(ways)
 
 
+def _shown(unit: Unit, quantity: Quantity) -> str:
+    """W/(sr m²) for W sr^-1 m^-2."""
+    short = {"W sr^-1 m^-2": "W/(sr m²)", "W sr^-1": "W/sr", "W m^-2": "W/m²", "cd m^-2": "cd/m²"}
+    written = symbol(unit, quantity)
+    return short.get(written, written)
+
+
 def mimebundle(scene: Scene) -> dict[str, object]:
     """What Jupyter shows of a scene: text, a picture, and both with tables as HTML."""
     png = encode_png(preview(scene, 320))
@@ -332,14 +339,19 @@ def _html(scene: Scene, png: bytes) -> str:
         ],
         len(scene.materials),
     )
-    lamps = [(s.name, "shape", _numbers(s.emission) + " W/(sr m²)") for s in scene.shapes if s.emits]
+    lamps = [
+        (s.name, "shape", f"{_numbers(s.emission)} {_shown(scene.unit, 'radiance')}")
+        for s in scene.shapes
+        if s.emits
+    ]
     for light in scene.lights:
         bound = light.kind != "directional" and light.falloff == "quadratic"
-        lamps.append((light.name, light.kind, _numbers(light.intensity) + (" W/sr" if bound else " W/m²")))
+        unit = _shown(scene.unit, "intensity" if bound else "irradiance")
+        lamps.append((light.name, light.kind, f"{_numbers(light.intensity)} {unit}"))
     lights = _table(
         f"{len(lamps):,} light{'s' * (len(lamps) != 1)}", ("name", "kind", "light"), lamps[:ROWS], len(lamps)
     )
-    picture = f'<img alt="preview" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+    picture = png_html(png, f"Preview of {repr(scene)[1:-1]}")
     style = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
     return (
         f"<div><p><b>{escape(scene.name)}</b> {escape(repr(scene)[len(scene.name) + 7 : -1].lstrip(': '))}</p>"

@@ -23,8 +23,8 @@ Float64 = NDArray[np.float64]
 class LightProfile:
     """Intensities over a regular grid of angles, bilinear between them.
 
-    candela : (C, G) float64, W sr^-1 (a candela counts as one): rows for C = 0, 360 / C, ... below 360 degrees,
-              columns for gamma from the first of `gamma` to the last; G >= 2
+    candela : (C, G) float64, cd, which `Light.intensity` brings into the unit of the scene: rows for C = 0,
+              360 / C, ... below 360 degrees, columns for gamma from the first of `gamma` to the last; G >= 2
     gamma   : (first, last) in degrees, 0 <= first < last <= 180; nothing is sent beyond them
     """
 
@@ -43,7 +43,7 @@ class LightProfile:
 
     @cached_property
     def flux(self) -> float:
-        """W (of candela, lumens) that it sends in all: the integral over the sphere of what `intensity` has.
+        """Lumens that it sends in all: the integral over the sphere of what `intensity` has.
 
         Exact: between two columns it is linear in gamma, which times its sine has an antiderivative.
         """
@@ -65,7 +65,7 @@ class LightProfile:
         return np.stack(corners, axis=-1).reshape(-1, 4)
 
     def intensity(self, directions: Float64, axis: Float64, c0: Float64) -> Float64:
-        """(N,) float64 W sr^-1 in unit directions (N, 3) away from the light. `shaders/profile.glsl` is the same.
+        """(N,) float64, cd, in unit directions (N, 3) away from the light. `shaders/profile.glsl` is the same.
 
         axis, c0 : (3,) unit, perpendicular: towards gamma = 0, and towards C = 0 at gamma = 90
         """

@@ -6,14 +6,13 @@ vertices shared, so that neighbouring triangles meet without a gap.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.place import Place
 
@@ -182,12 +181,9 @@ def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, place: Place) -> 
             "The corners of each coincide or lie on one line: check the coordinates and the transform.",
         )
     listed = np.flatnonzero(flat)
-    warnings.warn(
-        SceneWarning(
-            f'{place} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
-            f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
-        ),
-        stacklevel=2,
+    warn(
+        f'{place} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
+        f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
     )
     return mesh.without_faces(flat)
 

@@ -93,13 +93,13 @@ def check_resident(scene: Scene) -> None:
     _check_resident(
         scene,
         "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
-        "Render it with --integrator path --directions pair (or lattice, hemisphere, sphere).",
+        'Render it with integrator="path" and directions="pair" (or lattice, hemisphere, sphere).',
     )
 
 
 def check_simplifiable(scene: Scene) -> None:
     """The same, where meshes are to be simplified."""
-    remedy = "Leave --bounce-lod away."
+    remedy = "Leave out bounce_lod."
     _check_resident(scene, "bounce_lod cannot simplify: it wants them all in memory", remedy)
     if scene.moving_shapes:
         names = ", ".join(scene.shapes[index].name for index in scene.moving_shapes[:_LISTED])
@@ -126,7 +126,7 @@ def _check_known(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: has planes ({names}), which path tracing cannot render: an endless "
             "plane has no triangles.",
-            "Render it with --integrator classic or t-buffer, or make planes large quads.",
+            'Render it with integrator="classic" or "t-buffer", or make planes large quads.',
         )
 
 
@@ -140,5 +140,5 @@ def _check_number(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: {len(scene.spheres):,} spheres would be {count:,} triangles; the path "
             f"tracer takes at most {MAX_TRIANGLES:,}.",
-            "Give the spheres fewer `subdivisions`, or render with --integrator classic or t-buffer.",
+            'Give the spheres fewer `subdivisions`, or render with integrator="classic" or "t-buffer".',
         )

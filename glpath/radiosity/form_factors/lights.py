@@ -66,12 +66,24 @@ class DirectLight:
     def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
         """(P, 3) irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
         parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
+
+        def part(i: int) -> Float64:
+            at = parts[i]
+            return self.estimate(points[at], normals[at], triangle[at], np.random.default_rng(i))
+
         with ThreadPoolExecutor(core_count()) as pool:
-            found = list(pool.map(lambda i: self._part(i, points[parts[i]], normals[parts[i]], triangle[parts[i]]),
-                                  range(len(parts))))  # fmt: skip
+            found = list(pool.map(part, range(len(parts))))
         return np.concatenate(found) if found else np.zeros((0, 3))
 
-    def _part(self, number: int, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+    def estimate(
+        self,
+        points: Float64,
+        normals: Float64,
+        triangle: Int64,
+        random: np.random.Generator,
+        sky_rays: int = SKY_RAYS,
+    ) -> Float64:
+        """As `at`, by the calling thread alone, with so many rays to the sky: a square, few for many points."""
         total = np.zeros((len(points), 3))
         for light in self.lighting.punctual:
             there = incident(light, points)
@@ -80,10 +92,11 @@ class DirectLight:
             free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
             total[lit] += free * cosine[lit, None] * there.irradiance[lit]
         if self.lighting.sky is not None:
-            random = np.random.default_rng(number)
-            wi = _by_the_cosine(normals, random)
+            wi = _by_the_cosine(normals, random, sky_rays)
             if isinstance(self.lighting.sky, Environment):
-                wi = np.concatenate([wi, _by_the_radiance(self.lighting.sky, len(points), random)], axis=1)
+                wi = np.concatenate(
+                    [wi, _by_the_radiance(self.lighting.sky, len(points), random, sky_rays)], axis=1
+                )
             free = self._free(points, triangle, wi, np.full(len(points), np.inf))
             seen = free * self.lighting.sky.radiance(wi)
             if isinstance(self.lighting.sky, Environment):
@@ -100,12 +113,12 @@ class DirectLight:
         return free
 
 
-def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
-    """(P, SKY_RAYS, 3) unit directions with density cosine / pi about normals (P, 3), stratified.
+def _by_the_cosine(normals: Float64, random: np.random.Generator, rays: int) -> Float64:
+    """(P, rays, 3) unit directions with density cosine / pi about normals (P, 3), stratified.
 
     By a point of the unit sphere about the normal's tip.
     """
-    u = _stratified(len(normals), random)
+    u = _stratified(len(normals), random, rays)
     z = 1 - 2 * u[..., 0]
     r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
     wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals[:, None]
@@ -113,15 +126,15 @@ def _by_the_cosine(normals: Float64, random: np.random.Generator) -> Float64:
     return np.asarray(np.where(length > 1e-9, wi / np.maximum(length, 1e-9), normals[:, None]))
 
 
-def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator) -> Float64:
-    """(P, SKY_RAYS, 3) unit directions as dense as the map's radiance, for so many points, stratified."""
-    u = _stratified(count, random).reshape(-1, 2)
+def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
+    """(P, rays, 3) unit directions as dense as the map's radiance, for so many points, stratified."""
+    u = _stratified(count, random, rays).reshape(-1, 2)
     return sky.directions(np.stack([u[:, 0], random.random(len(u)), u[:, 1]], axis=1)).reshape(count, -1, 3)
 
 
-def _stratified(count: int, random: np.random.Generator) -> Float64:
-    """(P, SKY_RAYS, 2) in [0, 1), one in each cell of the square for each point."""
-    cells = round(SKY_RAYS**0.5)
+def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:
+    """(P, rays, 2) in [0, 1), one in each cell of the square for each point."""
+    cells = round(rays**0.5)
     at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
     return np.asarray((at + random.random((count, cells * cells, 2))) / cells)
 

@@ -9,7 +9,7 @@ M. Cohen, D. Greenberg, D. Immel, P. Brock, "An efficient radiosity approach for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Elements:
         return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))
 
 
-@cache
+@lru_cache(maxsize=64)
 def _cells(n: int) -> Int64:
     """(n * n, 3): i, j and upper of a lattice's elements in their order."""
     row = [(i // 2, i % 2) for i in range(2 * n - 1)]
@@ -135,8 +135,8 @@ class Mesh:
         return np.asarray(self.scene.areas[self.elements.triangle] / self.elements.n**2)
 
 
-def divisions_of_size(scene: Scene, surface: Int64, size: float) -> Int64:
-    """(T,) parts of each triangle's edges, so that none is longer than `size`.
+def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> Int64:
+    """(T,) parts of each triangle's edges, so that none is longer than `size`, one for all or (T,).
 
     Triangles of one surface whose numbers would differ get powers of two, so that their vertices meet: one that
     lies between two of the neighbour's is in the middle of them, or halfway to the middle, and so on.

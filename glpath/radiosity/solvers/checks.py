@@ -77,7 +77,7 @@ def check_solvable(scene: Scene) -> None:
             raise here.field("specular").wrong(
                 material.specular,
                 "0 for radiosity, which knows diffuse reflection alone",
-                "Render the scene with --integrator path and --guide cosine, or leave the highlight out.",
+                'Render the scene with integrator="path" and guide="cosine", or leave the highlight out.',
             )
         reflectance = scene.mean_reflectance(material)
         if np.any(reflectance >= 1):

@@ -26,18 +26,34 @@ from glpath.machine import core_count
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
-from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
+from glpath.radiosity.mesh.mesh import (
+    Elements,
+    Int64,
+    Mesh,
+    divisions_of_size,
+    occluder_of_triangle,
+    size_for_count,
+)
 from glpath.radiosity.mesh.sides import Sides, open_points
 from glpath.radiosity.shafts.occluders import Occluders
-from glpath.radiosity.shafts.rays import nearest, rays_of
-from glpath.radiosity.solution import DIRECT
+from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
+from glpath.radiosity.solution import DIRECT, INDIRECT
+from glpath.sampling import uniform_sphere
+from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
-from glpath.scene.model import Float64
+from glpath.scene.model import Camera, Float64
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
 BATCH = 1 << 14
 #: Surfaces of glass that a particle passes or is mirrored by, one behind the other.
 _MOST_THROUGH = 64
+#: Rays to the sky from where a particle starts.
+_START_RAYS = 4
+#: Cells that reflected light starts in, where a camera says how many start in which, and rays to the sky from each
+#: of four points of a cell.
+_CELLS, _CELL_RAYS = 4096, 16
+#: Batches of paths from a camera that say so.
+_CAMERA_BATCHES = 4
 
 
 class _Surfaces(NamedTuple):
@@ -54,21 +70,61 @@ class _Surfaces(NamedTuple):
     divisions: Int64
     begin: Int64
 
+    @classmethod
+    def of(cls, scene: Scene, divisions: Int64) -> _Surfaces:
+        glass = Glass.of_scene(scene)
+        return cls(
+            scene.normals,
+            _beside_glass(scene.side_reflectance, glass),
+            Appearance(scene).mean_opacity(),
+            np.asarray(glass.clear.any(axis=1)),
+            glass,
+            divisions,
+            lattice.starts(lattice.element_count(divisions)),
+        )
+
 
 class _Lamps(NamedTuple):
     """Where particles start, the sums of the chances of that, and the energy of a particle from each.
 
     corners  : (L, 9), corner 0 and the edges to corners 1 and 2
-    triangle : (L,) of the scene, that they are part of; `back` the side of it
-    part     : (L,) 0: what they send is emitted; 1: it is reflected light
+    triangle : (L,) of the scene; `back` the side of it
     """
 
     corners: Float64
     triangle: Int64
     back: Int64
-    part: Int64
     cdf: Float64
     energy: Float64
+
+
+class _Lit(NamedTuple):
+    """Sides of elements where particles start that carry reflected light of punctual lights and the sky.
+
+    corners  : (L, 9), corner 0 and the edges to corners 1 and 2
+    triangle : (L,) of the scene; `back` the side of it
+    chance   : (L,) of a particle to start there
+    scale    : (L, 3) its energy per irradiance at its start: reflectance times area over chance
+    """
+
+    corners: Float64
+    triangle: Int64
+    back: Int64
+    chance: Float64
+    scale: Float64
+
+
+class _Starts(NamedTuple):
+    """Particles that start elsewhere than on a lamp: position (K, 3), energy (K, 3), triangle and side (K,).
+
+    direction : (K, 3) of those that come from an eye, unit; 0 of those that a surface sends, by the cosine
+    """
+
+    position: Float64
+    energy: Float64
+    triangle: Int64
+    back: Int64
+    direction: Float64
 
 
 @dataclass
@@ -77,6 +133,7 @@ class Shooting:
 
     mesh      : each patch one element
     seed      : another seed is another, independent solution
+    for_camera: reflected light of punctual lights and the sky starts where it matters to what the camera sees
     particles : that were shot
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
                 reflected; at the elements' fronts and backs
@@ -88,6 +145,7 @@ class Shooting:
 
     mesh: Mesh
     seed: int = 0
+    for_camera: bool = False
     particles: int = 0
     hits: int = 0
     flux: Float64 = field(init=False)
@@ -104,48 +162,101 @@ class Shooting:
         divisions = ones.copy()
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         self._rays = rays_of(scene)
-        self.open_areas, self.lit = _open_and_lit(self.mesh)
-        self._lamps = self._find_lamps(sides)
-        glass = Glass.of_scene(scene)
-        self._surfaces = _Surfaces(
-            scene.normals,
-            _beside_glass(scene.side_reflectance, glass),
-            Appearance(scene).mean_opacity(),
-            np.asarray(glass.clear.any(axis=1)),
-            glass,
-            divisions,
-            lattice.starts(lattice.element_count(divisions)),
-        )
+        self._light = DirectLight(scene)
+        self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
+        self._surfaces = _Surfaces.of(scene, divisions)
+        self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
         self.whole = True
 
-    def _find_lamps(self, sides: Sides) -> _Lamps:
-        """Triangles that emit, and elements that reflect the light of what is no patch."""
-        mesh, scene = self.mesh, self.mesh.scene
+    def _find_lamps(self, sides: Sides) -> tuple[_Lamps, _Lit, int]:
+        """Triangles that emit; sides that reflect the light of what is no patch; particles of a batch for these."""
+        scene = self.mesh.scene
         emitting = np.flatnonzero(sides.emission.any(axis=1))
         of = sides.element[emitting]
-        # What is reflected of other lights starts on the elements.
-        reflected = scene.side_reflectance[:, mesh.elements.triangle] * self.lit
-        back, element = np.nonzero(reflected.any(axis=2))
-        points = mesh.elements[element].points(scene, np.eye(3))
-        edges = (points[:, 1:] - points[:, :1]).reshape(-1, 6)
-        power = np.concatenate(
-            [
-                sides.emission[emitting] * scene.areas[of, None],
-                reflected[back, element] * self.open_areas[back, element, None],
-            ]
-        )
+        power = sides.emission[emitting] * scene.areas[of, None]
         # By their power; the mean of the channels, so that no coloured light is starved.
-        chance = power.mean(axis=1) / power.mean(axis=1).sum()
-        return _Lamps(
-            corners=np.concatenate([self._rays.corners[of], np.concatenate([points[:, 0], edges], axis=1)]),
-            triangle=np.concatenate([of, mesh.elements.triangle[element]]),
-            back=np.concatenate([sides.back[emitting], back]),
-            part=np.repeat([0, 1], [len(emitting), len(element)]),
+        emitted = float(power.mean(axis=1).sum())
+        chance = power.mean(axis=1) / max(emitted, np.finfo(float).tiny)
+        lit, reflected = self._find_lit()
+        count = round(BATCH * reflected / (reflected + emitted)) if reflected else 0
+        if count and emitted:
+            count = min(max(count, 1), BATCH - 1)
+        lamps = _Lamps(
+            corners=self._rays.corners[of],
+            triangle=of,
+            back=sides.back[emitting],
             cdf=np.cumsum(chance),
-            energy=power / chance[:, None],
+            energy=power / chance[:, None] * (BATCH / max(BATCH - count, 1)),
         )
+        return lamps, lit._replace(scale=lit.scale * (BATCH / max(count, 1))), count
+
+    def _find_lit(self) -> tuple[_Lit, float]:
+        """Where reflected light starts, and about its power.
+
+        What an element gets is known from few rays. It decides how many particles start there and not what they
+        carry, which each finds out where it starts: so neither the size of elements nor a lamp that was missed
+        changes what the particles bring in the mean.
+        """
+        scene, elements, lit, areas = self.mesh.scene, self.mesh.elements, self.lit, self.open_areas
+        reflectance = scene.side_reflectance[:, elements.triangle]
+        power = (reflectance * lit).mean(axis=2) * areas
+        total = float(power.sum())
+        if total and self.for_camera:
+            cells = start_cells(scene, self.mesh.surface)
+            visits = visits_from_camera(scene, self._rays, cells, self.seed)
+            elements, power = cells, self._contribution(cells, visits)
+            reflectance = scene.side_reflectance[:, elements.triangle]
+        back, element = np.nonzero(reflectance.any(axis=2) if self._light else np.zeros(power.shape, bool))
+        whole = scene.areas[elements.triangle[element]] / elements.n[element] ** 2
+        chance = power[back, element]
+        chance = chance / max(float(chance.sum()), np.finfo(float).tiny)
+        if len(element):
+            others = 0.5 * (whole / whole.sum() + 1.0 / len(element))
+            chance = 0.9 * chance + (1.0 - 0.9 * chance.sum()) * others
+        points = elements[element].points(scene, np.eye(3))
+        edges = (points[:, 1:] - points[:, :1]).reshape(-1, 6)
+        starts = _Lit(
+            corners=np.concatenate([points[:, 0], edges], axis=1),
+            triangle=elements.triangle[element],
+            back=back,
+            chance=chance,
+            scale=reflectance[back, element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
+        )
+        return starts, total
+
+    def _contribution(self, cells: Elements, visits: Float64) -> Float64:
+        """(2, C): the light that sides of cells reflect, times how much of that a camera sees, about."""
+        scene = self.mesh.scene
+        reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
+        back, cell = np.nonzero(visits * reflectance)
+        triangle, each, random = cells.triangle[cell], 4, np.random.default_rng([self.seed, 1])
+        u = np.sort(random.random((len(cell), each, 2)), axis=2)
+        b = np.stack([u[..., 0], u[..., 1] - u[..., 0], 1.0 - u[..., 1]], axis=2)
+        points = np.einsum("cek,ckd->ced", b, cells[cell].points(scene, np.eye(3))).reshape(-1, 3)
+        normals = np.repeat(scene.normals[triangle] * (1 - 2 * back[:, None]), each, axis=0)
+        irradiance = self._light.estimate(points, normals, np.repeat(triangle, each), random, _CELL_RAYS)
+        lit = np.zeros(visits.shape)
+        lit[back, cell] = irradiance.reshape(-1, 3 * each).mean(axis=1)
+        # A window, a lamp or a way to the camera may have been missed by all of a few rays: what has a small chance
+        # to start comes with much energy, and a single particle of it would be a large error.
+        usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
+        return np.asarray(reflectance * (visits + 1.0) * (lit + 0.3 * usual))
+
+    def _starts(self, number: int) -> _Starts:
+        """Those of a batch: how many start on an element is even, as far as its chance allows."""
+        lit, count = self._lit, self._lit_count
+        random = np.random.default_rng([self.seed, number])
+        at = (np.arange(count) + random.random()) / max(count, 1)
+        which = np.minimum(np.searchsorted(np.cumsum(lit.chance), at, side="right"), len(lit.chance) - 1)
+        root, v = np.sqrt(random.random((count, 1))), random.random((count, 1))
+        corners = lit.corners[which]
+        position = corners[:, :3] + root * ((1 - v) * corners[:, 3:6] + v * corners[:, 6:])
+        triangle, back = lit.triangle[which], lit.back[which]
+        normals = self._surfaces.normals[triangle] * (1 - 2 * back[:, None])
+        energy = lit.scale[which] * self._light.estimate(position, normals, triangle, random, _START_RAYS)
+        return _Starts(position, energy, triangle, back, np.zeros((count, 3)))
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
@@ -180,7 +291,8 @@ class Shooting:
 
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)
-        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, np.empty((4, 3)), flux)
+        work, starts = np.empty((4, 3)), self._starts(number)
+        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, starts, work, flux)
         return flux, int(hits)
 
     def irradiance(self) -> Float64:
@@ -204,6 +316,67 @@ class Shooting:
         return np.asarray(self.irradiance() * self._used[..., None])
 
 
+def start_cells(scene: Scene, surface: Int64) -> Elements:
+    """Parts of the scene's triangles, all about as large: the cells that reflected light starts in."""
+    size = size_for_count(scene, surface, _CELLS, by_size=True)
+    return Elements.of_lattices(divisions_of_size(scene, surface, size))
+
+
+def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, seed: int) -> Int64:
+    """(T,) parts of each triangle's edges: those of `size`, and more where a surface matters more than its area.
+
+    Of `count` elements each smooth surface gets as many as light from there matters to what the camera sees.
+    """
+    cells = start_cells(scene, surface)
+    visits = visits_from_camera(scene, rays_of(scene), cells, seed).sum(axis=0)
+    of = np.bincount(surface[cells.triangle], visits, minlength=surface.max(initial=-1) + 1)
+    area = np.bincount(surface, scene.areas, minlength=len(of))
+    # As long as the longest edge of half a square of that area.
+    longest = 2.0 * np.sqrt(area / np.maximum(count * of / max(float(of.sum()), 1e-300), 1e-300))
+    return divisions_of_size(scene, surface, np.minimum(longest, size)[surface])
+
+
+def visits_from_camera(scene: Scene, rays: Rays, cells: Elements, seed: int) -> Float64:
+    """(2, C): importance of the sides of cells, how much of the light that they send a camera sees, about.
+
+    Paths leave the camera, half of them in its view and half all around, as it may turn, and go on as particles do
+    (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination computation). What is counted is
+    where they arrive after the surface that the eye sees.
+    """
+    divisions = np.ones(len(scene.triangles), np.int64)
+    np.maximum.at(divisions, cells.triangle, cells.n)
+    surfaces, camera = _Surfaces.of(scene, divisions), scene.camera.at()
+    nothing = np.zeros(0, np.int64)
+    lamps = _Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
+    flux = np.zeros((2, 2, len(cells), 3))
+    none = np.zeros(BATCH, np.int64)
+    for i in range(_CAMERA_BATCHES):
+        random = np.random.default_rng([seed, i, 0])
+        origin, direction = _camera_rays(camera, random.random((BATCH, 2)))
+        starts = _Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
+        _shoot(1 << 40 | i, seed, rays, surfaces, lamps, starts, np.empty((4, 3)), flux)
+    return np.asarray(flux[INDIRECT].mean(axis=2))
+
+
+def _camera_rays(camera: Camera, u: Float64) -> tuple[Float64, Float64]:
+    """Origins and unit directions (N, 3) for u (N, 2): the first half in a camera's view, the other all around."""
+    direction = uniform_sphere(u)
+    origin = np.repeat(np.asarray(camera.position, np.float64)[None], len(u), axis=0)
+    if camera.projection != "panorama":
+        half = len(u) // 2
+        right, up, forward = camera.frame()
+        width, height = camera.resolution
+        at = (2 * u[:half] - 1) * [width / height, 1.0]
+        if camera.projection == "orthographic":
+            origin[:half] += 0.5 * camera.height * (at[:, :1] * right + at[:, 1:] * up)
+            direction[:half] = forward
+        else:
+            at = at * np.tan(np.radians(camera.fov) / 2)
+            seen = forward + at[:, :1] * right + at[:, 1:] * up
+            direction[:half] = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    return origin, direction
+
+
 def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
     """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
     f0, f90, layered, coat = glass.layer.T
@@ -212,7 +385,7 @@ def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
     return np.asarray(np.maximum(reflectance - np.where(glass.clear.any(axis=1), mirrored, 0.0)[:, None], 0.0))
 
 
-def _open_and_lit(mesh: Mesh) -> tuple[Float64, Float64]:
+def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
     """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
@@ -222,7 +395,7 @@ def _open_and_lit(mesh: Mesh) -> tuple[Float64, Float64]:
     share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
     lit = np.zeros((2, len(mesh.elements), 3))
     each = points.shape[1]
-    lit[sides.back, sides.element] = DirectLight(mesh.scene).of_sides(
+    lit[sides.back, sides.element] = light.of_sides(
         sides,
         mesh.elements.triangle[sides.element],
         points.reshape(-1, 3),
@@ -244,27 +417,40 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shoot(number, seed, rays, surfaces, lamps, work, flux):  # type: ignore[no-untyped-def]
+def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ignore[no-untyped-def]
     """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3)."""
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
     hits = 0
-    if len(lamps.cdf) == 0:
+    if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
         return hits
     o, d, w, found = work[0], work[1], work[2], work[3]
     state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
     state, _ = _random(state ^ (np.uint64(number) << np.uint64(32)))
-    for _ in range(BATCH):
-        state, u = _random(state)
-        which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
-        triangle, back = lamps.triangle[which], lamps.back[which]
-        state, u = _random(state)
-        state, v = _random(state)
-        root = np.sqrt(u)
-        for k in range(3):
-            o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
-            w[k] = lamps.energy[which, k]
-        part = lamps.part[which]  # direct, until it is reflected
-        leaves, passed = True, 0
+    for particle in range(BATCH):
+        if particle < len(starts.triangle):
+            triangle, back = starts.triangle[particle], starts.back[particle]
+            for k in range(3):
+                o[k], w[k], d[k] = (
+                    starts.position[particle, k],
+                    starts.energy[particle, k],
+                    starts.direction[particle, k],
+                )
+            if max(w[0], w[1], w[2]) <= 0:
+                continue  # in the shadow
+            part = 1 if d[0] == 0 and d[1] == 0 and d[2] == 0 else 0
+            leaves = part == 1
+        else:
+            state, u = _random(state)
+            which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
+            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct, until it is reflected
+            state, u = _random(state)
+            state, v = _random(state)
+            root = np.sqrt(u)
+            for k in range(3):
+                o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
+                w[k] = lamps.energy[which, k]
+            leaves = True
+        passed = 0
         while True:
             if leaves:
                 state = _leave(state, normals[triangle], back, d)

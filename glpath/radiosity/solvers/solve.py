@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, kept_in
 from glpath.heartbeat import heartbeat
 from glpath.kernels import announced, waiting
 from glpath.lighting import Lighting
@@ -65,7 +65,8 @@ class RadiosityInterrupted(KeyboardInterrupt):
     """Ctrl-C came while a solution was under way. `solution` is what there was; None before there was any."""
 
     def __init__(self, solution: RadiositySolution | None) -> None:
-        super().__init__("interrupted")
+        kept = "" if solution is None else kept_in("RadiosityInterrupted", "solution", "render(radiosity=solution)")
+        super().__init__(f"interrupted{kept or ' before anything was solved'}")
         self.solution = solution
 
 
@@ -134,6 +135,7 @@ def solve_radiosity(
     receiver_points: int = 4,
     particles: int = 1_000_000,
     seed: int = 0,
+    for_camera: bool = False,
     on_progress: Report | None = None,
     checkpoint: SolverCheckpoint | None = None,
 ) -> RadiositySolution:
@@ -166,6 +168,9 @@ def solve_radiosity(
     receiver_points : 1, 4, 9, ...: per element
     particles  : of "monte-carlo", rounded up to whole batches of 16,384
     seed       : of "monte-carlo"
+    for_camera : of "monte-carlo": elements are smaller, and reflected light of the sky and of punctual lights has
+                 more particles, where it matters to what the scene's camera sees. For pictures from about there, of
+                 scenes that are much larger than what is seen: a room under the sky
     on_progress: called with a `RadiosityProgress` now and then
     checkpoint : where the solver's state is kept meanwhile, and from where it goes on, to the same bits; not of
                  "matrix"
@@ -183,7 +188,7 @@ def solve_radiosity(
         "method": method, "patches": patches, "size": size, "splits": splits, "adaptive": adaptive,
         "threshold": threshold, "unshot": unshot, "max_steps": max_steps, "overshoot": overshoot,
         "ambient": ambient, "form_factors": form_factors, "emitter_samples": emitter_samples,
-        "receiver_points": receiver_points, "particles": particles, "seed": seed,
+        "receiver_points": receiver_points, "particles": particles, "seed": seed, "for_camera": for_camera,
     }  # fmt: skip
     check_options(options)
     if checkpoint is not None and method == "matrix":
@@ -199,18 +204,22 @@ def solve_radiosity(
         by_size = method == "monte-carlo"
         size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
     divisions = divisions_of_size(triangles, surface, size)
+    lighting = Lighting.of(triangles)
+    reflects_first = bool(lighting.punctual) or lighting.sky is not None
+    if for_camera and method == "monte-carlo" and reflects_first:
+        count = patches or DEFAULT_PATCHES
+        divisions = monte_carlo.divisions_for_camera(triangles, surface, size, count, seed)
     points = 0 if method == "monte-carlo" else receiver_points
     per_element = check_memory(triangles, divisions, size, splits, points, method)
     if method == "monte-carlo":
         divisions, splits = divisions * 2**splits, 0
     mesh = Mesh.uniform(triangles, divisions, surface, splits)
     run = _Run(triangles, method, _settings(options, size), on_progress)
-    lighting = Lighting.of(triangles)
-    needed = kernels_of(method, bool(lighting.punctual) or lighting.sky is not None)
+    needed = kernels_of(method, reflects_first)
     compile_ahead(needed)
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
-            return _monte_carlo(run, mesh, particles, seed, checkpoint)
+            return _monte_carlo(run, mesh, particles, seed, for_camera, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
         transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
         if method == "matrix":
@@ -286,9 +295,9 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
 
 
 def _monte_carlo(
-    run: _Run, mesh: Mesh, particles: int, seed: int, checkpoint: SolverCheckpoint | None
+    run: _Run, mesh: Mesh, particles: int, seed: int, for_camera: bool, checkpoint: SolverCheckpoint | None
 ) -> RadiositySolution:
-    shooting = monte_carlo.Shooting(mesh, seed)
+    shooting = monte_carlo.Shooting(mesh, seed, for_camera)
     if checkpoint is not None:
         checkpoint.begin(shooting, run.scene.digest(camera=False), run.method, run.settings)
     batches = -(-particles // monte_carlo.BATCH)
@@ -323,6 +332,6 @@ def _settings(options: dict[str, object], size: float) -> dict[str, object]:
         "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
                         "form_factors", "emitter_samples", "receiver_points"),
         "matrix": ("splits", "form_factors", "emitter_samples", "receiver_points"),
-        "monte-carlo": ("splits", "particles", "seed"),
+        "monte-carlo": ("splits", "particles", "seed", "for_camera"),
     }  # fmt: skip
     return {"size": size} | {name: options[name] for name in of[str(options["method"])]}

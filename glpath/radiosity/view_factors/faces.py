@@ -301,6 +301,8 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
+        # Of the two sides of a sheet one is enough: either hides.
+        walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
         facets = plain.taken(bvh.order)

@@ -52,9 +52,9 @@ def file_kind(path: str | Path) -> str:
     )
 
 
-def write_text(matrix: Any, path: Path, csv: bool) -> None:
-    """A line for each factor that is not 0: "i,j,F" counted from 0 behind a line of names, or uDALES's "i j F"
-    counted from 1."""
+def write_text(matrix: Any, backs: Float64, path: Path, csv: bool) -> None:
+    """A line for each factor that is not 0: "i,j,F" counted from 0 behind a line of names, and "i,backs,F" in the
+    end for rows that see backs; or uDALES's "i j F" counted from 1, which has no place for these."""
     m = sparse.coo_array(matrix)
     i, j = m.coords
     with open(path, "w", encoding="utf-8") as file:
@@ -68,6 +68,8 @@ def write_text(matrix: Any, path: Path, csv: bool) -> None:
                 f"{r + first}{separator}{c + first}{separator}{v:.9g}\n"
                 for r, c, v in zip(rows, columns, values, strict=True)
             )
+        if csv:
+            file.writelines(f"{i},backs,{backs[i]:.9g}\n" for i in np.flatnonzero(backs).tolist())
 
 
 def write_column(values: Iterable[float], title: str, path: Path) -> None:
@@ -75,8 +77,10 @@ def write_column(values: Iterable[float], title: str, path: Path) -> None:
     path.write_text(f"# {title}\n" + "".join(f"{value:.9g}\n" for value in values), encoding="utf-8")
 
 
-def write_netcdf(matrix: Any, path: Path) -> None:
-    """uDALES's dense matrix. Raises UsageError where that is more than netCDF or the memory takes."""
+def write_netcdf(matrix: Any, backs: Float64, path: Path) -> None:
+    """uDALES's dense matrix, and where any are seen a variable "backs", which uDALES does not ask for.
+
+    Raises UsageError where that is more than netCDF or the memory takes."""
     from scipy.io import netcdf_file
 
     n = matrix.shape[0]
@@ -91,6 +95,8 @@ def write_netcdf(matrix: Any, path: Path) -> None:
         dense.data[:] = 0
         m = sparse.coo_array(matrix)
         dense.data[m.coords[1], m.coords[0]] = m.data
+        if backs.any():
+            file.createVariable("backs", "f4", ("rows",)).data[:] = backs
 
 
 def check_names(names: Sequence[str], zone: str, path: Path) -> None:
@@ -116,14 +122,19 @@ def check_names(names: Sequence[str], zone: str, path: Path) -> None:
             )
 
 
-def write_idf(matrix: Any, names: Sequence[str], zone: str, path: Path) -> None:
-    """EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, all N^2 factors; see `check_names`."""
+def write_idf(matrix: Any, backs: Float64, names: Sequence[str], zone: str, path: Path) -> None:
+    """EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, all N^2 factors, and remarks on rows that see backs;
+    see `check_names`."""
     dense = np.asarray(matrix.toarray()).clip(0.0, 1.0)
     last = len(names) - 1
     with open(path, "w", encoding="utf-8") as file:
         file.write(
             "! View factors by glpath, from the first surface to the second; for the model that has them.\n"
-            f"ZoneProperty:UserViewFactors:BySurfaceName,\n  {zone.strip()},\n"
+            + "".join(
+                f"! Of what leaves {names[i].strip()}, {backs[i]:.4g} arrives at backs of faces.\n"
+                for i in np.flatnonzero(backs).tolist()
+            )
+            + f"ZoneProperty:UserViewFactors:BySurfaceName,\n  {zone.strip()},\n"
         )
         for i, one in enumerate(names):
             file.writelines(

@@ -15,18 +15,17 @@ from __future__ import annotations
 import numpy as np
 
 from glpath.kernels import inner_kernel
-from glpath.radiosity.view_factors.convex import angle, height
+from glpath.radiosity.view_factors.convex import angle, height, triangle_area
 
 #: Parts of what is seen that wait to be divided further.
-PARTS = 256
-#: Share below which nothing is seen, or nothing hidden, and of a triangle that corners stand for then.
-_SAME, _MISSED = 1e-9, 0.03
-#: Quarterings of a triangle, and points of a polygon beyond which it is left at what it is, at errors of `_USUAL`
-#: and more. What is asked for less, down to `_FINEST`, has as many more points, and a quartering for four times as
-#: many: points that end too early are worse than fewer, as they lie in one corner of the polygon.
-_DEEPEST, _MOST_POINTS, _USUAL, _FINEST = 7, 3000, 1e-3, 1e-5
-#: How many tolerances an exchange area has for which three points a triangle will do.
-COARSE = 6.0
+PARTS = 1024
+#: Blocks of points whose means are compared.
+BLOCKS = 4
+#: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
+MISSED = 0.1
+#: Points of Sobol's sequence that there are.
+MOST_POINTS = 1 << 16
+_UNIT = 2.0**-32
 
 
 @inner_kernel
@@ -143,7 +142,8 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
                 alive = False
                 break
             if top + sides + 2 >= PARTS:
-                break  # too many pieces: the rest counts as seen
+                work.lost[0] += 1  # too many pieces: the rest counts as seen
+                break
             # Cut: what lies outside of a side goes on the stack, the remainder to the next side.
             in_one = False
             rest = top + sides + 1
@@ -196,106 +196,113 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
 
 
 @inner_kernel
-def _over_triangle(t, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
-    """Means over work.triangles[t] of what is seen and of all: three points, exact to degree 2."""
-    seen = whole = 0.0
-    corners = work.triangles
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        x = (4 * corners[t, k, 0] + corners[t, i, 0] + corners[t, j, 0]) / 6
-        y = (4 * corners[t, k, 1] + corners[t, i, 1] + corners[t, j, 1]) / 6
-        z = (4 * corners[t, k, 2] + corners[t, i, 2] + corners[t, j, 2]) / 6
-        s, w = seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work)
-        seen += s
-        whole += w
-    return seen / 3, whole / 3
+def point_of(a, n, first, second, fan, begin):  # type: ignore[no-untyped-def]
+    """The point of polygon a[:n] that two whole numbers of 32 bits stand for.
 
-
-@inner_kernel
-def _at_corners(t, seen, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
-    """The mean over the corners of the triangle that work.triangles[t:t + 4] make, just inside, of what is not as
-    all else: hidden where the rest is seen, or the other way round."""
-    corners = work.triangles
-    total = 0.0
-    for i in range(3):
-        # Of its quarters, the first three have its corners, and the last is the one in the middle.
-        x = 0.98 * corners[t + i, i, 0] + 0.02 * corners[t + 3, 0, 0]
-        y = 0.98 * corners[t + i, i, 1] + 0.02 * corners[t + 3, 0, 1]
-        z = 0.98 * corners[t + i, i, 2] + 0.02 * corners[t + 3, 0, 2]
-        s, w = seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work)
-        total += w - s if seen else s
-    return total / 3
+    fan   : (n,) room for the areas of its triangles, each with those before it
+    begin : whether they are to be found
+    """
+    if begin:
+        area = 0.0
+        for k in range(1, n - 1):
+            area += triangle_area(a, k)
+            fan[k] = area
+    u, v = (first + 0.5) * _UNIT * fan[n - 2], (second + 0.5) * _UNIT
+    k, before = 1, 0.0
+    while k < n - 2 and u >= fan[k]:
+        before = fan[k]
+        k += 1
+    root = np.sqrt(min(max((u - before) / max(fan[k] - before, 1e-300), 0.0), 1.0))
+    p, q, r = 1 - root, root * (1 - v), root * v
+    return (
+        p * a[0, 0] + q * a[k, 0] + r * a[k + 1, 0],
+        p * a[0, 1] + q * a[k, 1] + r * a[k + 1, 1],
+        p * a[0, 2] + q * a[k, 2] + r * a[k + 1, 2],
+    )
 
 
 @inner_kernel
 def seen_share(  # type: ignore[no-untyped-def]
-    a, n, nx, ny, nz, b, m, exchange, area, tolerance, error_wanted, shades, planes, work
+    a, n, plane, b, m, exchange, tolerance, first, most, seed, shades, planes, work
 ):
-    """The share of an exchange area that is seen past occluders; how far two quadratures of it are apart; the root
-    of the summed squares of what single points stand for; and how many points there were.
+    """The share of an exchange area that is seen past occluders, its standard error, and how many points it took.
 
-    The points are on a[:n], and what is seen is b[:m].
+    The points are on a[:n], in that plane, and what is seen is b[:m]. They are Sobol's with a random digital shift,
+    and are doubled until the standard error is below the tolerance. It is what the means of `BLOCKS` successive
+    blocks say, each of which is a net; all together are a better net, so that it is cautious.
 
-    exchange  : of the two polygons, without occluders
-    area      : of a[:n]
-    tolerance : of the exchange area
-    error_wanted : of a row's sum
+    exchange    : of the two polygons, without occluders
+    tolerance   : of the exchange area, one standard error
+    first, most : points at first, and at most; powers of 2 from `BLOCKS` to `MOST_POINTS`
+    seed        : of the shift
     """
-    finer = max(_USUAL / max(error_wanted, _FINEST), 1.0)
-    most, deepest = _MOST_POINTS * finer, _DEEPEST + 0.5 * np.log2(finer)
-    values, corners = work.values, work.triangles
-    seen = whole = error = grain = 0.0
-    top = points = 0
-    for k in range(1, n - 1):
-        for j in range(3):
-            corners[top, 0, j], corners[top, 1, j], corners[top, 2, j] = a[0, j], a[k, j], a[k + 1, j]
-        ex, ey, ez = a[k, 0] - a[0, 0], a[k, 1] - a[0, 1], a[k, 2] - a[0, 2]
-        fx, fy, fz = a[k + 1, 0] - a[0, 0], a[k + 1, 1] - a[0, 1], a[k + 1, 2] - a[0, 2]
-        cx, cy, cz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
-        values[top, 2] = 0.5 * np.sqrt(cx * cx + cy * cy + cz * cz)
-        s, w = _over_triangle(top, nx, ny, nz, b, m, shades, planes, work)
-        values[top, 0], values[top, 1], values[top, 3] = s, w, 0.0
-        top += 1
-        points += 3
-    while top and work.stop[0] == 0:
-        top -= 1
-        s, w, part, depth = values[top, 0], values[top, 1], values[top, 2], values[top, 3]
-        if exchange <= COARSE * tolerance:
-            seen += s * part
-            whole += w * part
-            error += 0.5 * min(s, w - s) * part
-            grain += (w * part / 3) ** 2
-            continue
-        # The four of its edges' middles; the first stands where it stood.
-        for j in range(3):
-            p, q, r = corners[top, 0, j], corners[top, 1, j], corners[top, 2, j]
-            pq, qr, rp = 0.5 * (p + q), 0.5 * (q + r), 0.5 * (r + p)
-            corners[top, 0, j], corners[top, 1, j], corners[top, 2, j] = p, pq, rp
-            corners[top + 1, 0, j], corners[top + 1, 1, j], corners[top + 1, 2, j] = pq, q, qr
-            corners[top + 2, 0, j], corners[top + 2, 1, j], corners[top + 2, 2, j] = rp, qr, r
-            corners[top + 3, 0, j], corners[top + 3, 1, j], corners[top + 3, 2, j] = qr, rp, pq
-        fine_s = fine_w = 0.0
-        points += 12
-        for i in range(4):
-            values[top + i, 2], values[top + i, 3] = 0.25 * part, depth + 1
-            cs, cw = _over_triangle(top + i, nx, ny, nz, b, m, shades, planes, work)
-            values[top + i, 0], values[top + i, 1] = cs, cw
-            fine_s += 0.25 * cs
-            fine_w += 0.25 * cw
-        # Against the exact exchange, what counts is the share, not the quadrature of the kernel itself.
-        expected = s * fine_w / w if w > 0 else 0.0
-        off = abs(fine_s - expected) * part
-        if fine_s <= _SAME * fine_w or fine_w - fine_s <= _SAME * fine_w:
-            # All points say the same, but an edge of a shadow may pass between them and a corner.
-            off += _MISSED * part * _at_corners(top, fine_s > 0, nx, ny, nz, b, m, shades, planes, work)
-            points += 3
-        if off <= 2 * tolerance * np.sqrt(part / area) or depth >= deepest or points > most:
-            seen += fine_s * part
-            whole += fine_w * part
-            error += 0.5 * off
-            grain += (fine_w * part / 12) ** 2
-        else:
-            top += 4
-    if whole <= 0:
-        return 0.0, 0.0, 0.0, points
-    return seen / whole, error / whole, np.sqrt(grain) / whole, points
+    r0 = mixed(seed)
+    r1 = mixed(r0)
+    sums, sobol = work.blocks, work.sobol
+    size = first // BLOCKS
+    filled = points = 0
+    while True:
+        for block in range(filled, BLOCKS):
+            seen = whole = 0.0
+            for _ in range(size):
+                x, y, z = point_of(
+                    a, n, sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1), work.fan, points == 0
+                )
+                points += 1
+                s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, shades, planes, work)
+                seen += s
+                whole += w
+            sums[block, 0], sums[block, 1] = seen, whole
+            if work.stop[0] != 0:
+                return 0.0, 0.0, points
+        seen = whole = 0.0
+        for block in range(BLOCKS):
+            seen += sums[block, 0]
+            whole += sums[block, 1]
+        if whole <= 0:
+            return 0.0, 0.0, points
+        share = seen / whole
+        # Of the ratio: the exact exchange area is known, and what the points say of it cancels.
+        variance = 0.0
+        for block in range(BLOCKS):
+            variance += (sums[block, 0] - share * sums[block, 1]) ** 2
+        variance *= BLOCKS / ((BLOCKS - 1.0) * whole * whole)
+        if min(share, 1 - share) * points < 1:
+            variance += (MISSED / points) ** 2
+        uncertain = np.sqrt(variance)
+        if uncertain * exchange <= tolerance or points >= most:
+            return share, uncertain, points
+        for block in range(BLOCKS // 2):
+            for j in range(2):
+                sums[block, j] = sums[2 * block, j] + sums[2 * block + 1, j]
+        filled = BLOCKS // 2
+        size *= 2
+
+
+@inner_kernel
+def mixed(x):  # type: ignore[no-untyped-def]
+    """A number of 31 bits that has nothing to do with x, of 31 bits, or its neighbours. No product passes 63 bits,
+    which LLVM leaves undefined."""
+    x = (x + 0x1E3779B9) & 0x7FFFFFFF
+    x = ((x ^ (x >> 16)) * 0x45D9F3B) & 0x7FFFFFFF
+    x = ((x ^ (x >> 15)) * 0x45D9F3B) & 0x7FFFFFFF
+    return x ^ (x >> 16)
+
+
+def sobol_points(count: int) -> np.ndarray:
+    """(count, 4) int64 of 32 bits: Sobol's sequence, with the direction numbers of Joe & Kuo 2008."""
+    k = np.arange(count)
+    points = np.zeros((count, 4), np.int64)
+    for dimension, (coefficients, start) in enumerate(((0, [1] * 32), (0, [1]), (1, [1, 3]), (1, [1, 3, 1]))):
+        m, degree = list(start), len(start)
+        while len(m) < 32:
+            new = m[-degree] ^ (m[-degree] << degree)
+            for bit in range(1, degree):
+                new ^= (coefficients >> (degree - 1 - bit) & 1) * (m[-bit] << bit)
+            m.append(new)
+        for bit in range(max(count - 1, 1).bit_length()):
+            points[(k >> bit & 1).astype(np.bool_), dimension] ^= m[bit] << (31 - bit)
+    return points
+
+
+SOBOL = sobol_points(MOST_POINTS)

@@ -32,7 +32,7 @@ from glpath.radiosity.view_factors.formats import (
 Float64 = NDArray[np.float64]
 
 #: Of the file: another number is another layout.
-FORMAT = 1
+FORMAT = 2
 #: What a row of a closed room may lack of 1, or have too much, before it is enforced.
 _OPEN = 0.02
 _ROUNDS = 20
@@ -45,13 +45,16 @@ class ViewFactors:
     matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
                  arrives at the front of j without being stopped on its way
     areas      : (N,) float64, scene units squared
-    error      : (N,) float64, a cautious estimate of the error of each row's sum, not a proven bound: what two
-                 quadratures of each factor are apart, twice, and what a single point stands for, as shadows may
-                 pass between points, 1.5 times. In the tests' random closed rooms (slits, blocks that touch, tiny
-                 faces beside large ones, sheets that cut each other) no row of thousands is further off, and most
-                 are a hundred times better. In a closed room `enclosure` is a row's error, without an estimate
+    error      : (N,) float64, an estimate of the error of each row's sum: 2.5 times the standard error, to which
+                 the factors add up as if independent. It is statistical, no proven bound: in the tests' random
+                 closed rooms (slits, blocks that touch, tiny faces beside large ones, sheets that cut each other)
+                 one row in a hundred is further off. In a closed room `enclosure` is a row's error, without an
+                 estimate
     names      : of the groups; empty where the rows are the faces, in their order
     statistics : what it took, and what was enforced, as JSON has values
+    backs      : (N,) float64, the share that arrives at backs of faces, by rays: neither in the matrix nor sky. Of
+                 a model without faults it is 0. None for zeros
+    backs_error : (N,) float64, of `backs`, cautiously; 0 where none was met
 
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
@@ -65,6 +68,13 @@ class ViewFactors:
     error: Float64
     names: tuple[str, ...] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict)
+    backs: Float64 = None  # type: ignore[assignment]
+    backs_error: Float64 = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("backs", "backs_error"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(len(self.areas)))
 
     def __len__(self) -> int:
         return len(self.areas)
@@ -75,8 +85,13 @@ class ViewFactors:
         return np.asarray(self.matrix.sum(axis=1), np.float64).ravel()
 
     @property
+    def sky(self) -> Float64:
+        """(N,): what passes all faces, to the sky or surroundings: 1 less the row's sum and `backs`."""
+        return np.asarray(1 - self.row_sums - self.backs)
+
+    @property
     def enclosure(self) -> Float64:
-        """(N,): what is left to 1 and passes all faces, to the sky or surroundings; 0 but for errors in a room."""
+        """(N,): what a row lacks of 1, `sky` and `backs`; 0 but for errors in a room."""
         return np.asarray(1 - self.row_sums)
 
     @property
@@ -122,21 +137,25 @@ class ViewFactors:
             raise UsageError(
                 f"{what}: row {i}{name} adds up to {self.row_sums[i]:.4g}, and {len(far):,} of {len(self):,} rows "
                 "are farther from 1 than errors are: this is not a closed room, or some fronts face outward.",
-                "Without closure, what is missing goes to the sky (`enclosure`). Or turn the faces (flip).",
+                "Without closure, what is missing goes to the `sky` and `backs`. Or turn the faces (flip).",
             )
 
     def save(self, path: str | Path) -> None:
         """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name, and
         for what the program that reads it has no place for.
 
-        .npz : what `scipy.sparse.load_npz` reads, with areas, error, names and statistics beside; see `load`
-        .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names
+        Only where backs are seen, files that hold factors have their shares, too, as what a row lacks of 1 would
+        count as sky.
+
+        .npz : what `scipy.sparse.load_npz` reads, with areas, error, backs, names and statistics; see `load`
+        .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names; then a line
+               "i,backs,share" for each row that sees any
         .idf : EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, for a closed zone that is called as the file
-               is (without .idf), whose surfaces are called as the groups are; all N^2 factors
+               is (without .idf), whose surfaces are called as the groups are; all N^2 factors, and backs as remarks
         vfsparse.inp.001  : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
-                            is their number, matrix.nnz
-        vf.nc.inp.001     : the same in full, netCDF of float32, for uDALES without `lvfsparse`
-        svf.inp.001       : its sky view factors, `enclosure`, a line for each row
+                            is their number, matrix.nnz. It has no place for backs
+        vf.nc.inp.001     : the same in full, netCDF of float32, for uDALES without `lvfsparse`; backs in a variable
+        svf.inp.001       : its sky view factors, `sky`, a line for each row
         facetarea.inp.001 : its areas of facets
         """
         target = Path(path)
@@ -148,15 +167,15 @@ class ViewFactors:
             if kind == "npz":
                 self._save_npz(temporary)
             elif kind == "idf":
-                write_idf(self.matrix, self.names, target.stem, temporary)
+                write_idf(self.matrix, self.backs, self.names, target.stem, temporary)
             elif kind == "vf.nc.inp":
-                write_netcdf(self.matrix, temporary)
+                write_netcdf(self.matrix, self.backs, temporary)
             elif kind == "svf.inp":
-                write_column(self.enclosure.clip(min=0.0).tolist(), "sky view factors", temporary)
+                write_column(self.sky.clip(min=0.0).tolist(), "sky view factors", temporary)
             elif kind == "facetarea.inp":
                 write_column(self.areas.tolist(), "area of facets", temporary)
             else:
-                write_text(self.matrix, temporary, kind == "csv")
+                write_text(self.matrix, self.backs, temporary, kind == "csv")
 
     def _save_npz(self, path: Path) -> None:
         m = sparse.csr_array(self.matrix)
@@ -166,6 +185,7 @@ class ViewFactors:
                 format=np.array(b"csr"), shape=np.array(m.shape), data=m.data, indices=m.indices, indptr=m.indptr,
                 _is_array=np.array(True), areas=self.areas, error=self.error, names=np.array(self.names, np.str_),
                 statistics=np.array(json.dumps(dict(self.statistics))), glpath_view_factors=np.array(FORMAT),
+                backs=self.backs, backs_error=self.backs_error,
             )  # fmt: skip
 
     @classmethod
@@ -180,16 +200,19 @@ class ViewFactors:
             matrix = sparse.csr_array(parts, shape=(n, n))
             matrix.check_format()
             areas, error = arrays.read("areas", "f", (n,)), arrays.read("error", "f", (n,))
-            if not (np.isfinite(data).all() and np.isfinite(areas).all() and (areas > 0).all()):
+            backs, backs_error = arrays.read("backs", "f", (n,)), arrays.read("backs_error", "f", (n,))
+            if not (all(np.isfinite(part).all() for part in (data, areas, backs)) and (areas > 0).all()):
                 raise ValueError("it holds values that are not finite")
             names = tuple(map(str, arrays.read("names", "U", (None,)).tolist()))
-            return cls(matrix, areas, error, names, json.loads(str(arrays.read("statistics", "U", ()))))
+            statistics = json.loads(str(arrays.read("statistics", "U", ())))
+            return cls(matrix, areas, error, names, statistics, backs, backs_error)
 
     def __repr__(self) -> str:
         what = "groups" if self.names else "faces"
         return (
             f"<ViewFactors of {len(self):,} {what}: {self.matrix.nnz:,} factors, rows to {self.error.max():.1g}, "
-            f"enclosure {self.enclosure.min():.3g} to {self.enclosure.max():.3g}>"
+            f"sky {self.sky.min():.3g} to {self.sky.max():.3g}"
+            + (f", backs up to {self.backs.max():.3g}>" if self.backs.any() else ">")
         )
 
 

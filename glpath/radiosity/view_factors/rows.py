@@ -17,25 +17,41 @@ from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
 from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8, exchange
-from glpath.radiosity.view_factors.hidden import COARSE, PARTS, hides_all, seen_share
+from glpath.radiosity.view_factors.hidden import (
+    BLOCKS,
+    MOST_POINTS,
+    PARTS,
+    SOBOL,
+    hides_all,
+    mixed,
+    seen_share,
+)
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Of the error wanted of a row, what a factor F may have, times the square root of F: the squares of a row's errors
-#: then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.2
+#: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
+#: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
+_SHARE = 0.35
 #: Of the error wanted of a row, what is allowed where nothing stands between.
 _EXACT = 0.05
-#: Occluders between two polygons beyond which the larger one is halved, how often, and those that count then.
-_FEW_SHADES, DEEPEST, MOST_SHADES = 6, 14, 256
+#: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
+#: 0.02 to 0.3 of them.
+_OF_BOUND = 0.1
+#: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
+_COARSE = 6.0
+#: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
+_A_POINT, _TRIED = 8.0, 64
+#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
+#: no point is tried; how often it is halved; and those that count then.
+_FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
 #: Pairs of facets looked at, and that face each other; branches of the BVH and pairs that one occluder hides; pairs
-#: proven to see all of each other, and those that something may hide; points for these; pairs with more occluders
-#: than `MOST_SHADES`.
+#: proven to see all of each other, and those that something may hide; points for these; parts of pairs with more
+#: occluders than `MOST_SHADES`, or with more pieces seen between them than there is room for.
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
@@ -89,10 +105,14 @@ class Work(NamedTuple):
     """Room for one thread; see where each is used.
 
     stop : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
+    done : (1,) of this thread: rows done since it was set to 0
+    lost : (1,) how often there were too many pieces
     """
 
     eps: float
     stop: Int64
+    done: Int64
+    lost: Int64
     a: Float64
     b: Float64
     spare: Float64
@@ -124,16 +144,19 @@ class Work(NamedTuple):
     parts: Float64
     part_corners: Int64
     following: Int64
-    triangles: Float64
-    values: Float64
+    fan: Float64
+    blocks: Float64
+    sobol: Int64
 
     @classmethod
-    def of(cls, eps: float, occluders: int, depth: int, stop: Int64) -> Work:
+    def of(cls, eps: float, occluders: int, depth: int, stop: Int64, done: Int64) -> Work:
         shaft, near, extent = empty_shaft()
         points = len(RULE_8) * ROOM
         return cls(
             eps=eps,
             stop=stop,
+            done=done,
+            lost=np.zeros(1, np.int64),
             a=np.empty((DEEPEST + 2, ROOM, 3)),
             b=np.empty((DEEPEST + 2, ROOM, 3)),
             spare=np.empty((ROOM, 3)),
@@ -165,8 +188,9 @@ class Work(NamedTuple):
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
             part_corners=np.empty(PARTS + 2, np.int64),
             following=np.empty(PARTS + 2, np.int64),
-            triangles=np.empty((64 + ROOM, 3, 3)),
-            values=np.empty((64 + ROOM, 4)),
+            fan=np.empty(ROOM),
+            blocks=np.empty((BLOCKS, 2)),
+            sobol=SOBOL,
         )
 
 
@@ -249,8 +273,7 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
-    """Exchange area of facets i and j, an estimate of its error, and the sum of the squares of what single points
-    stand for; candidates are work.lists[begin:end].
+    """Exchange area of facets i and j, and the square of its standard error; candidates are work.lists[begin:end].
 
     Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
     """
@@ -259,11 +282,12 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
     n = clip(facets.corners[i], facets.sides[i], facets.planes, j, eps, work.a[0])
     m = clip(facets.corners[j], facets.sides[j], facets.planes, i, eps, work.b[0])
     if n == 0 or m == 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     pairs[0, 0], pairs[0, 1], pairs[0, 2], pairs[0, 3], pairs[0, 4] = n, m, begin, end, 0
     top = 1
-    value = off = grain = 0.0
+    value = variance = 0.0
     tolerance = -1.0
+    seed = mixed(mixed(i) ^ j)
     while top and work.stop[0] == 0:
         top -= 1
         a, b = work.a[top], work.b[top]
@@ -287,6 +311,19 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             if depth == 0:
                 counts[HIDDEN] += 1
             continue
+        # Of those, what lies before both polygons; in the shadow of a face's own plane are all its neighbours.
+        shades, kept = 0, end
+        for c in range(end, put):
+            o = np.int64(lists[c])
+            k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
+            k = clip(work.spare, k, facets.planes, j, eps, work.shades[min(shades, MOST_SHADES - 1)]) if k else 0
+            if k:
+                lists[kept] = o
+                kept += 1
+                if shades < MOST_SHADES:
+                    work.shade_count[shades], work.shade_plane[shades] = k, o
+                    shades += 1
+        put = kept
         part = max(tolerance, 0.0) * 0.7**depth
         allowed = max(_EXACT * floor, 0.1 * part)
         whole, wrong = exchange(a, n, b, m, facets.planes[i], facets.planes[j], allowed, _EXACT * error, work)
@@ -294,46 +331,48 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             if depth == 0:
                 counts[FREE] += 1
             value += whole
-            off += wrong
+            variance += (_OF_BOUND * wrong) ** 2
             continue
         if depth == 0:
             counts[PARTIAL] += 1
             part = tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
-        if put - end > _FEW_SHADES and depth < DEEPEST and whole > COARSE * part and _halve(a, n, b, m, top, work):
-            for t in (top, top + 1):
-                pairs[t, 2], pairs[t, 3], pairs[t, 4] = end, put, depth + 1
-            top += 2
+        coarse = whole <= _COARSE * part
+        may_halve = put - end > _FEW_SHADES and depth < DEEPEST and not coarse
+        if may_halve and put - end > _MANY_SHADES and _halve(a, n, b, m, top, work):
+            top = _push_halves(pairs, top, end, put, depth)
             continue
-        shades = 0
-        for c in range(end, put):
-            o = np.int64(lists[c])
-            if shades == MOST_SHADES:
-                counts[CROWDED] += 1
-                break
-            k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
-            k = clip(work.spare, k, facets.planes, j, eps, work.shades[shades]) if k else 0
-            if k:
-                work.shade_count[shades], work.shade_plane[shades] = k, o
-                shades += 1
-        area_a, radius_a = measure(a, n, work.centre_a)
-        area_b, radius_b = measure(b, m, work.centre_b)
+        first = BLOCKS
+        while not coarse and first < _TRIED and first * _A_POINT * part < whole:
+            first *= 2
+        most = _TRIED if may_halve else MOST_POINTS
+        seed = mixed(seed)
+        work.lost[0] = 0
+        _, radius_a = measure(a, n, work.centre_a)
+        _, radius_b = measure(b, m, work.centre_b)
         if radius_a <= radius_b:
-            normal = facets.planes[i]
-            share, uncertain, one, points = seen_share(
-                a, n, normal[0], normal[1], normal[2], b, m, whole, area_a, part, error, shades, occluders.planes,
-                work,
-            )  # fmt: skip
+            share, uncertain, points = seen_share(
+                a, n, facets.planes[i], b, m, whole, part, first, most, seed, shades, occluders.planes, work
+            )
         else:
-            normal = facets.planes[j]
-            share, uncertain, one, points = seen_share(
-                b, m, normal[0], normal[1], normal[2], a, n, whole, area_b, part, error, shades, occluders.planes,
-                work,
-            )  # fmt: skip
+            share, uncertain, points = seen_share(
+                b, m, facets.planes[j], a, n, whole, part, first, most, seed, shades, occluders.planes, work
+            )
         counts[POINTS] += points
+        if may_halve and whole * uncertain > part and _halve(a, n, b, m, top, work):
+            top = _push_halves(pairs, top, end, put, depth)
+            continue
+        counts[CROWDED] += work.lost[0] > 0 or put - end > MOST_SHADES
         value += whole * share
-        off += wrong + whole * uncertain
-        grain += (whole * one) ** 2
-    return value, off, grain
+        variance += (whole * uncertain) ** 2 + (_OF_BOUND * wrong) ** 2
+    return value, variance
+
+
+@inner_kernel
+def _push_halves(pairs, top, begin, end, depth):  # type: ignore[no-untyped-def]
+    """The candidates of two halves that are at `top` and above it; returns what is then above both."""
+    for t in (top, top + 1):
+        pairs[t, 2], pairs[t, 3], pairs[t, 4] = begin, end, depth + 1
+    return top + 2
 
 
 @inner_kernel
@@ -394,12 +433,12 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
 
 @kernel
 def exchange_rows(  # type: ignore[no-untyped-def]
-    first, last, facets, tree, occluders, error, work, columns, values, errors, grains, ends, counts
+    first, last, facets, tree, occluders, error, work, columns, values, errors, ends, counts
 ):
     """Exchange areas of facets from `first` to `last` with all that follow them.
 
     error   : wanted of the sum of a row of view factors
-    columns, values, errors, grains : (C,) where they go, row after row; of the last the squares
+    columns, values, errors : (C,) where they go, row after row; of the last one standard error
     ends    : (last - first,) where each row ends there
 
     Returns the row that there was no room for, or `last`; -1 where it was stopped.
@@ -481,9 +520,9 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                     continue
             if leaf:
                 floor = 0.5 * error * min(facets.areas[i], facets.areas[j]) / total
-                value, off, grain = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
-                if value > 0 or off > 0 or grain > 0:
-                    columns[size], values[size], errors[size], grains[size] = j, value, off, grain
+                value, variance = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
+                if value > 0 or variance > 0:
+                    columns[size], values[size], errors[size] = j, value, np.sqrt(variance)
                     size += 1
                 continue
             child = node + 1
@@ -492,5 +531,6 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                 top += 1
                 child = skip[child]
         ends[i - first] = size
+        work.done[0] += 1
     # The last pair may have been left half done.
     return last if work.stop[0] == 0 else -1

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.files import is_stream
 from glpath.scene.export.gltf import write_gltf
 from glpath.scene.export.mitsuba import described
@@ -31,8 +30,9 @@ def export(
 ) -> None:
     """Write a scene for other programs, to compare with them or to move there.
 
-    The triangles are those that path tracing renders, spheres included; lengths are in scene units. What the format
-    does not know is approximated or left out, and a SceneWarning says so.
+    The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light is in cd,
+    lx and cd m^-2 in .glb, watts being 179 lumens; in .xml its numbers are those of the scene, of either unit. What
+    the format does not know is approximated or left out, and a SceneWarning says so.
 
     scene      : as `glpath.load_scene` takes it
     path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR);
@@ -64,7 +64,7 @@ def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | N
     else:
         differences = write_gltf(scene, path)
     for text in differences:
-        warnings.warn(SceneWarning(f"{path}: {text}."), stacklevel=3)
+        warn(f"{path}: {text}.")
 
 
 def is_for_mitsuba(path: str | Path) -> bool:

@@ -1,7 +1,7 @@
 """A scene as binary glTF 2.0 (.glb), for any program that reads it.
 
-Triangles are those that path tracing renders, materials by `gltf_surfaces`. Lengths, radiance and intensity are
-taken one to one, as they are read: W sr^-1 m^-2 for nits, W sr^-1 for candela, W m^-2 for lux. Backs of one-sided
+Triangles are those that path tracing renders, materials by `gltf_surfaces`. Lengths are taken one to one. Light is
+in candela, lux and nits, as glTF has it: that of a radiometric scene by 179 lumens a watt. Backs of one-sided
 materials are black here, and not drawn by viewers.
 
 Poor at:  skies and ambient light, which core glTF does not have.
@@ -30,6 +30,7 @@ from glpath.scene.export.glb import Glb
 from glpath.scene.export.gltf_surfaces import LightMap, Surfaces
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
+from glpath.units import conversion
 
 # Of two edges of a map, the cosine up to which it is a rotation with a scale.
 _SHEAR = 1e-6
@@ -128,7 +129,7 @@ class _Writer:
     # Lights
 
     def _light(self, light: Light) -> dict[str, Any]:
-        intensity = light.intensity
+        intensity = conversion(self.scene.unit, "photometric") * light.intensity
         if light.falloff == "none" and light.kind != "directional":
             low, high = self.file.bounds
             intensity = intensity * float(np.sum((light.position - 0.5 * (low + high)) ** 2))

@@ -19,12 +19,13 @@ from glpath.scene.export.glb import Glb
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, TextureSlot
 from glpath.scene.model import Scene
+from glpath.units import conversion
 
 _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 _NEAREST, _LINEAR, _MIPMAPPED = 9728, 9729, 9987
 # Reflection at normal incidence of the index 1.5, which the colour of KHR_materials_specular multiplies.
 _F0 = 0.04
-#: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, W m^-2.
+#: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, as of the scene.
 LightMap = tuple[NDArray[np.uint8], float]
 
 
@@ -171,6 +172,7 @@ class Surfaces:
         if slot is not None:
             made.emissiveTexture = self._slot(slot, srgb=True)
             emission = emission * self._brightest(slot.texture)
+        emission = conversion(self.scene.unit, "photometric") * emission
         strength = max(float(emission.max()), 1.0)
         made.emissiveFactor = (emission / strength).tolist()
         if strength > 1:

@@ -14,6 +14,8 @@ Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is v
 Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided". Its area
           lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal
           apart.
+Units:    the numbers of the scene, so that pictures are equal: W of a radiometric scene, cd and cd m^-2 of a
+          photometric one, for neither of which Mitsuba's RGB modes ask.
 Poor at:  what has no counterpart, which `MitsubaScene.differences` lists. Smooth normals are handed on, but the
           light that they lose is not divided out, as it is here.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org

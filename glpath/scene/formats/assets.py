@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene import tessellate
 from glpath.scene.formats import transform
 from glpath.scene.formats.description import Asset
@@ -24,6 +23,7 @@ from glpath.scene.formats.values import LARGEST, nearby_files, unknown
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.place import Place, shown
+from glpath.units import Unit, conversion
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Assets:
     number    : of the scene's own materials, by their names
     materials : of the scene, which those of the assets come behind; so with textures
     shutter   : of the camera, seconds, for what moves
+    unit      : of the scene's light
     """
 
     folder: Path
@@ -49,6 +50,7 @@ class Assets:
     materials: list[Material]
     textures: list[Texture]
     shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit = "radiometric"
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
@@ -68,8 +70,12 @@ class Assets:
         replaced = self._replaced(given, read, place.field("materials"))
         moved = motion_of(given.motion, world[None, :3], place.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
+        unit = model.unit if isinstance(given.unit, UnsetType) else given.unit
+        factor = 1.0 if unit is None else conversion(unit, self.unit)
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
+            if not self.materials[material].unlit:  # whose colour is no light that could be measured
+                emission = factor * emission
             if shape.material in replaced:
                 # Its light belongs to the material that it had.
                 material, emission = replaced[shape.material], np.zeros(3)
@@ -81,8 +87,10 @@ class Assets:
                 world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
                 if model.lights and moved.moves_within(*self.shutter):
                     text = f"{place}: its punctual lights stay where they are when the shutter opens."
-                    warnings.warn(SceneWarning(text), stacklevel=3)
-            self.lights += [_placed_light(light, world, f"{name}/{light.name}") for light in model.lights]
+                    warn(text)
+            for light in model.lights:
+                placed = _placed_light(light, world, f"{name}/{light.name}")
+                self.lights.append(replace(placed, intensity=factor * light.intensity))
 
     def _model(self, given: Asset, place: Place) -> _Read:
         path, here = self.folder / given.file, place.field("file")
@@ -103,7 +111,7 @@ class Assets:
                 text = f"{model.source}: not used: {note}"
                 if text not in self._said:
                     self._said.add(text)
-                    warnings.warn(SceneWarning(text), stacklevel=2)
+                    warn(text)
             self._read[path, time] = _Read(model, len(self.materials))
             first = len(self.textures)
             for material in model.materials:

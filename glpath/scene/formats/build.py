@@ -69,7 +69,6 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
             raise unknown(
                 "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
             )
-        radiance, two_sided = lights.emission(given.emission, here.field("emission"))
         material = number[given.material]
         geometry: Mesh | Stream | Literal["sphere", "plane"]
         subdivisions = 4
@@ -102,11 +101,12 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         moved = motion.motion_of(given.motion, matrix[None], here.field("motion"))
         if moved is not None:
             matrix = moved.at(camera.shutter[0])[0]
-        shapes.append(
-            Shape(shape_name, geometry, material, matrix[None], radiance, two_sided, subdivisions, kind, moved)
+        shape = Shape(
+            shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
         )
+        shapes.append(lights.emission(given.emission, here.field("emission"), file.unit, shape, surfaces[material]))
 
-    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter)
+    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, file.unit)
     assets.add(file.assets, place.field("assets"))
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
@@ -115,10 +115,11 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         materials=tuple(assets.materials),
         source=place.source,
         textures=tuple(assets.textures),
-        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up), *assets.lights),
+        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up, file.unit), *assets.lights),
         ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder, file.unit),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
+        unit=file.unit,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -11,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
+from glpath.scene.camera import framing
 from glpath.scene.model import Camera, Scene, Shape, Sky
 from glpath.scene.place import shown
 
@@ -19,11 +19,6 @@ from glpath.scene.place import shown
 RESOLUTION = (512, 512)
 #: Stands in until a scene has its own.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
-#: Seen from the front, somewhat from above and from the right.
-_VIEW = np.array([0.5, 0.4, 1.0])
-_FOV = 40.0
-# How much farther off the eye is than it must be.
-_MARGIN = 1.1
 #: What of a scene has no part in what is done with it.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
@@ -51,19 +46,20 @@ def uniform_sky(*, assumed: bool = False) -> Sky:
     return Sky(np.ones(3), np.ones(3), assumed=assumed)
 
 
-def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light: bool = True) -> Scene:
+def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> Scene:
     """The scene with a camera and with light; a SceneWarning says what had to be added, and was not `aside`.
 
     has_camera    : False sets one that frames everything, of the resolution of the scene's
     glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
     notes = []
+    if not has_camera:
+        scene = replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
     if not has_camera and not is_aside("camera"):
-        scene = replace(scene, camera=framing(scene, scene.camera.resolution))
         c = scene.camera
         notes.append(
             f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
-            f"{shown(c.target.round(3))}, fov {c.fov:g}"
+            f"{shown(c.target.round(3))}, fov {c.fov:g}, for {c.resolution[0]} x {c.resolution[1]} pixels"
         )
     emitters = [shape for shape in scene.shapes if shape.emits]
     lamps = emitters if glow_is_light else [shape for shape in emitters if not _glows(scene, shape)]
@@ -76,9 +72,7 @@ def completed(scene: Scene, *, has_camera: bool, stacklevel: int, glow_is_light:
         if not is_aside("light"):
             notes.append(f"{what}, so a white sky shines from all around")
     if notes:
-        warnings.warn(
-            SceneWarning(f"{scene.source or scene.name}: has {', and '.join(notes)}."), stacklevel=stacklevel + 1
-        )
+        warn(f"{scene.source or scene.name}: has {', and '.join(notes)}.")
     return scene
 
 
@@ -89,17 +83,3 @@ def _glows(scene: Scene, shape: Shape) -> bool:
     What is meant to light a scene sends more.
     """
     return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= 1))
-
-
-def framing(scene: Scene, resolution: tuple[int, int]) -> Camera:
-    """A camera that sees all triangles and spheres, from somewhat above, y up."""
-    lower, upper = scene.bounds
-    centre = 0.5 * (lower + upper)
-    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
-    # How far the eye must be for each corner of the box around everything to be within the picture.
-    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
-    right, up, forward = camera.frame()
-    wide, high = camera.extent
-    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
-    distance = _MARGIN * float(needed.max()) or 1.0
-    return replace(camera, position=centre - distance * forward)

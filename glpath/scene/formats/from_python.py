@@ -8,7 +8,6 @@ materials that they bring, unless they are given others.
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.scene.formats.completed import completed
 from glpath.scene.formats.from_trimesh import Surfaces, lights
 from glpath.scene.formats.gltf.surfaces import Surface
@@ -24,6 +23,7 @@ from glpath.scene.formats.load import scene_of
 from glpath.scene.formats.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures
 from glpath.scene.place import Place, PythonPlace, shown
+from glpath.units import conversion
 
 if TYPE_CHECKING:
     import trimesh
@@ -43,7 +43,7 @@ def is_made_in_python(scene: object) -> bool:
 def scene_from_python(scene: Any) -> Scene:
     """The scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
     if _of_trimesh(scene, "Trimesh"):
-        scene = {"shapes": [{"mesh": scene}]}
+        scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
     elif _of_trimesh(scene, "Scene"):
         found, others = lights(scene)
         return _complete(_dictionary(scene, others), PythonPlace("scene"), Path(), found)
@@ -59,7 +59,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
             f"Scene.add: material = {shown(material)}, but the scene has {', '.join(names) or 'none'}.",
             "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
         )
-    data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table]}
+    data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}
     if isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
@@ -86,7 +86,7 @@ def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Seque
     """The scene with a camera and a light, with a warning of what had to be added."""
     scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
     scene = replace(scene, lights=(*scene.lights, *lights))
-    return completed(scene, has_camera="camera" in data, stacklevel=4)
+    return completed(scene, has_camera="camera" in data)
 
 
 # --- trimesh ---
@@ -114,8 +114,8 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
             {"mesh": geometry, "name": str(node), "transform": [{"matrix": np.asarray(transform).tolist()}]}
         )
     if dropped:
-        warnings.warn(SceneWarning(f"scene: dropped {', '.join(sorted(dropped))}."), stacklevel=5)
-    data: dict[str, Any] = {"shapes": shapes}
+        warn(f"scene: dropped {', '.join(sorted(dropped))}.")
+    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh's materials and lights are glTF's
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
@@ -167,7 +167,8 @@ def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[T
         surface = looks[index]
         shape = replace(shape, material=len(kept) + given.index(id(surface)))
         if not shape.emits and surface.emission.any():
-            shape = replace(shape, emission=surface.emission, emission_two_sided=surface.material.two_sided)
+            emission = conversion("photometric", scene.unit) * surface.emission  # glTF's material
+            shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
         shapes.append(shape)
     return replace(
         scene,

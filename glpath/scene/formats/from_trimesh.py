@@ -147,7 +147,7 @@ def _share(value: Any) -> float:
 
 
 def lights(scene: Any) -> tuple[list[Light], list[str]]:
-    """Those that a `trimesh.Scene` was given, candela as W sr^-1 and lux as W m^-2; and names of others.
+    """Those that a `trimesh.Scene` was given, in cd and lx as those of glTF; and names of others.
 
     They look along -z of their nodes.
     """

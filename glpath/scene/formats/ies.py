@@ -19,13 +19,12 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene.formats.values import LARGEST, nearby_files
 from glpath.scene.model import Float64
 from glpath.scene.place import Place
@@ -137,12 +136,9 @@ class _Reader:
             self._number("an angle of tilt")
         factors = [self._number("a factor of tilt", 0.0) for _ in range(count)]
         if any(factor != 1 for factor in factors):
-            warnings.warn(
-                SceneWarning(
-                    f"{self._place}: the light of {self._path} depends on how its lamp is tilted (TILT=INCLUDE); "
-                    "it is taken as measured."
-                ),
-                stacklevel=2,
+            warn(
+                f"{self._place}: the light of {self._path} depends on how its lamp is tilted (TILT=INCLUDE); "
+                "it is taken as measured."
             )
 
     def _angles(self, what: str, count: int) -> Float64:

@@ -12,20 +12,24 @@ import operator
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
+from glpath.files import read_bytes
+from glpath.scene.camera import framing
 from glpath.scene.formats.build import build
 from glpath.scene.formats.completed import NO_CAMERA, is_aside
 from glpath.scene.formats.convert import convert
-from glpath.scene.formats.description import SceneFile
+from glpath.scene.formats.description import AnyLight, AnyMaterial, AnyShape, SceneFile
 from glpath.scene.formats.meshes import MESH_KEYS, mesh_of_table
+from glpath.scene.formats.other_names import meant_by
 from glpath.scene.formats.streams import Chunks
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Mesh, Scene
@@ -38,6 +42,7 @@ _DEEPEST = 100
 _DEEP_KEY = re.compile(
     r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
+_LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
@@ -53,7 +58,7 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
     return scene_from_toml(content, place, path.parent, path.stem, later)
@@ -80,13 +85,15 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later
     except ValueError as error:  # of an integer of thousands of digits
         raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     if "camera" not in data and is_aside("camera"):
-        _check_no_up_is_needed(data, place)
-        data["camera"] = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
+        _check_no_camera_is_needed(data, place)
+        camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
+        scene = scene_of({**data, "camera": camera}, place, folder, name, later)
+        return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
     return scene_of(data, place, folder, name, later)
 
 
-def _check_no_up_is_needed(data: Mapping[str, Any], place: Place) -> None:
-    """Raise SceneError where a scene file without a camera has what goes by the camera's `up`: which is unknown."""
+def _check_no_camera_is_needed(data: Mapping[str, Any], place: Place) -> None:
+    """Raise SceneError where a scene file without a camera has what goes by the camera or by what is up in it."""
 
     def needs(field: Place, what: str, example: str) -> SceneError:
         return field.error(
@@ -94,7 +101,11 @@ def _check_no_up_is_needed(data: Mapping[str, Any], place: Place) -> None:
             f"For example {example}.",
         )
 
-    lights, sky = data.get("lights"), data.get("sky")
+    lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
+    for index, each in enumerate(shapes if isinstance(shapes, list) else ()):
+        if isinstance(each, dict) and "pixels" in each:
+            here = place.field("shapes").item(index).field("pixels")
+            raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
     for index, each in enumerate(lights if isinstance(lights, list) else ()):
         if isinstance(each, dict) and "profile" in each and "direction" not in each:
             here = place.field("lights").item(index).field("direction")
@@ -254,10 +265,9 @@ def _explained(error: msgspec.ValidationError, kind: Any, data: Any, place: Plac
 def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str, place: Place) -> SceneError:
     if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
         allowed = _field_names(declared)
-        near = difflib.get_close_matches(found[1], allowed, 1)
         return place.field(found[1]).error(
             f"is not a field of {_title(declared)}. Allowed: {', '.join(allowed)}.",
-            f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format.",
+            _instead_of(found[1], declared, allowed),
         )
     if found := re.fullmatch(r"Object missing required field `(.*)`", text):
         missing = found[1]
@@ -281,6 +291,24 @@ def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str,
             allowed_text += f" {'with a length ' if kinds == 'array' else ''}{_RELATIONS[relation]} {number}"
         return place.wrong(data, allowed_text, description)
     return place.error(f"cannot be used: {text}.", description)
+
+
+def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
+    """What to do about a field that there is not: what it is called here, or which type has it."""
+    if name.lower() in _LIGHT and "reflectance" in allowed:
+        return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
+    if meant := meant_by(name, allowed):
+        return f"Did you mean `{meant}`?"
+    for union in (AnyMaterial, AnyShape, AnyLight):
+        if declared.cls not in get_args(union):
+            continue
+        for other in map(inspect.type_info, get_args(union)):
+            fields = _field_names(other)
+            there = name if name in fields else meant_by(name, fields)
+            if there:
+                return f"`{there}` is a field of the type {shown(other.tag)}."  # type: ignore[attr-defined]
+    near = difflib.get_close_matches(name, allowed, 1)
+    return f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format."
 
 
 def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:

@@ -6,7 +6,6 @@ where a material's alpha is "mask" or "blend".
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.image import encode_srgb, read_eight_bits, read_image
 from glpath.scene.formats import description
 from glpath.scene.formats.description import (
@@ -191,11 +190,8 @@ def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | ND
         return np.maximum(stored, 0).astype(np.float32)
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
-        warnings.warn(
-            SceneWarning(
-                f"{place}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
-                f"{stored.min():.3g} and up to {stored.max():.3g}; they were clipped, as no surface reflects so."
-            ),
-            stacklevel=2,
+        warn(
+            f"{place}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
+            f"{stored.min():.3g} and up to {stored.max():.3g}; they were clipped, as no surface reflects so."
         )
     return np.clip(stored, 0, 1).astype(np.float32)

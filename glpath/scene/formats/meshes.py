@@ -12,7 +12,6 @@ import io
 import os
 import re
 import sys
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, warn
+from glpath.files import read_bytes
 from glpath.scene.formats import obj
 from glpath.scene.formats.precision import step_at, warn_of_steps
 from glpath.scene.formats.text import decoded
@@ -217,7 +217,7 @@ def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
         if np.isfinite(corners).all():
             low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
             source = place if place == Place(str(path)) else f"{place} names {path}:"
-            warn_of_steps(source, step_at(low, high), low, high, stacklevel=2)
+            warn_of_steps(source, step_at(low, high), low, high)
     return file
 
 
@@ -263,7 +263,7 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
 def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
-    suffix, content = path.suffix.lower(), path.read_bytes()
+    suffix, content = path.suffix.lower(), read_bytes(path)
     plain, texture = None, None
     options: dict[str, Any] = {}
     if suffix == ".obj":
@@ -317,12 +317,9 @@ def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
     if file.obj is not None and file.obj.coloured:
         dropped.add("vertex colours")
     if dropped:
-        warnings.warn(
-            SceneWarning(
-                f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
-                "scene gives it. In an [[assets]] table the file has its own."
-            ),
-            stacklevel=2,
+        warn(
+            f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
+            "scene gives it. In an [[assets]] table the file has its own."
         )
 
 

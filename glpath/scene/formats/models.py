@@ -5,7 +5,6 @@ A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, warn
 from glpath.scene.check import check_camera
 from glpath.scene.formats.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.scene.formats.gltf import Model, ModelCamera, read_gltf
@@ -25,6 +24,7 @@ from glpath.scene.formats.mesh_models import read_mesh_model
 from glpath.scene.formats.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.place import Place
+from glpath.units import Unit
 
 #: Of the files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
@@ -50,6 +50,10 @@ def read_gltf_as_asked(
             description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
         ),
     ] = 1.0,
+    unit: Annotated[
+        Unit,
+        Meta(description="photometric (cd, lx, cd/m2) or radiometric, what the file's numbers of light are"),
+    ] = "photometric",
 ) -> Model:
     """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera == "first" else camera
@@ -63,6 +67,7 @@ def read_gltf_as_asked(
         shutter=shutter,
         camera=wanted,
         light_factor=light_factor,
+        unit=unit,
     )
 
 
@@ -90,7 +95,7 @@ def scene_of_model(model: Model) -> Scene:
     if not model.shapes:
         raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
     for note in model.notes:
-        warnings.warn(SceneWarning(f"{model.source}: not used: {note}"), stacklevel=3)
+        warn(f"{model.source}: not used: {note}")
     scene = Scene(
         name=model.name,
         camera=replace(NO_CAMERA if model.camera is None else _camera(model.camera), shutter=model.shutter),
@@ -99,10 +104,11 @@ def scene_of_model(model: Model) -> Scene:
         source=model.source,
         textures=model.textures,
         lights=model.lights,
+        unit=model.unit or "radiometric",
     )
     if model.camera is not None:
         check_camera(scene.camera, place)
-    return completed(scene, has_camera=model.camera is not None, stacklevel=3, glow_is_light=False)
+    return completed(scene, has_camera=model.camera is not None, glow_is_light=False)
 
 
 def _camera(given: ModelCamera) -> Camera:

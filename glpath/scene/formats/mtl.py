@@ -24,6 +24,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.files import check_file
 from glpath.scene.formats import phong
 from glpath.scene.formats.gltf.surfaces import Surface
 from glpath.scene.formats.pictures import Image, Pictures, UnusableError, inside, resized
@@ -75,6 +76,7 @@ class Library:
             path = inside(self.folder, name)
             if path.stat().st_size > MAX_BYTES:
                 raise UnusableError(f"which has more than {MAX_BYTES:,} bytes")
+            check_file(path)
             content = path.read_bytes()
         except UnusableError as error:
             self._note(f'The materials of "{name}", {error}.')

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.files import reason_of
+from glpath.files import check_file, reason_of
 from glpath.image import picture_size
 from glpath.image import read_image as read_float_image
 from glpath.scene.formats.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
@@ -72,6 +72,7 @@ class Pictures:
 
     def _pixels(self, path: Path) -> Image:
         try:
+            check_file(path)
             if path.suffix.lower() == ".exr":
                 self._check(*picture_size(path), 4)
                 return read_float_image(path).astype(np.float32)

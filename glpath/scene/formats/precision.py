@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from glpath.errors import SceneWarning
+from glpath.errors import warn
 from glpath.scene.geometry import Float64
 
 #: Of the diagonal of what a file holds: a larger step between neighbouring numbers is told.
@@ -18,16 +16,13 @@ def step_at(low: Float64, high: Float64) -> float:
     return float(np.spacing(np.float32(max(np.abs(low).max(), np.abs(high).max()))))
 
 
-def warn_of_steps(source: object, step: float, low: Float64, high: Float64, stacklevel: int) -> None:
+def warn_of_steps(source: object, step: float, low: Float64, high: Float64) -> None:
     """Warn where a step is coarse beside the box between two corners (3,); `source` names the file."""
     if not step > COARSE * float(np.linalg.norm(high - low)):
         return
     farthest = max((*low, *high), key=abs)
-    warnings.warn(
-        SceneWarning(
-            f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far "
-            f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file "
-            "nearer to it (glTF: with a translation of a node), or with more digits: OBJ, or PLY of doubles."
-        ),
-        stacklevel=stacklevel + 1,
+    warn(
+        f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far "
+        f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer "
+        "to it (glTF: with a translation of a node), or in a format with more digits: OBJ, or PLY of doubles."
     )

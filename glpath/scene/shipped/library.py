@@ -25,6 +25,7 @@ from glpath.scene.formats.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.scene.formats.load import read_scene_file, scene_from_dict
 from glpath.scene.formats.models import FORMATS as MODEL_FORMATS
 from glpath.scene.formats.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
+from glpath.scene.formats.other_files import refuse_other_file
 from glpath.scene.model import Scene
 from glpath.scene.place import Place, shown
 from glpath.scene.shipped.office import office, office_premesh
@@ -53,8 +54,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter` and `light_factor`, or
-                 for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
+    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor` and
+                 `unit`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the
+                 parameter's type
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
     white sky; a SceneWarning says so, and one each what of a model is not used. The picture of a model's camera has
@@ -81,6 +83,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
+    refuse_other_file(path)
     if path.suffix.lower() in GLTF_FORMATS:
         return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
     if path.suffix.lower() in MODEL_FORMATS:

@@ -7,15 +7,36 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from glpath.scene.formats.description.vector import Vector
+from glpath.units import Unit
 
 MAX_ENVIRONMENT_PIXELS = 2**25
 Intensity = Annotated[
     float | Vector,
     Meta(
-        description="Radiant intensity in W sr^-1 (of a spot on its axis), 0 or more: one number or [r, g, b], "
-        "linear Rec. 709; with falloff none the irradiance in W m^-2 at any distance."
+        description="Intensity in W sr^-1, or cd where photometric (of a spot on its axis), 0 or more: one number "
+        "or [r, g, b], linear Rec. 709; with falloff none the irradiance in W m^-2 or lx at any distance."
     ),
 ]
+Flux = (
+    Annotated[
+        float | Vector,
+        Meta(
+            description="All that the light sends, in W, or lm where photometric, in place of the intensity: one "
+            "number or [r, g, b]; of a profile it then takes the form alone."
+        ),
+    ]
+    | UnsetType
+)
+OwnUnit = (
+    Annotated[
+        Unit,
+        Meta(
+            description="Of this light alone: radiometric (W, W sr^-1, W m^-2) or photometric (lm, cd, lx, "
+            "cd m^-2); that of the file without it. A light with a profile is photometric."
+        ),
+    ]
+    | UnsetType
+)
 Falloff = Annotated[
     Literal["quadratic", "none"],
     Meta(description="quadratic: by the square of the distance, as in nature; none: the same at any distance."),
@@ -26,6 +47,7 @@ class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
     """What all punctual lights have in common: points and parallel light, without extent."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
+    unit: OwnUnit = UNSET
 
 
 class PointLight(Light, tag="point", kw_only=True):
@@ -33,13 +55,14 @@ class PointLight(Light, tag="point", kw_only=True):
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
     falloff: Falloff = "quadratic"
     profile: (
         Annotated[
             str,
             Meta(
                 description="A photometric web, an IES LM-63 file (.ies) of type C, relative to this file's "
-                "folder: its candela are taken as W sr^-1, times `intensity`, which is then 1 by itself."
+                "folder: its candela are multiplied by `intensity`, which is then 1 by default."
             ),
         ]
         | UnsetType
@@ -71,7 +94,8 @@ class SpotLight(Light, tag="spot", kw_only=True):
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     target: Annotated[Vector, Meta(description="A point on the axis of the cone.")]
-    intensity: Intensity
+    intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
     cone: Annotated[
         tuple[float, float],
         Meta(
@@ -88,8 +112,8 @@ class DirectionalLight(Light, tag="directional", kw_only=True):
     irradiance: Annotated[
         float | Vector,
         Meta(
-            description="Irradiance in W m^-2 on a surface that faces the light, 0 or more: one number or "
-            "[r, g, b], linear Rec. 709."
+            description="Irradiance in W m^-2, or lx where photometric, on a surface that faces the light, 0 or "
+            "more: one number or [r, g, b], linear Rec. 709."
         ),
     ]
 
@@ -103,7 +127,10 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     zenith: (
         Annotated[
             float | Vector,
-            Meta(description="Radiance overhead in W sr^-1 m^-2, 0 or more: one number or [r, g, b]."),
+            Meta(
+                description="Radiance overhead in W sr^-1 m^-2, or cd m^-2 where photometric, 0 or more: one "
+                "number or [r, g, b]."
+            ),
         ]
         | UnsetType
     ) = UNSET
@@ -131,7 +158,10 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         | UnsetType
     ) = UNSET
     scale: (
-        Annotated[float, Meta(ge=0, description="Of the map: what makes its values W sr^-1 m^-2; 1 without it.")]
+        Annotated[
+            float,
+            Meta(ge=0, description="Of the map: what makes its values W sr^-1 m^-2, or cd m^-2; 1 without it."),
+        ]
         | UnsetType
     ) = UNSET
     rotation: (
@@ -144,3 +174,4 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         ]
         | UnsetType
     ) = UNSET
+    unit: OwnUnit = UNSET

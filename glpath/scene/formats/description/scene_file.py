@@ -13,6 +13,7 @@ from glpath.scene.formats.description.lights import AnyLight, Sky
 from glpath.scene.formats.description.materials import AnyMaterial, AnyTexture
 from glpath.scene.formats.description.shapes import AnyShape, Asset
 from glpath.scene.formats.description.vector import Vector
+from glpath.units import Unit
 
 
 class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
@@ -22,6 +23,13 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
         UNSET
     )
     description: Annotated[str, Meta(description="What the scene shows, in one line.")] = ""
+    unit: Annotated[
+        Unit,
+        Meta(
+            description="Of all light in the file that names none: radiometric (W, W sr^-1, W m^-2, "
+            "W sr^-1 m^-2) or photometric (lm, cd, lx, cd m^-2); a watt is 179 lumens."
+        ),
+    ] = "radiometric"
     camera: Annotated[
         AnyCamera, Meta(description="The camera: perspective (a pinhole or a lens), orthographic or panorama.")
     ]
@@ -40,8 +48,8 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
     ambient: Annotated[
         float | Vector,
         Meta(
-            description="Radiance in W sr^-1 m^-2 that reaches every surface from everywhere, 0 or more: one "
-            "number or [r, g, b]."
+            description="Radiance in W sr^-1 m^-2, or cd m^-2 where photometric, that reaches every surface from "
+            "everywhere, 0 or more: one number or [r, g, b]."
         ),
     ] = 0.0
     sky: Annotated[Sky, Meta(description="What rays see that hit nothing; black without it.")] | UnsetType = UNSET
@@ -61,8 +69,11 @@ def scene_schema() -> dict[str, Any]:
         ("Principled", "specular_color", positive),
         ("Principled", "attenuation", positive),
         ("Emission", "radiance", positive),
+        ("Emission", "flux", positive),
         ("PointLight", "intensity", positive),
+        ("PointLight", "flux", positive),
         ("SpotLight", "intensity", positive),
+        ("SpotLight", "flux", positive),
         ("DirectionalLight", "irradiance", positive),
         ("Sky", "zenith", positive),
         ("Sky", "horizon", positive),

@@ -7,6 +7,7 @@ from typing import Annotated
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from glpath.scene.formats.description.vector import Vector
+from glpath.units import Unit
 
 Row = tuple[float, float, float, float]
 
@@ -14,15 +15,38 @@ MAX_SUBDIVISIONS = 8
 
 Radiance = Annotated[
     float | Vector,
-    Meta(description="Emitted radiance in W sr^-1 m^-2, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    Meta(
+        description="Emitted radiance in W sr^-1 m^-2, or cd m^-2 where photometric, 0 or more: one number or "
+        "[r, g, b], linear Rec. 709."
+    ),
 ]
 
 
 class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Makes a shape a light: diffuse emission, the same over the whole shape."""
+    """Makes a shape a light: diffuse emission, the same over the whole shape; `radiance` or `flux`."""
 
-    radiance: Radiance
+    radiance: Radiance | UnsetType = UNSET
+    flux: (
+        Annotated[
+            float | Vector,
+            Meta(
+                description="All that the shape sends, in W, or lm where photometric, in place of the radiance: "
+                "one number or [r, g, b]; of a material without an emission_texture."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     two_sided: Annotated[bool, Meta(description="true: both sides emit; otherwise the front only.")] = False
+    unit: (
+        Annotated[
+            Unit,
+            Meta(
+                description="Of this light alone: radiometric (W, W sr^-1 m^-2) or photometric (lm, cd m^-2); "
+                "that of the file without it."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 class Rotation(Struct, forbid_unknown_fields=True, kw_only=True):
@@ -304,6 +328,16 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     lights: Annotated[
         bool, Meta(description="false leaves the model's punctual lights out. Their intensity knows no scale.")
     ] = True
+    unit: (
+        Annotated[
+            Unit,
+            Meta(
+                description="Of the model's lights and emission; glTF is photometric (cd, lx, cd m^-2) without it, "
+                "an OBJ has the unit of the scene file."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     motion: _Motion = []
     time: (
         Annotated[

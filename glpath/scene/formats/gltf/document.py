@@ -20,6 +20,7 @@ from urllib.parse import unquote_to_bytes
 
 import msgspec
 
+from glpath.files import open_file
 from glpath.scene.formats.convert import decode_json
 from glpath.scene.formats.gltf import compression, limits
 from glpath.scene.formats.gltf.table import Table, Tables, printable
@@ -240,7 +241,7 @@ def read_document(path: Path) -> Document:
 def read_file(path: Path, place: Place) -> bytes:
     """The bytes of a file, unless they are too many. Raises SceneError."""
     try:
-        with open(path, "rb") as file:
+        with open_file(path) as file:
             size = os.fstat(file.fileno()).st_size
             if size > limits.MAX_FILE_BYTES:
                 raise place.error(f"is a file of {size:,} bytes; at most {limits.MAX_FILE_BYTES:,} are read.")

@@ -1,6 +1,6 @@
 """Punctual lights and cameras of nodes. Both look along -z of their node.
 
-Candela are taken as W sr^-1 and lux as W m^-2, one to one, as lamps and surfaces that send light keep their ratio.
+Candela and lux are kept as they are: the unit of a model is photometric, of its surfaces that send light, too.
 
 Source: KHR_lights_punctual; EXT_lights_ies; glTF 2.0, 3.10.
 """

@@ -3,7 +3,7 @@
 #: Of the file, and of each buffer and image beside it; a .glb can say no more.
 MAX_FILE_BYTES = 2**32
 #: Numbers, texts, lists and tables in the JSON.
-MAX_JSON_VALUES = 2**22
+MAX_JSON_VALUES = 2**23
 #: How deep they lie in one another.
 MAX_JSON_DEPTH = 64
 MAX_NODES = 2**20

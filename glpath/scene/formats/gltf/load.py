@@ -7,10 +7,12 @@ that lie, nodes in a circle) is a SceneError that names the place.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.scene.formats.gltf import limits
@@ -28,6 +30,7 @@ from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.place import shown
+from glpath.units import Unit
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
 _FLAT = 1e-9
@@ -35,6 +38,9 @@ _FLAT = 1e-9
 _LONG_TEST = 2**20
 # Meshes that a note names.
 _NAMES = 20
+# Fields by which a node makes a mesh its own, or has more than one.
+_OF_ITS_OWN = {"skin", "weights", "extensions"}
+_MIRRORED = " (mirrored)"
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,7 @@ class Model:
     camera    : the one that was asked for, else the first; None where there is none
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each said once
+    unit      : of its light; None where the format has none
     """
 
     source: str
@@ -61,6 +68,7 @@ class Model:
     camera: ModelCamera | None
     notes: tuple[str, ...]
     shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit | None = None
 
 
 def read_gltf(
@@ -70,15 +78,18 @@ def read_gltf(
     shutter: float = 0.0,
     camera: str | int | None = None,
     light_factor: float = 1.0,
+    unit: Unit = "photometric",
 ) -> Model:
     """Read a .gltf or .glb.
 
     time         : seconds into its animations; None shows it at rest
     shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
-    light_factor : what the intensity of punctual lights is multiplied by: candela are taken as W sr^-1, lux as
-                   W m^-2. Blender's exporter writes 683 lumen for a watt, so 1 / 683 brings back its watts.
-                   Surfaces that send light keep theirs
+    light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
+                   Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
+                   back its watts
+    unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
+                   "radiometric", as programs write them whose light is in watts
 
     Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
     a camera that it does not have and numbers that are not finite.
@@ -95,19 +106,19 @@ def read_gltf(
     if time is not None and shutter > 0:
         times = shutter_times(document, accessors, time, time + shutter)
         every = [poses_at(document, accessors, float(t)) for t in times]
-        path_of = NodePaths(times, [Nodes.of(document, each).world for each in every], every)
+        path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
     shapes = made.all()
     if shapes:
-        warn_of_steps(document.place, made.step, made.low, made.high, stacklevel=2)
+        warn_of_steps(document.place, made.step, made.low, made.high)
     profiles = Profiles(document)
-    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor, profiles) for i in nodes.drawn]
-    found = [_camera(document, nodes, i, path_of) for i in nodes.drawn]
+    written = nodes.tables.values
+    extended = [i for i in nodes.drawn if "extensions" in written[i]]
+    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor, profiles) for i in extended]
+    found = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
     cameras = tuple(each for each in found if each is not None)
     if path_of is not None:
-        if any(
-            light is not None and path_of.of(i) is not None for light, i in zip(lights, nodes.drawn, strict=True)
-        ):
+        if any(light is not None and path_of.of(i) is not None for light, i in zip(lights, extended, strict=True)):
             document.notes.add("Lights that move while the shutter is open: they are where it opens.")
         if made.bent:
             names = ", ".join(made.bent[:_NAMES]) + (" ..." if len(made.bent) > _NAMES else "")
@@ -126,6 +137,7 @@ def read_gltf(
         camera=_chosen(cameras, camera, document),
         notes=tuple(document.notes.texts),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
+        unit=unit,
     )
 
 
@@ -134,18 +146,22 @@ class NodePaths:
     """Where nodes are while the shutter is open.
 
     times : (K,) seconds
-    world : of each time, (4, 4) of each node
+    world : (K, N, 4, 4) of each node at each time
     poses : of each time, of animated nodes what their animations say
     """
 
     times: Float64
-    world: list[list[Float64]]
+    world: Float64
     poses: list[dict[int, dict[str, Float64]]]
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """(N,) whether each node moves."""
+        return np.asarray(np.any(self.world != self.world[0], axis=(0, 2, 3)))
 
     def of(self, node: int) -> Float64 | None:
         """(K, 3, 4) of a node; None where it stands still."""
-        there = np.array([each[node][:3] for each in self.world])
-        return None if np.all(there == there[0]) else there
+        return self.world[:, node, :3] if self.moving[node] else None
 
     def bend(self, node: int, joints: Sequence[int]) -> bool:
         """Whether a node's mesh changes its form: by weights of its morph targets, or by joints of its skin."""
@@ -178,13 +194,39 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
 
 @dataclass
 class _Group:
-    """Instances of one mesh of one primitive, until all are found."""
+    """Instances of one mesh of one primitive, until all are found.
+
+    maps  : (N, 3, 4) each
+    nodes : that each have one instance more, after `maps`
+    """
 
     name: str
     mesh: Mesh
     surface: int
     maps: list[Float64]
     motion: Motion | None = None
+    nodes: list[int] = field(default_factory=list)
+
+    def place_nodes(self, world: Float64) -> None:
+        """Have the instances of `nodes` among `maps`."""
+        if self.nodes:
+            self.maps.append(world[self.nodes, :3])
+            self.nodes = []
+
+
+@dataclass
+class _Part:
+    """A primitive of a mesh that is as the file has it: without a skin, and morphed as the mesh itself says.
+
+    name  : what is added to the mesh's
+    nodes : where it is placed
+    """
+
+    name: str
+    primitive: Table
+    mesh: Mesh
+    surface: int
+    nodes: list[int] = field(default_factory=list)
 
 
 class _Shapes:
@@ -207,6 +249,10 @@ class _Shapes:
         self.skins: dict[int, Skin] = {}
         self.turned: dict[Mesh, Mesh] = {}
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
+        self.parts: dict[int, list[_Part]] = {}  # by the number of the mesh
+        determinant, size = _stretch(nodes.world[:, :3, :3])
+        self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
+        self._mirrored = (determinant < 0).tolist()
         self.triangles = 0
         #: How far numbers of 32 bits are apart where the vertices are, and the box around all, world space.
         self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
@@ -215,9 +261,17 @@ class _Shapes:
 
     def all(self) -> list[Shape]:
         for index in self.nodes.drawn:
-            self._add_node(index)
+            number = self._plain_mesh(index)
+            if number is None:
+                self._add_node(index)
+            else:
+                self._add_plain(index, number)
+        for parts in self.parts.values():
+            for part in parts:
+                self._check_extent(part.mesh, self.nodes.world[part.nodes, :3], part.primitive)
         shapes = []
         for group in self.groups.values():
+            group.place_nodes(self.nodes.world)
             surface = self.surfaces.surfaces[group.surface]
             shapes.append(
                 Shape(
@@ -232,6 +286,66 @@ class _Shapes:
             )
         self._note_single_sided()
         return shapes
+
+    def _plain_mesh(self, index: int) -> int | None:
+        """The number of a node's mesh, where nothing but where it stands is the node's own; most nodes are so."""
+        values = self.nodes.tables.values[index]
+        if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
+            return None
+        if self.paths is not None and (self.paths.moving[index] or self.paths.bend(index, [])):
+            return None
+        number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
+        return number
+
+    def _add_plain(self, index: int, number: int) -> None:
+        if number not in self.parts:
+            self.parts[number] = self._parts(number)
+        for part in self.parts[number]:
+            if self._flat[index]:
+                self.document.notes.add("Meshes that are scaled to nothing.")
+                continue
+            self._count(len(part.mesh.faces), part.primitive)
+            part.nodes.append(index)
+            geometry = self._turned(part.mesh) if self._mirrored[index] else part.mesh
+            key = (geometry, part.surface, -1)
+            if key not in self.groups:
+                name = self.document.all("meshes")[number].name(self.nodes.tables[index].name(f"mesh-{number}"))
+                suffix = _MIRRORED if self._mirrored[index] else ""
+                self.groups[key] = _Group(f"{name}{part.name}{suffix}", geometry, part.surface, [])
+            self.groups[key].nodes.append(index)
+
+    def _parts(self, number: int) -> list[_Part]:
+        mesh = self.document.all("meshes")[number]
+        primitives = mesh.tables("primitives")
+        weights = mesh.any_numbers("weights")
+        parts = []
+        for i, primitive in enumerate(primitives):
+            surface, uv_sets = self._surface(primitive)
+            made = self.primitives.mesh(primitive, weights, uv_sets)
+            if made is not None:
+                parts.append(_Part("" if len(primitives) == 1 else f"-{i}", primitive, made, surface))
+        return parts
+
+    def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
+        """Of a primitive, and the texture coordinates that it asks for."""
+        material = primitive.index("material", self.document.all("materials"), "materials")
+        surface = self.surfaces.number(material)
+        slots = self.surfaces.surfaces[surface].material.slots.values()
+        return surface, frozenset(slot.uv_set for slot in slots)
+
+    def _turned(self, mesh: Mesh) -> Mesh:
+        if mesh not in self.turned:
+            self.turned[mesh] = mesh.turned()
+        return self.turned[mesh]
+
+    def _count(self, triangles: int, primitive: Table) -> None:
+        self.triangles += triangles
+        if self.triangles > limits.MAX_TRIANGLES:
+            raise primitive.place.error(
+                f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
+                f"{limits.MAX_TRIANGLES:,} are read.",
+                "Simplify the model.",
+            )
 
     def _add_node(self, index: int) -> None:
         node = self.nodes.tables[index]
@@ -250,10 +364,7 @@ class _Shapes:
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
             part = name if len(primitives) == 1 else f"{name}-{i}"
-            material = primitive.index("material", self.document.all("materials"), "materials")
-            surface = self.surfaces.number(material)
-            slots = self.surfaces.surfaces[surface].material.slots.values()
-            uv_sets = frozenset(slot.uv_set for slot in slots)
+            surface, uv_sets = self._surface(primitive)
             if skin is None:
                 made = self.primitives.mesh(primitive, weights, uv_sets)
             else:
@@ -289,22 +400,12 @@ class _Shapes:
         if flat.any():
             self.document.notes.add("Meshes that are scaled to nothing.")
         mirrored = determinant < 0
-        self.triangles += len(mesh.faces) * int(np.count_nonzero(~flat))
-        if self.triangles > limits.MAX_TRIANGLES:
-            raise primitive.place.error(
-                f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
-                f"{limits.MAX_TRIANGLES:,} are read.",
-                "Simplify the model.",
-            )
+        self._count(len(mesh.faces) * int(np.count_nonzero(~flat)), primitive)
         self._check_extent(mesh, maps[~flat], primitive)
-        for chosen, suffix in ((~flat & ~mirrored, ""), (~flat & mirrored, " (mirrored)")):
+        for chosen, suffix in ((~flat & ~mirrored, ""), (~flat & mirrored, _MIRRORED)):
             if not chosen.any():
                 continue
-            geometry = mesh
-            if suffix:
-                if mesh not in self.turned:
-                    self.turned[mesh] = mesh.turned()
-                geometry = self.turned[mesh]
+            geometry = self._turned(mesh) if suffix else mesh
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
                 path = None  # its joints say where it is
@@ -312,6 +413,7 @@ class _Shapes:
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
+            self.groups[key].place_nodes(self.nodes.world)
             self.groups[key].maps.append(maps[chosen])
             if path is not None:
                 assert self.paths is not None, "asked above"

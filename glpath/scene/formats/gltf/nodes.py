@@ -12,7 +12,7 @@ import numpy as np
 
 from glpath.scene.formats.gltf.accessors import Accessors
 from glpath.scene.formats.gltf.document import Document
-from glpath.scene.formats.gltf.table import Table
+from glpath.scene.formats.gltf.table import Table, Tables
 from glpath.scene.formats.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.place import Place
@@ -20,17 +20,19 @@ from glpath.scene.place import Place
 #: What an animation says of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
 
+_NOBODY: list[int] = []
+
 
 @dataclass(frozen=True)
 class Nodes:
     """The nodes of a document.
 
-    world : (4, 4) of each node, world from node
+    world : (N, 4, 4) world from node
     drawn : numbers of the nodes of the scene that are to be seen, each once
     """
 
-    tables: list[Table]
-    world: list[Float64]
+    tables: Tables
+    world: Float64
     drawn: list[int]
 
     @classmethod
@@ -39,43 +41,48 @@ class Nodes:
 
         poses : what is animated, by the number of the node
         """
-        tables = list(document.all("nodes"))
-        children = [table.indices("children", tables, "nodes") for table in tables]
-        parent: dict[int, int] = {}
-        for index, below in enumerate(children):
-            for i, child in enumerate(below):
-                if child in parent:
-                    raise (
-                        tables[index]
-                        .place.field("children")
-                        .item(i)
-                        .error(
-                            f"is {child}, which is already a child of nodes[{parent[child]}].",
-                            "A node has one parent: copy it, or give its mesh to several nodes.",
-                        )
-                    )
-                parent[child] = index
-        world: list[Float64] = [np.eye(4)] * len(tables)
-        waiting = [index for index in reversed(range(len(tables))) if index not in parent]
+        tables = document.all("nodes")
+        world = _local_maps(tables, poses)
+        children = [
+            tables[index].indices("children", tables, "nodes") if "children" in values else _NOBODY
+            for index, values in enumerate(tables.values)
+        ]
+        parent = _parents(tables, children)
         visited = 0
-        while waiting:
-            index = waiting.pop()
-            visited += 1
-            local = _local(tables[index], poses.get(index, {}))
-            with np.errstate(over="ignore", invalid="ignore"):
-                world[index] = local if index not in parent else world[parent[index]] @ local
-            if not np.all(np.abs(world[index]) <= LARGEST):
+        level = np.array([index for index in range(len(tables)) if index not in parent], np.int64)
+        while len(level):
+            visited += len(level)
+            if not np.all(np.abs(world[level]) <= LARGEST):
+                index = int(level[np.argmin(np.all(np.abs(world[level]) <= LARGEST, axis=(1, 2)))])
                 raise tables[index].place.error(
                     f"stands, with its parents, beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Check its matrix, translation and scale.",
                 )
-            waiting += reversed(children[index])
+            below = [(child, index) for index in level.tolist() for child in children[index]]
+            level, above = np.array(below, np.int64).reshape(-1, 2).T
+            with np.errstate(over="ignore", invalid="ignore"):
+                world[level] = world[above] @ world[level]
         if visited < len(tables):
             index = _on_a_circle(parent, len(tables))
             raise tables[index].place.error(
                 "is its own ancestor.", "Remove it from the children of one of its children."
             )
         return cls(tables, world, _drawn(document, tables, children, parent))
+
+
+def _parents(tables: Tables, children: list[list[int]]) -> dict[int, int]:
+    """The parent of each node that has one."""
+    parent: dict[int, int] = {}
+    for index, below in enumerate(children):
+        for i, child in enumerate(below):
+            if child in parent:
+                place = tables[index].place.field("children").item(i)
+                raise place.error(
+                    f"is {child}, which is already a child of nodes[{parent[child]}].",
+                    "A node has one parent: copy it, or give its mesh to several nodes.",
+                )
+            parent[child] = index
+    return parent
 
 
 def _on_a_circle(parent: Mapping[int, int], count: int) -> int:
@@ -92,9 +99,7 @@ def _on_a_circle(parent: Mapping[int, int], count: int) -> int:
     raise AssertionError("a node was not reached, but none is on a circle")
 
 
-def _drawn(
-    document: Document, tables: list[Table], children: list[list[int]], parent: Mapping[int, int]
-) -> list[int]:
+def _drawn(document: Document, tables: Tables, children: list[list[int]], parent: Mapping[int, int]) -> list[int]:
     scenes = document.all("scenes")
     chosen = document.root.index("scene", scenes, "scenes")
     if len(scenes):
@@ -119,28 +124,45 @@ def _drawn(
         if index in seen:
             continue
         seen.add(index)
-        visibility = tables[index].extension("KHR_node_visibility")
-        if visibility is not None and not visibility.flag("visible", True):
-            continue
+        if "extensions" in tables.values[index]:
+            visibility = tables[index].extension("KHR_node_visibility")
+            if visibility is not None and not visibility.flag("visible", True):
+                continue
         drawn.append(index)
         waiting += reversed(children[index])
     return drawn
 
 
-def _local(table: Table, pose: Pose) -> Float64:
-    """(4, 4) parent from node."""
-    if "matrix" in table and not (pose.keys() & {"translation", "rotation", "scale"}):
-        matrix = table.numbers("matrix", np.eye(4).ravel().tolist()).reshape(4, 4).T
-        if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-5):
-            raise table.place.field("matrix").error(
-                f"has {table.place.written(matrix[3])} as its last row, but must have [0, 0, 0, 1].",
+def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
+    """(N, 4, 4) parent from node."""
+    count = len(tables)
+    parts = {
+        "translation": np.zeros((count, 3)),
+        "rotation": np.tile([0.0, 0, 0, 1], (count, 1)),
+        "scale": np.ones((count, 3)),
+    }
+    animated = {index for index, pose in poses.items() if pose.keys() & parts.keys()}
+    by_matrix = np.array([i for i in tables.having("matrix").tolist() if i not in animated], np.int64)
+    for name, values in parts.items():
+        rows = np.setdiff1d(tables.having(name), by_matrix, assume_unique=True)
+        values[rows] = tables.numbers(name, rows, values.shape[1])
+        for index in animated:
+            values[index] = poses[index].get(name, values[index])
+    flat = np.flatnonzero(~(np.linalg.norm(parts["rotation"], axis=1) > 0))
+    place = tables[int(flat[0])].place if len(flat) else tables.place
+    maps = trs(parts["translation"], parts["rotation"], parts["scale"], place)
+    if len(by_matrix):
+        matrices = tables.numbers("matrix", by_matrix, 16).reshape(-1, 4, 4).transpose(0, 2, 1)
+        last = np.isclose(matrices[:, 3], [0, 0, 0, 1], atol=1e-5).all(axis=1)
+        if not last.all():
+            wrong = int(np.argmin(last))
+            place = tables[int(by_matrix[wrong])].place
+            raise place.field("matrix").error(
+                f"has {place.written(matrices[wrong, 3])} as its last row, but must have [0, 0, 0, 1].",
                 "Matrices are listed column by column.",
             )
-        return np.concatenate([matrix[:3], np.eye(4)[3:]])
-    translation = pose.get("translation", table.numbers("translation", [0, 0, 0]))
-    rotation = pose.get("rotation", table.numbers("rotation", [0, 0, 0, 1]))
-    scale = pose.get("scale", table.numbers("scale", [1, 1, 1]))
-    return np.asarray(trs(translation[None], rotation[None], scale[None], table.place)[0])
+        maps[by_matrix, :3] = matrices[:, :3]
+    return maps
 
 
 def trs(translation: Float64, rotation: Float64, scale: Float64, place: Place) -> Float64:

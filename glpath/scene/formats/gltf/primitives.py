@@ -263,9 +263,9 @@ class Primitives:
         return maps
 
 
-def skin_of(table: Table, nodes_world: list[Float64], accessors: Accessors) -> Skin:
+def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
     """A skin of the document, its joints where they stand."""
-    joints = table.indices("joints", nodes_world, "nodes")
+    joints = table.indices("joints", range(len(nodes_world)), "nodes")
     if not joints:
         raise table.place.field("joints").error(
             "is empty, but a skin has at least one joint.", "Export the file anew."

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, TypeVar, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.scene.formats.gltf.limits import MAX_NAME
 from glpath.scene.formats.values import LARGEST
@@ -42,6 +44,8 @@ class Table:
         return Tables(self._list(name), self.place.field(name))
 
     def extension(self, name: str) -> Table | None:
+        if "extensions" not in self.values:
+            return None
         extensions = self.table("extensions")
         return extensions.table(name) if name in extensions else None
 
@@ -97,14 +101,20 @@ class Table:
         """A number of an element of `of`; None where there is none. `what` they are, in the plural."""
         if name not in self.values:
             return None
-        return _index(self.values[name], self.place.field(name), len(of), what)
+        value = self.values[name]
+        if type(value) is int and 0 <= value < len(of):
+            return value
+        return _index(value, self.place.field(name), len(of), what)
 
     def required_index(self, name: str, of: Sequence[Any], what: str) -> int:
         return _index(self._present(name), self.place.field(name), len(of), what)
 
     def indices(self, name: str, of: Sequence[Any], what: str) -> list[int]:
+        values = self._list(name)
+        if set(map(type, values)) <= {int} and min(values, default=0) >= 0 and max(values, default=-1) < len(of):
+            return list(values)
         place = self.place.field(name)
-        return [_index(value, place.item(i), len(of), what) for i, value in enumerate(self._list(name))]
+        return [_index(value, place.item(i), len(of), what) for i, value in enumerate(values)]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
         if name not in self.values:
@@ -154,6 +164,23 @@ class Tables(Sequence[Table]):
 
     def __iter__(self) -> Iterator[Table]:
         return (self[i] for i in range(len(self)))
+
+    def having(self, name: str) -> NDArray[np.int64]:
+        """Numbers of the objects that have a field. Raises SceneError for what is no object."""
+        for i, value in enumerate(self.values):
+            if type(value) is not dict:
+                Table.of(value, self.place.item(i))
+        return np.array([i for i, value in enumerate(self.values) if name in value], np.int64)
+
+    def numbers(self, name: str, rows: NDArray[np.int64], count: int) -> Float64:
+        """(len(rows), count) float64: what `Table.numbers` gives for a field of these objects, all at once."""
+        values = [self.values[i][name] for i in rows.tolist()]
+        if set(map(type, values)) <= {list} and set(map(len, values)) <= {count}:
+            flat = [*chain.from_iterable(values)]
+            # A whole number may be longer than any float.
+            if set(map(type, flat)) <= {int, float} and all(-LARGEST <= value <= LARGEST for value in flat):
+                return np.array(flat, np.float64).reshape(-1, count)
+        return np.array([self[i].numbers(name, [0.0] * count) for i in rows.tolist()]).reshape(-1, count)
 
 
 def printable(text: str) -> str:

@@ -1,0 +1,38 @@
+"""Errors and warnings as the command line shows them.
+
+They are worded for Python, `integrator="path"`; here that is typed --integrator path.
+"""
+
+from __future__ import annotations
+
+import re
+
+# Of commands, besides the options of integrators.
+_OF_COMMANDS = (
+    *("integrator", "crop", "resolution", "device", "require_gpu"),
+    *("size", "texels", "uv", "materials", "white_sky"),
+)
+
+# A name and its value: words in quotes with their alternatives, several in brackets, True, a number.
+_ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|True\b|[\d.]+\b)""")
+
+
+def as_typed(text: str) -> str:
+    """`text` with options in place of arguments of Python's: --require-gpu for require_gpu=True."""
+    return _ARGUMENT.sub(_option, text)
+
+
+def _option(argument: re.Match[str]) -> str:
+    from glpath.cli.options import flag, flag_of
+    from glpath.rendering.options import options
+
+    (name, value), known = argument.groups(), options()
+    if name not in known and name not in _OF_COMMANDS:
+        return argument[0]
+    typed = flag_of(known[name]) if name in known else flag(name)
+    if value == "True":
+        return typed
+    words = re.sub(r"""["'()]""", "", value).rstrip(",")
+    if name in known and known[name].first.several:
+        return " ".join(f"{typed} {word}" for word in words.split(", "))
+    return f"{typed} {words.replace(', ', ',') if value.startswith('(') else words}"

@@ -1,0 +1,201 @@
+"""How much of what leaves a face arrives at the back of another: it is neither in the matrix nor in the sky.
+
+Backs are no rows, so they have no factors. Their shares are found by rays, cosine-weighted, from Sobol points of
+each facet. Few rays of each say whether any back is seen at all; only where one is, all facets have as many as the
+error asks for.
+
+Cost:    0.3 to 3 microseconds a ray. A closed model takes 16 rays a facet, an open one 128; where backs are seen, a
+         facet that sees them takes some 70,000 at an error of 1e-3.
+Poor at: backs that a few facets alone see a little of: where all first rays miss them, they are taken for none.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from itertools import chain
+from threading import Thread
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.kernels import inner_kernel, kernel
+from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, SOBOL, mixed, point_of
+
+if TYPE_CHECKING:
+    from glpath.radiosity.view_factors.faces import Geometry
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+#: Rays of a facet that say whether backs are seen: of closed models, and of others; and of all facets together.
+_CLOSED, _OPEN, _ALTOGETHER = 16, 128, 4096
+#: Standard error of a share, over the error that is wanted of a row's sum.
+_SHARE = 0.4
+#: Facets of a task.
+_TASK = 64
+
+
+def back_shares(
+    where: Geometry, closed: bool, error: float, threads: int, stop: Int64, tell: Callable[[], None]
+) -> tuple[Float64, Float64]:
+    """Of each row of the matrix, the share that arrives at backs, and its standard error: (rows,) each.
+
+    closed : whether faces are closed surfaces, so that backs are hardly to be seen
+    stop   : (1,), what is not 0 ends it
+    tell   : called now and then
+    """
+    total = len(where.facets.sides)
+    shares, errors = np.zeros((2, total))
+    few = max(_CLOSED if closed else _OPEN, _ALTOGETHER // total)
+    few = min(1 << (few - 1).bit_length(), MOST_POINTS)
+
+    def cast(first: int, most: int) -> None:
+        starts = iter(range(0, total, _TASK))
+        failures: list[BaseException] = []
+
+        def work() -> None:
+            try:
+                for begin in starts:
+                    end = min(begin + _TASK, total)
+                    back_rays(
+                        begin, end, where.facets, where.tree, SOBOL, where.eps, first, most, _SHARE * error,
+                        shares, errors, np.empty(len(where.facets.corners[0])), stop,
+                    )  # fmt: skip
+            except BaseException as failed:
+                failures.append(failed)
+
+        running = [Thread(target=work, daemon=True) for _ in range(threads)]
+        try:
+            for thread in running:
+                thread.start()
+            for thread in running:
+                while thread.is_alive():
+                    thread.join(0.1)
+                    tell()
+        except BaseException:
+            stop[0] = 1
+            raise
+        if failures:
+            raise failures[0]
+
+    cast(few, few)
+    if shares.any():
+        enough = min(max(256, 1 << round(-np.log2(error))), 4096)
+        cast(max(few, enough), MOST_POINTS)
+    else:
+        errors[:] = 0.0
+    rows = len(where.areas)
+    weights = where.facets.areas / where.areas[where.row]
+    share = np.bincount(where.row, weights * shares, rows).astype(np.float64)
+    return share, np.sqrt(np.bincount(where.row, (weights * errors) ** 2, rows)).astype(np.float64)
+
+
+def is_closed(outlines: Sequence[Sequence[int]]) -> bool:
+    """Whether each edge has a face on either side, which run along it in opposite directions."""
+    edges = Counter(chain.from_iterable(zip(o, (*o[1:], o[0]), strict=True) for o in outlines))
+    return all(count == 1 and edges.get((b, a)) == 1 for (a, b), count in edges.items())
+
+
+@kernel
+def back_rays(  # type: ignore[no-untyped-def]
+    begin, end, facets, tree, sobol, eps, first, most, tolerance, shares, errors, fan, stop
+):
+    """Shares of facets begin to end, by rays that are doubled from `first` to `most` until each is known."""
+    sums = (0.0, 0.0, 0.0, 0.0)
+    for i in range(begin, end):
+        r0 = mixed(mixed(i) ^ 0x2545F49)
+        r1 = mixed(r0)
+        r2 = mixed(r1)
+        r3 = mixed(r2)
+        plane = facets.planes[i]
+        nx, ny, nz = plane[0], plane[1], plane[2]
+        # Duff et al. 2017, "Building an orthonormal basis, revisited".
+        sign = 1.0 if nz >= 0 else -1.0
+        p = -1.0 / (sign + nz)
+        q = nx * ny * p
+        tx, ty, tz = 1.0 + sign * nx * nx * p, sign * q, -sign * nx
+        bx, by, bz = q, sign + ny * ny * p, -ny
+        n = facets.sides[i]
+        size, points, filled = first // BLOCKS, 0, 0
+        sums = (0.0, 0.0, 0.0, 0.0)
+        while True:
+            s0, s1, s2, s3 = sums
+            for block in range(filled, BLOCKS):
+                hits = 0.0
+                for _ in range(size):
+                    u = ((sobol[points, 2] ^ (r2 << 1)) + 0.5) * 2.0**-32
+                    v = ((sobol[points, 3] ^ (r3 << 1)) + 0.5) * 2.0**-32
+                    x, y, z = point_of(
+                        facets.corners[i], n, sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1), fan,
+                        points == 0,
+                    )  # fmt: skip
+                    points += 1
+                    radius, turn = np.sqrt(u), 2 * np.pi * v
+                    c, s, up = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - u)
+                    hits += _meets_back(
+                        x, y, z, c * tx + s * bx + up * nx, c * ty + s * by + up * ny, c * tz + s * bz + up * nz,
+                        eps / up, facets, tree, eps,
+                    )  # fmt: skip
+                if stop[0] != 0:
+                    return
+                if block == 0:
+                    s0 = hits
+                elif block == 1:
+                    s1 = hits
+                elif block == 2:
+                    s2 = hits
+                else:
+                    s3 = hits
+            found = s0 + s1 + s2 + s3
+            mean = 0.25 * found
+            square = (s0 - mean) ** 2 + (s1 - mean) ** 2 + (s2 - mean) ** 2 + (s3 - mean) ** 2
+            # Of few rays all may agree by chance: one of them counts.
+            off = np.sqrt(square * BLOCKS / (BLOCKS - 1.0) + (0.1 if 0 < found < points else 0.0)) / points
+            shares[i], errors[i] = found / points, off
+            if off <= tolerance or points >= most:
+                break
+            sums = (s0 + s1, s2 + s3, 0.0, 0.0)
+            filled = BLOCKS // 2
+            size *= 2
+
+
+@inner_kernel
+def _meets_back(x, y, z, dx, dy, dz, least, facets, tree, eps):  # type: ignore[no-untyped-def]
+    """1 where what a ray meets first, beyond `least`, is the back of a facet, and no front is in its place."""
+    front = back = np.inf
+    ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
+    boxes, skip = tree.boxes, tree.skip
+    node, count = 0, len(skip)
+    while node < count:
+        near, far = least - eps, min(front, back) + 4 * eps
+        a, b = (boxes[node, 0] - eps - x) * ix, (boxes[node, 3] + eps - x) * ix
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        a, b = (boxes[node, 1] - eps - y) * iy, (boxes[node, 4] + eps - y) * iy
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        a, b = (boxes[node, 2] - eps - z) * iz, (boxes[node, 5] + eps - z) * iz
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far:
+            node = skip[node]
+            continue
+        if tree.leaf[node]:
+            j = np.int64(tree.first[node])
+            p = facets.planes
+            slope = p[j, 0] * dx + p[j, 1] * dy + p[j, 2] * dz
+            if slope != 0:
+                t = -(p[j, 0] * x + p[j, 1] * y + p[j, 2] * z + p[j, 3]) / slope
+                if t > least and t < min(front, back) + 4 * eps:
+                    hx, hy, hz = x + t * dx, y + t * dy, z + t * dz
+                    inside = True
+                    for e in range(facets.sides[j]):
+                        edge = facets.edges[j, e]
+                        if edge[0] * hx + edge[1] * hy + edge[2] * hz + edge[3] < -eps:
+                            inside = False
+                            break
+                    if inside and slope < 0:
+                        front = min(front, t)
+                    elif inside:
+                        back = min(back, t)
+        node += 1
+    return 1.0 if back < front - 2 * eps else 0.0

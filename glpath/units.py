@@ -1,0 +1,39 @@
+"""What the numbers of a scene's light are: watts or lumens. The one place that knows how many lumens a watt has.
+
+    radiometric : W sr^-1 m^-2 of radiance, W sr^-1 of intensity, W m^-2 of irradiance; TOML and Python by default
+    photometric : cd m^-2 (nits), cd, lx; glTF by its specification, IES profiles by theirs
+
+All light of a `Scene` is in the unit of the scene; sources in the other one are converted when they are read.
+Colours are Rec. 709 in both, and a photometric quantity is the luminance of its three numbers.
+
+Source: Larson & Shakespeare 1998, Rendering with Radiance: WHTEFFICACY. glTF 2.0, 3.9.4; KHR_lights_punctual.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Unit = Literal["radiometric", "photometric"]
+UNITS: tuple[Unit, ...] = get_args(Unit)
+
+#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
+EFFICACY = 179.0
+
+Quantity = Literal["power", "intensity", "radiance", "irradiance"]
+
+_SYMBOLS: dict[Unit, dict[Quantity, str]] = {
+    "radiometric": {"power": "W", "intensity": "W sr^-1", "radiance": "W sr^-1 m^-2", "irradiance": "W m^-2"},
+    "photometric": {"power": "lm", "intensity": "cd", "radiance": "cd m^-2", "irradiance": "lx"},
+}
+
+
+def conversion(given: Unit, wanted: Unit) -> float:
+    """What numbers in one unit are multiplied by to be in the other."""
+    if given == wanted:
+        return 1.0
+    return EFFICACY if wanted == "photometric" else 1.0 / EFFICACY
+
+
+def symbol(unit: Unit, quantity: Quantity) -> str:
+    """How the unit of a quantity is written: cd m^-2."""
+    return _SYMBOLS[unit][quantity]
