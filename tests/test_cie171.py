@@ -359,7 +359,7 @@ def test_5_8_a_grey_cavity() -> None:
 @pytest.mark.evidence
 @pytest.mark.parametrize("reflectance", [0.05, 0.3, 0.8, 0.95])
 def test_5_8_cavities(reflectance: float) -> None:
-    case = cavity(reflectance, 64, 64)
+    case = cavity(reflectance, 32, 64)
     found, error = mean_of(case)
     assert error < 0.005 * found
     assert found == pytest.approx(float(case.exact[0]), rel=0.01)

@@ -17,7 +17,7 @@ from glpath.cli.main import app
 from glpath.cli.point_files import en_12464_counts, grid_of, read_points
 from glpath.film import Film
 from glpath.image import read_eight_bits
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import DEEPEST, PathTraceSettings
 from glpath.noise import standard_error
 from glpath.rendering import RenderJob, run
 from glpath.scene import load_scene
@@ -572,7 +572,7 @@ def test_a_scheduler_s_signal_leaves_the_checkpoint_and_exit_code_75(tmp_path: P
 def test_all_bounces_are_measured_by_themselves() -> None:
     """The 5 vertices of a picture's default are not enough; what is asked for counts."""
     sensor = PointSensor.of(np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]]))
-    for asked, depth, roulette in (({}, 64, 4), ({"max_depth": 2}, 2, None)):
+    for asked, depth, roulette in (({}, DEEPEST, 4), ({"max_depth": 2}, 2, None)):
         settings = RenderJob.of(BOX, sensor=sensor, **asked).integrator
         assert isinstance(settings, PathTraceSettings)
         assert (settings.max_depth, settings.roulette) == (depth, roulette)

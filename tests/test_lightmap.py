@@ -65,10 +65,11 @@ def lamp_irradiance(points: np.ndarray) -> np.ndarray:
 
 
 def of_shape(surfaces: Surfaces, name: str) -> np.ndarray:
-    """(N,): which texels are a shape's."""
+    """(N,): which texels are of a shape's front."""
     scene, atlas = surfaces.scene, surfaces.atlas
     number = [shape.name for shape in scene.shapes].index(name)
-    return scene.triangle_shape[atlas.triangle[surfaces.texels.face[0]]] == number
+    face = surfaces.texels.face[0]
+    return (scene.triangle_shape[atlas.triangle[face]] == number) & (atlas.side[face] == 0)
 
 
 def positions(surfaces: Surfaces) -> np.ndarray:
@@ -121,7 +122,7 @@ def test_small_triangles_of_a_large_scene_are_on_a_page(tmp_path: Path) -> None:
     names = [scene.shapes[number].name for number in scene.triangle_shape[found.triangle]]
     assert names.count("pebble") == np.sum(scene.triangle_shape == 1)
     assert (found.page < found.pages).all()
-    assert len(scene.triangles) - len(np.unique(found.triangle)) == 1, "an area of 5e-11"
+    assert len(scene.triangles) == len(np.unique(found.triangle)), "not even an area of 5e-11 is missing"
     baked = Bake.of(surfaces.scene, texels=0.2, size=256, spp=1)
     film = glpath.rendering.run(baked.job, scene=baked.scene)
     assert quietly(baked.lightmap(film), tmp_path / "a.glb")
@@ -346,7 +347,7 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
         assert which.sum() == of_shape(lit_floor.surfaces, name).sum()
     floor = of_shape(again, "floor")
     height = again.scene.bounds[1] - again.scene.bounds[0]
-    assert height[1] == pytest.approx(2.0), "y is up in glTF"
+    assert height[1] == pytest.approx(2.0, rel=1e-4), "y is up in glTF; backs are a little behind"
     place = positions(again)[:, floor][..., [0, 2, 1]] * [1, -1, 1]
     expected = lamp_irradiance(place).mean(axis=0)[:, None] * [10, 5, 2]
     np.testing.assert_allclose(found[floor], expected, rtol=0.02)
@@ -485,7 +486,7 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     bake = Bake.of(glpath.load_scene("cornell-box"), size=64)
     settings = bake.job.integrator
     assert isinstance(settings, PathTraceSettings)
-    assert (settings.max_depth, settings.roulette) == (64, 4)
+    assert (settings.max_depth, settings.roulette) == (1000, 4), "chance alone ends paths"
 
 
 def test_metal_is_told_to_be_black(tmp_path: Path) -> None:

@@ -84,9 +84,11 @@ def lit(surfaces: Surfaces, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]
 
 
 def steps(seams: Seams, pages: np.ndarray, baked: np.ndarray) -> np.ndarray:
-    """(K,): of each colour, as a share of the mean of both sides and all colours, or of a hundredth of the mean."""
+    """(K,): of each colour, as a share of the mean of both sides and all colours, or of a hundredth of the mean of
+    what has light."""
     a, b = seams.values(pages)
-    return np.abs(a - b).max(axis=1) / np.maximum(0.5 * (a + b).mean(axis=1), 0.01 * pages[baked].mean())
+    mean = pages[baked & (pages > 0).any(axis=-1)].mean()
+    return np.abs(a - b).max(axis=1) / np.maximum(0.5 * (a + b).mean(axis=1), 0.01 * mean)
 
 
 def shown(surfaces: Surfaces, seams: Seams) -> tuple[Seams, np.ndarray]:

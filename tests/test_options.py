@@ -252,7 +252,7 @@ def test_errors_speak_python_and_the_command_line_translates() -> None:
 
 
 #: These are typed at a prompt by everybody: other programs' options.
-_OTHER_PROGRAMS = re.compile(r"pip install|dask|scheduler|toktx|pytest|var\(--")
+_OTHER_PROGRAMS = re.compile(r"`glpath measure|pip install|dask|scheduler|toktx|pytest|var\(--")
 
 
 def test_no_error_of_the_library_speaks_of_options_of_the_command_line() -> None:

@@ -156,7 +156,7 @@ def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
         size = max(64, round(name * scale))
         say(f"an atlas of {size} x {size}")
         start = time.perf_counter()
-        atlas = packed(still, sides.lit, None, size)
+        atlas = packed(still, sides.density, None, size)
         numbers[f"atlas_s_{name}"] = time.perf_counter() - start
         surfaces = Surfaces.on(still, atlas, sides)
         where = interior(surfaces)

@@ -23,6 +23,8 @@ from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
 
 Int64 = NDArray[np.int64]
+#: Triangles, the side of them, and its density.
+Part = tuple[Int64, int, float]
 
 MAX_SIZE = 8192
 #: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
@@ -33,6 +35,14 @@ _LEAST_PADDING, _COVERED = 2, 1 / 3
 _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
 #: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit.
 _FILLED, _STEP, _TRIALS = 0.95, 0.985, 30
+#: Part of the way between what fits and what does not by which less is tried than what is likely to fit.
+_SHY = 0.05
+#: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many:
+#: the time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000, 0.05 of 250).
+_MANY, _WHOLE, _PATCH = 20_000, 1024, 250
+#: Core seconds of an atlas: of a triangle, and of a piece that hangs together, over all trials (measured); and the
+#: most that is begun.
+_SECONDS_EACH, _SECONDS_PIECE, _MOST_SECONDS = 4e-4, 2e-3, 600.0
 #: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
 _LEAST_AREA, _LEAST_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
 #: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
@@ -61,6 +71,11 @@ class Atlas:
     size: tuple[int, int]
     pages: int
     texels: float
+
+    @property
+    def of_file(self) -> bool:
+        """The coordinates are the file's own, of one side of each triangle."""
+        return self.texels == 0
 
     @cached_property
     def areas(self) -> Float64:
@@ -93,38 +108,84 @@ def require_xatlas() -> Any:
     return xatlas
 
 
-def packed(scene: Scene, shown: NDArray[np.bool_], texels: float | None, size: int | None) -> Atlas:
+def packed(scene: Scene, density: Float64, texels: float | None, size: int | None) -> Atlas:
     """The atlas of a scene in triangles, cut and packed by xatlas.
 
-    shown  : (T, 2) bool: sides that get texels
-    texels : per scene unit, on as many pages as that takes; None: what fits one page
-    size   : of a page; None with texels: the least power of two up to 4096 that takes all, or else several of it
+    density : (T, 2) texels along a side for one of `texels`; 0 of sides that get none
+    texels  : per scene unit, on as many pages as that takes; None: what fits one page
+    size    : of a page; None with texels: the least power of two up to 4096 that takes all, or else several of it
+
+    A triangle that is too small for xatlas gets a point of the one beside it.
     """
     xatlas = require_xatlas()
-    parts = _parts(scene, shown)
-    if not parts:
-        raise SceneError(
-            f"{scene.source or scene.name}: light gets to no side of any surface, so there is nothing to bake.",
-            "Give the scene a light or a sky.",
-        )
+    parts = _parts(scene, density)
+    _check_time(scene, parts, size, texels)
     if texels is None:
         assert size is not None, "one of both"
-        return _fitted(xatlas, scene, parts, size)
+        return _with_splinters(scene, _fitted(xatlas, scene, parts, size), density)
     if size is None:
         alone = _packed(xatlas, scene, parts, texels, None)
         longest = max(alone.size)
         size = min(max(_LEAST_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
         if longest <= size:
-            return replace(alone, size=(size, size))
+            return _with_splinters(scene, replace(alone, size=(size, size)), density)
     atlas = _packed(xatlas, scene, parts, texels, size)
-    _warn_of_large_charts(scene, atlas)
-    return atlas
+    _warn_of_large_charts(scene, atlas, density)
+    return _with_splinters(scene, atlas, density)
 
 
-def _warn_of_large_charts(scene: Scene, atlas: Atlas) -> None:
+def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float | None) -> None:
+    """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
+    triangles = sum(len(part) for part, _, _ in parts)
+    place = scene.source or scene.name
+    if texels is None and size is not None and len(parts) * (1 + _LEAST_PADDING) ** 2 > size * size:
+        raise UsageError(
+            f"a page of {size} x {size} texels is too small: {place} has {len(parts):,} meshes and instances, each "
+            "of which is a chart at least.",
+            "Give a larger --size; or --texels, which takes as many pages as it needs.",
+        )
+    seconds = _SECONDS_EACH * triangles + _SECONDS_PIECE * len(parts)
+    if seconds > _MOST_SECONDS:
+        raise UsageError(
+            f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
+            f"{seconds / 60:.0f} minutes of processor time.",
+            "Simplify the model, or bake a part of it; or keep texture coordinates that the file has: --uv keep.",
+        )
+
+
+def _with_splinters(scene: Scene, atlas: Atlas, density: Float64) -> Atlas:
+    """With the sides that the atlas lacks, of areas too small for it: each at a point of the nearest face."""
+    from scipy.spatial import cKDTree
+
+    lacks = density > 0
+    lacks[atlas.triangle, atlas.side] = False
+    triangle, side = np.nonzero(lacks)
+    if not len(triangle):
+        return atlas
+    nearest = np.zeros(len(triangle), np.int64)
+    for number in range(2):
+        faces = np.flatnonzero(atlas.side == number)
+        faces = faces if len(faces) else np.arange(len(atlas.triangle))
+        wanted = side == number
+        if wanted.any():
+            middles = scene.triangles[atlas.triangle[faces]].mean(axis=1)
+            nearest[wanted] = faces[cKDTree(middles).query(scene.triangles[triangle[wanted]].mean(axis=1))[1]]
+    points = np.repeat(atlas.uv[nearest].mean(axis=1, keepdims=True), 3, axis=1)
+    return replace(
+        atlas,
+        triangle=np.concatenate([atlas.triangle, triangle]),
+        side=np.concatenate([atlas.side, side]),
+        page=np.concatenate([atlas.page, atlas.page[nearest]]),
+        chart=np.concatenate([atlas.chart, atlas.chart[nearest]]),
+        uv=np.concatenate([atlas.uv, points]),
+    )
+
+
+def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
     """xatlas shrinks what does not fit a page."""
     count = int(atlas.chart.max()) + 1
-    wide = np.bincount(atlas.chart, scene.areas[atlas.triangle], count)
+    of_face = density[atlas.triangle, atlas.side]
+    wide = np.bincount(atlas.chart, of_face**2 * scene.areas[atlas.triangle], count)
     found = np.sqrt(np.bincount(atlas.chart, atlas.areas, count) / np.maximum(wide, np.finfo(float).tiny))
     shrunken = (found < 0.75 * atlas.texels) & (found * np.sqrt(wide) > 0.25 * max(atlas.size))
     if shrunken.any():
@@ -135,36 +196,64 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas) -> None:
         )
 
 
-def _parts(scene: Scene, shown: NDArray[np.bool_]) -> list[tuple[Int64, int]]:
-    """Triangles and side of each mesh's that gets texels."""
+def _parts(scene: Scene, density: Float64) -> list[Part]:
+    """Of each mesh what has one side and one density."""
     parts, first = [], 0
+    densities = np.unique(density[density > 0])
     for _, mesh, _ in scene.shapes.mesh_instances():
         some = np.arange(first, first + len(mesh.faces))
         first += len(mesh.faces)
         for side in range(2):
-            wanted = some[shown[some, side]]
-            if len(wanted):
-                parts.append((wanted, side))
-    return parts
+            for wanted in densities:
+                those = some[density[some, side] == wanted]
+                if len(those):
+                    parts.append((those, side, float(wanted)))
+    if sum(len(triangles) for triangles, _, _ in parts) <= _MANY:
+        return parts
+    middles = scene.triangles.mean(axis=1)
+    return [
+        (patch, side, wanted)
+        for triangles, side, wanted in parts
+        for patch in (_patches(middles, triangles) if len(triangles) > _WHOLE else [triangles])
+    ]
 
 
-def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int) -> Atlas:
+def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
+    """Halves of halves of triangles, of those (T, 3) whose middles these are, across where they reach farthest."""
+    if len(triangles) <= _PATCH:
+        return [np.sort(triangles)]
+    points = middles[triangles]
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    half = len(triangles) // 2
+    order = np.argpartition(points[:, axis], half)
+    return [*_patches(middles, triangles[order[:half]]), *_patches(middles, triangles[order[half:]])]
+
+
+def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """On one page, with as many texels a scene unit as fit."""
-    area = sum(float(scene.areas[triangles].sum()) for triangles, _ in parts)
+    areas = scene.areas  # found anew at each call
+    area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
-        texels = math.sqrt(_FILLED * size * size / area)
+        texels, fits, over = math.sqrt(_FILLED * size * size / area), (0.0, 0.0), (math.inf, math.inf)
+        best: Atlas | None = None
         for trial in range(_TRIALS):
             atlas = _packed(xatlas, scene, parts, texels, None, padding)
-            if max(atlas.size) <= size:
-                found = replace(atlas, size=(size, size))
+            longest = max(atlas.size)
+            if longest <= size:
+                best, fits = replace(atlas, size=(size, size)), (texels, longest)
+            else:
+                over = texels, longest
+            if over[0] <= fits[0] / _STEP or (best is not None and not math.isfinite(over[0])):
                 break
-            if trial == _PATIENCE:
+            if trial == _PATIENCE and best is None:
                 # Minutes of trials are in vain where gutters alone are too much.
-                gutters = _packed(xatlas, scene, parts, _NEXT_TO_NONE * texels, None, padding)
-                if max(gutters.size) > size:
+                least = _NEXT_TO_NONE * texels
+                fits = least, max(_packed(xatlas, scene, parts, least, None, padding).size)
+                if fits[1] > size:
                     break
-            texels *= min(_STEP, size / max(atlas.size))
+            texels = _between(fits, over, size)
+        found = found if best is None else best
         if found is not None and found.texels**2 * area >= _COVERED * size * size:
             break
     if found is not None:
@@ -176,10 +265,22 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[tuple[Int64, int]], size: int
     )
 
 
+def _between(fits: tuple[float, float], over: tuple[float, float], size: int) -> float:
+    """Texels a scene unit for a page as large as wanted: of (texels, page) that fits and of one that does not.
+
+    The sides of charts grow with the texels, and gutters stay, so that the page does in between.
+    """
+    if fits[1] == 0:
+        return over[0] * min(_STEP, size / over[1])
+    share = (size - fits[1]) / (over[1] - fits[1])
+    # What fits is not taken at the very edge, as packing is chance; and each end comes nearer.
+    return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
+
+
 def _packed(
     xatlas: Any,
     scene: Scene,
-    parts: list[tuple[Int64, int]],
+    parts: list[Part],
     texels: float,
     size: int | None,
     padding: int = PADDING,
@@ -187,8 +288,8 @@ def _packed(
     """On pages of a size; None: on one that is as large as it has to be."""
     atlas = xatlas.Atlas()
     unit = _unit(scene, parts)
-    for triangles, side in parts:
-        corners = scene.triangles[triangles] / unit
+    for triangles, side, density in parts:
+        corners = scene.triangles[triangles] * (density / unit)
         points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         faces = faces.reshape(-1, 3)
         atlas.add_mesh(points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32))
@@ -197,7 +298,7 @@ def _packed(
     pack.resolution = 0 if size is None else size
     atlas.generate(pack_options=pack)
     made: list[tuple[Any, ...]] = []
-    for i, (triangles, side) in enumerate(parts):
+    for i, (triangles, side, _) in enumerate(parts):
         _, faces, uv = atlas[i]
         page_of, chart_of = atlas.get_mesh_vertex_assignment(i)
         faces = faces.reshape(-1, 3)
@@ -220,15 +321,18 @@ def _packed(
     return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, int(atlas.atlas_count), texels)
 
 
-def _unit(scene: Scene, parts: list[tuple[Int64, int]]) -> float:
+def _unit(scene: Scene, parts: list[Part]) -> float:
     """Scene units of one of xatlas's: their extent, or less for the smallest areas, which it takes for none."""
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
-    least = min(float(scene.areas[triangles].min()) for triangles, _ in parts)
+    areas = scene.areas  # found anew at each call
+    least = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
     return min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent))
 
 
-def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:
-    """The atlas of the second texture coordinates that all meshes have.
+def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
+    """The atlas of the second texture coordinates that all meshes have: of all triangles one side.
+
+    lit : (T, 2) bool: the side is the front, but where the back alone is
 
     Raises SceneError where they are no unwrapping: missing, beyond 0 to 1, or twice at one place.
     """
@@ -241,9 +345,8 @@ def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:
                 f'{place}: the shape "{shape.name}" has no second texture coordinates (TEXCOORD_1) to keep.',
                 'Leave out uv="keep": they are made.',
             )
-    # One side of each triangle: the front, but where light gets to the back alone.
-    side = np.where(~shown[:, 0] & shown[:, 1], 1, 0)
-    triangle = np.flatnonzero(shown.any(axis=1))
+    side = np.where(~lit[:, 0] & lit[:, 1], 1, 0)
+    triangle = np.arange(len(lit))
     uv = scene.shapes.vertex_uv1[scene.shapes.faces[triangle]]
     outside = np.flatnonzero(((uv < -1e-6) | (uv > 1 + 1e-6)).any(axis=(1, 2)))
     if len(outside):
@@ -256,7 +359,7 @@ def kept(scene: Scene, shown: NDArray[np.bool_], size: int) -> Atlas:
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
     chart = _hanging_together(scene, triangle, texels)
-    atlas = Atlas(triangle, side[triangle], np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)
+    atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)
     _check_apart(scene, atlas, place)
     return atlas
 

@@ -14,7 +14,7 @@ from glpath.bake.diffuse import reflected
 from glpath.bake.pages import pages_of
 from glpath.errors import SceneError, warn
 from glpath.files import write_bytes
-from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, write_exr
+from glpath.image import encode_png, encode_srgb, write_exr
 from glpath.scene.export.geometry import behind, listed
 from glpath.scene.export.glb import Glb
 from glpath.scene.export.gltf import write_gltf
@@ -40,12 +40,8 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
 
     scene, atlas = baked.scene, baked.atlas
     _warn_of_what_is_left_out(scene, path)
-    radiance, opacity = _radiance(baked)
-    if exposure is None:
-        exposure = scene.exposure
-    if exposure is None or exposure == "auto":
-        exposure = auto_exposure(radiance[baked.baked][:, None])
-    check_exposure(exposure)
+    radiance, opacity = radiance_of(baked)
+    exposure = baked.exposure_stops(exposure)
     colours = np.round(255 * encode_srgb(np.clip(radiance * 2.0**exposure, 0.0, 1.0))).astype(np.uint8)
     alpha = np.round(255 * np.clip(opacity, 0.0, 1.0)).astype(np.uint8)
     file = Glb(scene)
@@ -55,13 +51,14 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
         image = np.concatenate([colours[page], alpha[page]], axis=-1) if clear else colours[page]
         name = f"light {page}"
         file.textures.append(gltf.Texture(name=name, sampler=0, source=file.add_image(name, image)))
-    materials: dict[tuple[int, str, float], int] = {}
+    materials: dict[tuple[int, str, float, bool], int] = {}
     for number, shape in enumerate(scene.shapes):
         material = scene.materials[shape.material]
         mode = "blend" if material.clear > 0 else material.alpha
         primitives = []
         for page, mesh in _parts(scene, atlas, number):
-            key = page, mode, material.cutoff
+            # Of coordinates that are kept there is one side alone: the other has its light.
+            key = page, mode, material.cutoff, atlas.of_file and material.two_sided
             if key not in materials:
                 materials[key] = len(file.materials)
                 file.materials.append(_unlit(file, *key))
@@ -100,10 +97,14 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
                     )
                 )
                 page_of.append(page)
-    one_sided = tuple(replace(material, two_sided=False) for material in materials)
-    made = replace(scene, shapes=Shapes(shapes), materials=one_sided, sky=None, ambient=np.zeros(3), lights=())
+    if not atlas.of_file:
+        materials = [replace(material, two_sided=False) for material in materials]
+    made = replace(
+        scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
+    )
     # What shines keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
     made = replace(made, unit="photometric")
+    _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
         warn(f"{path}: {text}.")
@@ -168,7 +169,7 @@ def _parts(
     return made
 
 
-def _radiance(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Pages of what surfaces send out, (P, h, w, 3), W sr^-1 m^-2, and of their opacity, (P, h, w, 1)."""
     surfaces = baked.surfaces
     texels, atlas = surfaces.texels, surfaces.atlas
@@ -182,7 +183,7 @@ def _radiance(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]
     return pages[..., :3] * baked.irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
 
 
-def _unlit(file: Glb, page: int, mode: str, cutoff: float) -> Any:
+def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> Any:
     import pygltflib as gltf
 
     return gltf.Material(
@@ -194,6 +195,7 @@ def _unlit(file: Glb, page: int, mode: str, cutoff: float) -> Any:
             baseColorTexture=gltf.TextureInfo(index=page),
         ),
         extensions={file.use("KHR_materials_unlit"): {}},
+        doubleSided=two_sided,
         alphaMode=mode.upper(),
         alphaCutoff=cutoff if mode == "mask" else None,
     )
@@ -222,6 +224,21 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"
             warn(f"{path}: {listing}: {text}")
+
+
+def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
+    """Viewers have mirrors and metal reflect an environment map, and nothing else."""
+    used = {shape.material for shape in scene.shapes}
+    names = [
+        m.name
+        for i, m in enumerate(scene.materials)
+        if i in used and not m.unlit and ((m.roughness is not None and m.metallic > 0.5) or np.any(m.mirror > 0))
+    ]
+    if names:
+        warn(
+            f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: mirrors and metal are black in a viewer "
+            "without an environment map, as a light map is of what is diffuse alone."
+        )
 
 
 def check_keepable(scene: Scene) -> None:

@@ -13,23 +13,23 @@ Poor at:  what looks different from elsewhere: mirrors, highlights, metal and gl
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed
+from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed, require_xatlas
 from glpath.bake.pages import pages_of
-from glpath.bake.seams import DARK, Seams
+from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, rasterised
 from glpath.denoise import denoised_lightmap, require_denoiser
 from glpath.errors import SceneError, UsageError
 from glpath.film import Film
 from glpath.gl.context import open_context
-from glpath.image import luminance
+from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
 from glpath.integrators.settings import IntegratorSettings
 from glpath.interactive import in_notebook
 from glpath.radiosity.memory import require_memory
@@ -51,6 +51,8 @@ Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
 DEFAULT_SIZE = 1024
+#: Texels of the longer side of a page that a notebook shows.
+_PREVIEW = 1024
 #: What is behind a wall is taken for inside up to so many texels from it.
 _NEAR = 2.0
 #: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
@@ -69,12 +71,14 @@ class Surfaces:
     atlas  : where its surfaces are on the pages
     texels : N of them, of which those that are inside other geometry are not rendered
     inside : (N,) bool
+    hidden : how many sides of triangles are the inside of closed solids, and have no texels; all else has some
     """
 
     scene: Scene
     atlas: Atlas
     texels: Texels
     inside: Bools
+    hidden: int
 
     @classmethod
     def of(cls, scene: Scene, texels: float | None = None, size: int | None = None, uv: Uv = "make") -> Surfaces:
@@ -83,10 +87,11 @@ class Surfaces:
         still = path_traceable(scene.at())
         if not len(still.triangles):
             raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
+        _check_shines(still)
         sides = Sides.of(still)
-        lit_area = float((still.areas[:, None] * sides.lit).sum())
+        area = float((still.areas[:, None] * sides.density**2).sum())
         require_memory(
-            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else lit_area * float(texels) ** 2),
+            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
             "lightmap: so many texels",
             "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
         )
@@ -94,7 +99,7 @@ class Surfaces:
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
             page = DEFAULT_SIZE if size is None and texels is None else size
-            atlas = packed(still, sides.lit, texels, None if page is None else int(page))
+            atlas = packed(still, sides.density, texels, None if page is None else int(page))
         return cls.on(still, atlas, sides)
 
     @classmethod
@@ -103,7 +108,7 @@ class Surfaces:
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
-        return cls(scene, atlas, *_outside(scene, atlas, found, sides))
+        return cls(scene, atlas, *_outside(scene, atlas, found, sides), int(sides.hidden.sum()))
 
     def sensor(self) -> PointSensor:
         """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""
@@ -129,6 +134,33 @@ class Surfaces:
         rendered = ~self.inside
         values[rendered] = np.pi * film.mean.reshape(-1, 3)[: rendered.sum()]
         return pages_of(self.atlas, self.texels, values, self.inside)
+
+
+class _Glimpse:
+    """A film of texels as a notebook shows it while it converges: their light on the first page, not in rows."""
+
+    def __init__(self, surfaces: Surfaces, film: Film) -> None:
+        self.surfaces, self.film = surfaces, film
+
+    def __repr__(self) -> str:
+        return f"{self.film.path_sets} path sets of {self.surfaces.scene.name}'s lightmap"
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+        texels, (width, height) = self.surfaces.texels, self.surfaces.atlas.size
+        light = np.zeros((height, width, 3))
+        rendered = np.flatnonzero(~self.surfaces.inside)
+        first = texels.page[rendered] == 0
+        light[texels.row[rendered[first]], texels.column[rendered[first]]] = self.film.mean.reshape(-1, 3)[
+            : len(rendered)
+        ][first]
+        return {"text/plain": repr(self), "image/png": _thumbnail(light, auto_exposure(light))}
+
+
+def _thumbnail(radiance: NDArray[np.floating[Any]], stops: float) -> bytes:
+    """A page (h, w, 3) as a .png, texels left out of a large one."""
+    step = -(-max(radiance.shape[:2]) // _PREVIEW)
+    shown = np.clip(radiance[::step, ::step] * 2.0**stops, 0.0, 1.0)
+    return encode_png(np.round(255 * encode_srgb(shown)).astype(np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +202,43 @@ class Lightmap:
     def steps(self) -> NDArray[np.float64]:
         """(K,) at points along seams, how far the luminances on both charts are apart, as a share of their mean.
 
-        Where that is darker than a hundredth of the mean of all texels, as a share of the latter.
+        Where that is darker than a hundredth of the mean of all texels with light, as a share of the latter.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
-        dark = DARK * float(luminance(self.irradiance[self.baked].astype(np.float64)).mean())
+        lit = self.irradiance[lit_texels(self.irradiance, self.baked)].astype(np.float64)
+        dark = DARK * float(luminance(lit).mean())
         return np.asarray(np.abs(a - b) / np.maximum(0.5 * (a + b), max(dark, 1e-12)))
+
+    def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
+        """The stops that an exposure means: those of a picture from the scene's camera, as `glpath.render` has it.
+
+        exposure : stops; "auto": middle grey, of what the camera sees of the light; None: as the scene says, or
+                   "auto"
+
+        Raises UsageError for another one.
+        """
+        from glpath.bake.view import seen_by_camera
+
+        check_exposure(exposure)
+        asked = self.scene.exposure if exposure is None else exposure
+        return auto_exposure(seen_by_camera(self)) if asked is None or asked == "auto" else float(asked)
+
+    def __repr__(self) -> str:
+        atlas, film = self.atlas, self.film
+        error = film.relative_error()
+        told = "" if error is None else f", error about {100 * error:.2g} %"
+        pages = f"{atlas.pages} page{'s' * (atlas.pages > 1)} of {atlas.size[0]} x {atlas.size[1]}"
+        return (
+            f"<Lightmap of {self.scene.name}: {pages}, {len(self.surfaces.inside):,} texels, "
+            f"{film.path_sets} path sets{told}>"
+        )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+        """What Jupyter shows: the first page, base colour times light, at most 1024 texels long, and a line."""
+        from glpath.bake.files import radiance_of
+
+        radiance, _ = radiance_of(self)
+        return {"text/plain": repr(self), "image/png": _thumbnail(radiance[0], self.exposure_stops())}
 
     def save(
         self,
@@ -191,8 +255,7 @@ class Lightmap:
                     (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
                     irradiance of page i, in the unit of the scene, as baked-i.lightmap.exr, and as .png of eight
                     bits, linear, whose range and unit baked-i.lightmap.json says; so are the numbers of what shines
-        exposure  : of "unlit", stops: 1 doubles its brightness; None: the scene's, or "auto"; "auto":
-                    middle grey
+        exposure  : of "unlit", stops: 1 doubles its brightness; see `exposure_stops`
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
 
         Raises UsageError for another suffix, and ImageError. Warns SceneWarning of what is left out.
@@ -231,7 +294,10 @@ def lightmap(
     on_progress: Callable[[Progress], None] | None = None,
     **options: Any,
 ) -> Lightmap:
-    """Bake the light on all surfaces of a scene that light gets to.
+    """Bake the light on all surfaces of a scene.
+
+    Every triangle of the scene is in the bake. Of a material with two sides both have texels, but for the inside of
+    closed solids; sides that no light is found to get to have fewer.
 
     Parameters
     ----------
@@ -274,7 +340,14 @@ def lightmap(
         **options,
     )
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with reporting_to(progress, on_progress) as report:
+    with reporting_to(progress, None) as show:
+
+        def report(now: Progress) -> None:
+            if show is not None:
+                show(replace(now, film=cast("Film", _Glimpse(bake.surfaces, now.film))))
+            if on_progress is not None:
+                on_progress(now)
+
         made = run(
             bake.job,
             context,
@@ -319,6 +392,8 @@ class Bake:
         if denoise:
             require_denoiser()
         check_density(texels, size, uv)
+        if uv == "make":
+            require_xatlas()
         # Before the work: any point will do.
         check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
         surfaces = Surfaces.of(scene, texels, size, uv)
@@ -348,6 +423,14 @@ def check_density(texels: float | None, size: int | None, uv: str) -> None:
         raise UsageError(
             "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",
             "Give the size of the page.",
+        )
+
+
+def _check_shines(scene: Scene) -> None:
+    if scene.sky is None and not (np.any(scene.ambient > 0) or scene.lights or any(s.emits for s in scene.shapes)):
+        raise SceneError(
+            f"{scene.source or scene.name}: has no light, so there is nothing to bake.",
+            "Give the scene a light or a sky.",
         )
 
 

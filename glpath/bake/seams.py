@@ -17,7 +17,6 @@ https://ndotl.wordpress.com/2018/08/29/baking-artifact-free-lightmaps
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -46,6 +45,8 @@ _FAINT = 1.0
 _ROUNDS, _HOLDS = 30, 12
 #: So many points of seams and texels farther from steps that are left nothing changes any more.
 _RINGS = 16
+#: The most faces that meet along an edge of which pairs are seams.
+_MEETING = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +100,9 @@ class Seams:
         number = number.reshape(index.shape)
         rows = np.broadcast_to(np.arange(len(self))[None, :, None], index.shape)
         before = pages.reshape(-1, 3)[used].astype(np.float64)
-        mean = max(float(pages[baked].mean(dtype=np.float64)), 1e-12)
-        dark = DARK * max(float(luminance(pages[baked].astype(np.float64)).mean()), 1e-12)
+        lit = pages[lit_texels(pages, baked)].astype(np.float64)
+        mean = max(float(lit.mean()), 1e-12)
+        dark = DARK * max(float(luminance(lit).mean()), 1e-12)
 
         def per_texel(values: Float64) -> Any:
             return coo_array((values.ravel(), (rows.ravel(), number.ravel())), shape=(len(self), len(used))).tocsr()
@@ -141,6 +143,15 @@ class Seams:
             index.append((self.page * height + r) * width + c)
             weights.append((fy if down else 1 - fy) * (fx if right else 1 - fx))
         return np.stack(index, axis=-1), np.stack(weights, axis=-1)
+
+
+def lit_texels(pages: Float32, baked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(P, h, w): those that are baked and have any light; all that are baked where none has.
+
+    How much there is of what no light gets to, such as undersides of floors, says nothing of how dark the rest is.
+    """
+    lit = baked & (pages > 0).any(axis=-1)
+    return np.asarray(lit if lit.any() else baked)
 
 
 def _least(
@@ -187,16 +198,20 @@ def _edges(scene: Scene, atlas: Atlas) -> tuple[Int64, Float64]:
     corner[start > end] = corner[start > end][:, ::-1]
     key = np.minimum(start, end) * (int(vertex.max()) + 1) + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
-    borders = np.flatnonzero(np.diff(key[order])) + 1
-    groups = np.split(order, borders)
-    pairs = [pair for group in groups if 1 < len(group) <= 6 for pair in combinations(group, 2)]
-    if not pairs:
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    uses = np.repeat(np.diff(np.append(first, len(order))), np.diff(np.append(first, len(order))))
+    pairs = []
+    for step in range(1, _MEETING):
+        same = np.flatnonzero((key[order[step:]] == key[order[:-step]]) & (uses[step:] <= _MEETING))
+        pairs.append(np.stack([order[same], order[same + step]]))
+    a, b = np.concatenate(pairs, axis=1)
+    if not len(a):
         return np.zeros((0, 2), np.int64), np.zeros((0, 2, 2, 2))
-    a, b = np.array(pairs, np.int64).T
     fa, fb = face[a], face[b]
     uv = np.stack([atlas.uv[fa[:, None], corner[a]], atlas.uv[fb[:, None], corner[b]]], axis=1)
     na, nb = normals[fa[:, None], corner[a]], normals[fb[:, None], corner[b]]
     smooth = (np.einsum("ecx,ecx->ec", na, nb) > _SMOOTH).all(axis=1)
     apart = (atlas.page[fa] != atlas.page[fb]) | (np.abs(uv[:, 0] - uv[:, 1]).max(axis=(1, 2)) > 1e-3)
-    wanted = smooth & apart
+    some = atlas.areas > 0  # what is a point on its page has no edges
+    wanted = smooth & apart & some[fa] & some[fb]
     return np.stack([fa, fb], axis=1)[wanted], uv[wanted]

@@ -1,11 +1,12 @@
-"""Which sides of a scene's surfaces light can get to, and which points of them are inside other geometry.
+"""Which sides of a scene's surfaces get texels, and which points of them are inside other geometry.
 
-A side is dark where no chain of rays leads from it to a lamp, to the sky or to a punctual light: the inside of a
-solid, the outside of a room. Dark sides need no texels; and a point from which one sees nothing but dark sides is
-inside something, as the floor is under a box that stands on it.
+All that can be seen get some: every front, and the back of a material with two sides, but for the inside of a
+closed solid, which is proved (`solids`). Sides that no chain of rays leads from to a lamp, to the sky or to a
+punctual light are dark. They get fewer texels and never none, as this is found by chance. A point from which one
+sees nothing but dark sides is inside something, as the floor is under a box that stands on it.
 
 Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
-Poor at:  light that gets in by a hole which none of some hundred rays from a surface finds.
+Poor at:  light that gets in by a hole which none of some thousand rays from a surface finds: its texels are large.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.bake.solids import inside_solids
 from glpath.kernels import kernel
 from glpath.machine import core_count
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
@@ -25,8 +27,12 @@ from glpath.scene.model import Float64
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Walks from all sides together, and the fewest and most of one.
-_RAYS, _FEWEST, _MOST = 1 << 16, 4, 256
+#: Walks from a side of a piece, round by round until it is found to be lit, and of all in a round; at least one.
+_ROUNDS, _RAYS = (16, 64, 256, 1024), 1 << 17
+#: Share of walks from which on a side is lit before the last round, and after it: a few slip through edges.
+_SURELY, _SLIPS = 0.02, 1e-3
+#: Texels along a dark side for one along a lit one.
+_DARK = 0.25
 #: Rays start so far before a surface, in the size of the scene.
 _BEFORE = 1e-6
 #: Rays of a point before it counts as inside.
@@ -37,8 +43,8 @@ _BESIDE = 0.25
 _JOINS = 8
 #: Rays that a thread takes at a time.
 _TOGETHER = 1 << 14
-#: Bounces of a walk from a side that looks for light, and the share of walks that slip through edges.
-_BOUNCES, _SLIPS = 8, 1e-3
+#: Bounces of a walk from a side that looks for light.
+_BOUNCES = 8
 
 
 @kernel
@@ -52,20 +58,34 @@ def _cast(rays, origins, directions, own, hits, distances, found):  # type: igno
 class Sides:
     """The sides of a scene's triangles: 0 is the front, 1 the back.
 
-    lit  : (T, 2) bool, light can get there, and is sent on or shown
+    shown   : (T, 2) bool, it gets texels; of each triangle at least one side
+    hidden  : (T, 2) bool, it would be shown, were it not the inside of a closed solid
+    lit     : (T, 2) bool, light was found to get there, and is sent on or shown
     """
 
     scene: Scene
+    shown: Bools
+    hidden: Bools
     lit: Bools
     rays: Rays
     surfaces: _Surfaces
 
     @classmethod
-    def of(cls, scene: Scene) -> Sides:
-        """Of a scene in triangles."""
+    def of(cls, scene: Scene, seed: int = 0) -> Sides:
+        """Of a scene in triangles. seed : of the rays by which light is looked for; what is shown is no chance."""
         rays = rays_of(scene)
         surfaces = _Surfaces.of(scene)
-        return cls(scene, _lit(scene, rays, surfaces), rays, surfaces)
+        hidden = np.zeros(surfaces.sends.shape, np.bool_)
+        if surfaces.sends.all(axis=1).any():
+            hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
+            hidden[~np.asarray(surfaces.sends.all(axis=1))] = False  # where the other side is not there
+        shown = surfaces.sends & ~hidden
+        return cls(scene, shown, hidden, _lit(scene, rays, surfaces, shown, seed), rays, surfaces)
+
+    @property
+    def density(self) -> Float64:
+        """(T, 2): texels along a side for one along a lit one; 0 of what is not shown."""
+        return np.where(self.shown, np.where(self.lit, 1.0, _DARK), 0.0)
 
     def inside(self, triangle: Int64, side: Int64, points: Float64, near: Float64) -> Bools:
         """(N,): whether points (N, 3) of sides of triangles are inside other geometry, or behind it.
@@ -116,29 +136,41 @@ class Sides:
             for towards, length, target in _shining_points(self.scene, surfaces, origins, random):
                 facing = np.einsum("ij,ij->i", towards, normals) > 0
                 hit, _, distance = _hit(self.surfaces, self.rays, origins, towards, own)
-                found |= facing & ((hit < 0) | (hit == target) | (distance > length))
+                found |= facing & _reaches(hit, distance, length, target)
         return found
 
 
-def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces) -> Bools:
+def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int) -> Bools:
     """(T, 2): by random walks from all over each connected piece of a mesh, both of whose sides are alike all over.
 
-    A walk ends where something that shines is met, or seen from there; a side is lit from a thousandth of its walks
-    on, as a few slip through where surfaces meet.
+    A walk ends where something that shines is met, or seen from there. Pieces of which few walks do are asked again
+    with more of them, as small lamps and far windows are seldom met.
     """
-    count = len(scene.triangles)
     piece = _pieces(scene)
-    walks, ended = (np.zeros((int(piece.max()) + 1, 2)) for _ in range(2))
-    number = int(np.clip(_RAYS // (2 * count), _FEWEST, _MOST))
-    random = np.random.default_rng(0)
+    count = int(piece.max()) + 1
+    order = np.argsort(piece, kind="stable")
+    first = np.searchsorted(piece[order], np.arange(count + 1))
+    # Either side of a piece is one: 2 piece + side.
+    exists = np.zeros(2 * count, np.bool_)
     for side in range(2):
-        some = np.repeat(np.flatnonzero(surfaces.sends[:, side]), number)
-        points = _on(scene.triangles[some], random.random((len(some), 2)))
-        bright = _walk(scene, rays, surfaces, some, np.full(len(some), side), points, random)
-        np.add.at(walks[:, side], piece[some], 1)
-        np.add.at(ended[:, side], piece[some], bright)
-    lit = (ended > 1) & (ended >= _SLIPS * walks)
-    return np.asarray((lit[piece] & surfaces.sends) | surfaces.shines)
+        exists[2 * piece[shown[:, side]] + side] = True
+    walks, ended, lit = np.zeros(2 * count), np.zeros(2 * count), np.zeros(2 * count, np.bool_)
+    random = np.random.default_rng(seed)
+    for number in _ROUNDS:
+        asked = np.flatnonzero(exists & ~lit)
+        if not len(asked):
+            break
+        some = np.repeat(asked, max(min(number, _RAYS // len(asked)), 1))
+        start, size = first[some // 2], np.diff(first)[some // 2]
+        triangle = order[start + (random.random(len(some)) * size).astype(np.int64)]
+        points = _on(scene.triangles[triangle], random.random((len(some), 2)))
+        bright = _walk(scene, rays, surfaces, triangle, some % 2, points, random)
+        walks += np.bincount(some, minlength=2 * count)
+        ended += np.bincount(some, bright, 2 * count)
+        lit = (ended > 1) & (ended >= _SURELY * walks)
+    lit |= (ended > 1) & (ended >= _SLIPS * walks)
+    of_piece = lit.reshape(-1, 2)[piece]
+    return np.asarray((of_piece & shown) | (surfaces.shines & shown))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +227,7 @@ def _walk(
         for towards, length, target in _shining_points(scene, surfaces, origins, random):
             facing = np.einsum("ij,ij->i", towards, normals) > 0
             hit, _, distance = _hit(surfaces, rays, origins, towards, triangle)
-            seen |= facing & ((hit < 0) | (hit == target) | (distance > length))
+            seen |= facing & _reaches(hit, distance, length, target)
         directions = _cosine(normals, random.random((len(left), 2)))
         hit, back, distance = _hit(surfaces, rays, origins, directions, triangle)
         seen |= np.where(hit < 0, everywhere, surfaces.shines[hit, back])
@@ -212,7 +244,8 @@ def _shining_points(
 ) -> list[tuple[Float64, Float64, Int64]]:
     """From each origin (N, 3) towards a point of some lamp, and to the punctual lights.
 
-    Of each the unit direction, the distance, and the triangle that is there, -1 for none.
+    Of each the unit direction, the distance, infinite of a lamp that is seen from behind, and the triangle that is
+    there, -1 for none.
     """
     none = np.full(len(origins), -1)
     made = []
@@ -223,8 +256,17 @@ def _shining_points(
             made.append((*_unit(light.position - origins), none))
     if len(surfaces.lamps):
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
-        made.append((*_unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins), lamp))
+        towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
+        back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
+        # Who is behind a lamp that shines from its front alone is joined with nothing.
+        made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
     return made
+
+
+def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> Bools:
+    """(N,): whether rays that meet `hit` get to what `_shining_points` says; never to a lamp's back."""
+    behind = (target >= 0) & ~np.isfinite(length)
+    return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
 
 
 def _pieces(scene: Scene) -> Int64:
@@ -240,6 +282,13 @@ def _pieces(scene: Scene) -> Int64:
     ends = np.concatenate([which[:, :2], which[:, 1:]])
     graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(number, number))
     return np.asarray(connected_components(graph, directed=False)[1][which[:, 0]], np.int64)
+
+
+def cast(
+    scene: Scene, rays: Rays, origins: Float64, directions: Float64, own: Int64
+) -> tuple[Int64, Int64, Float64]:
+    """Of rays (N, 3) the (N,) triangle but for `own` (-1: none), the side that is met, and the distance."""
+    return _hit(_Surfaces.of(scene), rays, origins, directions, own)
 
 
 def _hit(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -57,6 +58,8 @@ _OPTIONS = (
 )  # fmt: skip
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
+#: Errors above the first are answered with how to come to the second.
+_NOISY, _CLEAN = 0.05, 0.02
 
 
 def register(app: typer.Typer) -> None:
@@ -118,8 +121,8 @@ def lightmap(
         str | None,
         typer.Option(
             metavar="STOPS|auto",
-            help="Brightness of unlit: 1 doubles it; default as the scene says, or else auto: log-average "
-            "luminance to middle grey.",
+            help="Brightness of unlit: 1 doubles it; default as the scene says, or else auto, as of a picture from "
+            "the scene's camera: log-average luminance to middle grey.",
             show_default=False,
             rich_help_panel=_OUTPUT,
         ),
@@ -159,9 +162,9 @@ def lightmap(
 ) -> None:
     """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
 
-    All bounces and every kind of light, by the engines of `glpath render`. Sides of surfaces that no light gets to
-    have no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights, metal and
-    glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
+    All bounces and every kind of light, by the engines of `glpath render`. All of the model is baked; the inside of
+    closed solids has no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights,
+    metal and glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
     """
     from glpath.bake.lightmap import check_density, check_glb
 
@@ -189,6 +192,10 @@ def lightmap(
         "texels": texels, "size": size, "uv": uv, "denoise": denoise, "integrator": integrator,
         "spp": MAX_SPP if spp is None and rules else spp, **option_values(integrator, options),
     }  # fmt: skip
+    if uv == "make":
+        from glpath.bake.atlas import require_xatlas
+
+        require_xatlas()  # before anything is read or compiled
     with aside("camera"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
@@ -211,11 +218,13 @@ def lightmap(
         film, failure = film_of(start, {**rules, **going_on}, progress, keeper, silence)
         made: list[Lightmap] = []
         written: list[Path] = []
+        told_stops: list[float] = []
 
         def save(path: Path) -> None:
             made.append(bake.lightmap(film))  # here, as the film is kept where this fails
             kind = cast("Materials", materials)
-            written.extend(made[0].save(path, materials=kind, exposure=stops, moz=moz))
+            told_stops.append(made[0].exposure_stops(stops))
+            written.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
 
         def write() -> GlpathError | None:
             kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
@@ -223,22 +232,32 @@ def lightmap(
 
         conclude(film, failure, keeper, write)
     if not quiet and progress != "json":
-        for line in (*_summary(made[0]), f"  {light_of(loaded)}"):
+        words_of_it = _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
+        for line in (*words_of_it, f"  {light_of(loaded)}"):
             say(line, err=True)
         for path in written:
             say(f"wrote {path}", err=True)
     last_words(keeper, f"light of {film.path_sets} path sets is in {out}")
 
 
-def _summary(baked: Lightmap) -> Iterator[str]:
+def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[str]:
+    """stops: of exposure, where the file has light that is exposed."""
     atlas, film = baked.atlas, baked.film
     texels, inside = len(baked.surfaces.inside), int(baked.surfaces.inside.sum())
     density = f", {atlas.texels:.3g} texels per scene unit" if atlas.texels else ""
     pages = f"{atlas.pages} page{'s' * (atlas.pages > 1)}"
     yield f"{pages} of {atlas.size[0]} x {atlas.size[1]}, {int(atlas.chart.max()) + 1:,} charts{density}"
     yield f"  {texels:,} texels, {inside:,} of them inside other geometry"
+    hidden = baked.surfaces.hidden
+    left_out = f", but for {hidden:,} sides that are inside closed solids" if hidden else ""
+    yield f"  all {len(baked.scene.triangles):,} triangles are in it{left_out}"
     error = film.relative_error()
     told = "" if error is None else f", error about {percent(error)}"
     yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{told}"
+    if error is not None and error > _NOISY and not denoised:
+        more = film.path_sets * math.ceil((error / _CLEAN) ** 2)
+        yield f"  for less noise: --noise {_CLEAN:g} (some {more:,} path sets), --integrator gather, or --denoise"
+    if stops is not None:
+        yield f"  exposure {stops:+g} stops"
     if len(baked.seams):
         yield f"  largest step across a seam {percent(float(baked.steps().max()))}"

@@ -119,7 +119,7 @@ class Cluster:
     def _gone(self, reason: str) -> ContextError:
         return ContextError(
             f"cluster {self.address}: the scheduler is gone: {reason.rstrip('.')}.",
-            "Start it again; with --checkpoint, --resume goes on.",
+            "Start it again; a render that keeps a checkpoint resumes from it.",
         )
 
     def forget(self, shared: Shared) -> None:
@@ -259,8 +259,8 @@ def _warn_if_open(address: str, scheduler: str) -> None:
     if not scheduler.startswith(_ENCRYPTED):
         log.warning(
             "cluster %s: %s has neither encryption nor a password: whoever reaches its port can run code as you, "
-            "here and on every worker. Start it with --protocol tls and certificates, or keep it on a network that "
-            "you trust as a whole.",
+            "here and on every worker. Start the scheduler with --protocol tls and certificates, or keep it on a "
+            "network that you trust as a whole.",
             address,
             scheduler,
         )

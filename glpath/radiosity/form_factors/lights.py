@@ -128,8 +128,10 @@ def _by_the_cosine(normals: Float64, random: np.random.Generator, rays: int) -> 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
     """(P, rays, 3) unit directions as dense as the map's radiance, for so many points, stratified."""
-    u = _stratified(count, random, rays).reshape(-1, 2)
-    return sky.directions(np.stack([u[:, 0], random.random(len(u)), u[:, 1]], axis=1)).reshape(count, -1, 3)
+    each = _stratified(count, random, rays)
+    u = each.reshape(-1, 2)
+    found = sky.directions(np.stack([u[:, 0], random.random(len(u)), u[:, 1]], axis=1))
+    return found.reshape(*each.shape[:2], 3)
 
 
 def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:

@@ -33,7 +33,7 @@ Int64 = NDArray[np.int64]
 
 #: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.35
+_SHARE = 0.3
 #: Of the error wanted of a row, what is allowed where nothing stands between.
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
@@ -42,7 +42,7 @@ _OF_BOUND = 0.1
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
-_A_POINT, _TRIED = 8.0, 64
+_A_POINT, _TRIED = 5.0, 64
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
 #: no point is tried; how often it is halved; and those that count then.
 _FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256

@@ -1,0 +1,88 @@
+"""A baked scene from its own camera, by looking texels up: as much of a picture as its exposure needs.
+
+Cost:     a ray through a BVH for each of some ten thousand pixels; no path.
+Poor at:  mirrors and highlights, which are as bright as what is diffuse and as light would be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.sides import cast
+from glpath.radiosity.shafts.rays import rays_of
+from glpath.scene.appearance import Appearance
+from glpath.scene.model import Float64
+
+if TYPE_CHECKING:
+    from glpath.bake.atlas import Atlas
+    from glpath.bake.lightmap import Lightmap
+
+Int64 = NDArray[np.int64]
+
+#: Pixels of the longer side, and how many panes a ray goes through.
+_LONGEST, _PANES = 128, 4
+
+
+def seen_by_camera(baked: Lightmap) -> Float64:
+    """(h, w, 3) radiance, W sr^-1 m^-2, linear Rec. 709."""
+    scene = baked.scene
+    camera = scene.camera.at()
+    width, height = camera.resolution
+    over = _LONGEST / max(width, height)
+    camera = replace(camera, resolution=(max(round(over * width), 1), max(round(over * height), 1)))
+    directions = camera.rays().reshape(-1, 3)
+    origins = camera.origins().reshape(-1, 3)
+    found = np.zeros(directions.shape)
+    rays, look = rays_of(scene), Appearance(scene)
+    clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
+    left, own = np.arange(len(directions)), np.full(len(directions), -1)
+    for _ in range(_PANES + 1):
+        hit, back, distance = cast(scene, rays, origins[left], directions[left], own[left])
+        away = left[hit < 0]
+        if scene.sky is not None:
+            found[away] = scene.sky.radiance(directions[away])
+        met = hit >= 0
+        left, hit, back, distance = left[met], hit[met], back[met], distance[met]
+        origins[left] += distance[:, None] * directions[left]
+        own[left] = hit
+        through = clear[scene.triangle_shape[hit]]
+        some = ~through
+        b = _barycentric(scene.triangles[hit[some]], origins[left[some]])
+        light = _looked_up(baked, hit[some], back[some], b)
+        shape = scene.triangle_shape[hit[some]]
+        twice = np.array([s.emission_two_sided for s in scene.shapes])[shape]
+        emission = look.emission(hit[some], b) * ((back[some] == 0) | twice)[:, None]
+        found[left[some]] = scene.side_reflectance[back[some], hit[some]] * light / np.pi + emission
+        left = left[through]
+        if not len(left):
+            break
+    return found.reshape(*camera.resolution[::-1], 3)
+
+
+def _looked_up(baked: Lightmap, triangle: Int64, side: Int64, b: Float64) -> Float64:
+    """(N, 3) irradiance at barycentric coordinates (N, 2); zero on sides that have no texels."""
+    atlas: Atlas = baked.atlas
+    face_of = np.full((len(baked.scene.triangles), 2), -1)
+    face_of[atlas.triangle, atlas.side] = np.arange(len(atlas.triangle))
+    face = face_of[triangle, side]
+    uv = atlas.uv[face]
+    at = uv[:, 0] + np.einsum("nc,ncx->nx", b, uv[:, 1:] - uv[:, :1])
+    column, row = np.clip(np.floor(at).astype(np.int64), 0, np.array(atlas.size) - 1).T
+    light = baked.irradiance[atlas.page[face], row, column].astype(np.float64)
+    light[face < 0] = 0.0
+    return np.asarray(light)
+
+
+def _barycentric(triangles: Float64, points: Float64) -> Float64:
+    """(N, 2): b1 and b2 of points (N, 3) in the planes of triangles (N, 3, 3)."""
+    e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    p = points - triangles[:, 0]
+    d11, d12, d22 = (np.einsum("ij,ij->i", x, y) for x, y in ((e1, e1), (e1, e2), (e2, e2)))
+    p1, p2 = np.einsum("ij,ij->i", p, e1), np.einsum("ij,ij->i", p, e2)
+    over = 1.0 / np.maximum(d11 * d22 - d12 * d12, np.finfo(float).tiny)
+    made = np.stack([(d22 * p1 - d12 * p2) * over, (d11 * p2 - d12 * p1) * over], axis=1)
+    return np.asarray(np.clip(made, 0.0, 1.0))
