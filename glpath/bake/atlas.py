@@ -142,14 +142,14 @@ def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float
         raise UsageError(
             f"a page of {size} x {size} texels is too small: {place} has {len(parts):,} meshes and instances, each "
             "of which is a chart at least.",
-            "Give a larger --size; or --texels, which takes as many pages as it needs.",
+            "Give a larger size; or texels in place of it, which takes as many pages as it needs.",
         )
     seconds = _SECONDS_EACH * triangles + _SECONDS_PIECE * len(parts)
     if seconds > _MOST_SECONDS:
         raise UsageError(
             f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
             f"{seconds / 60:.0f} minutes of processor time.",
-            "Simplify the model, or bake a part of it; or keep texture coordinates that the file has: --uv keep.",
+            'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
         )
 
 

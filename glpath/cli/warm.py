@@ -6,8 +6,10 @@ By rendering and solving something small with every engine, so that it is the ve
 from __future__ import annotations
 
 import time
+import warnings
 from typing import TYPE_CHECKING, Any
 
+from glpath.errors import SceneWarning
 from glpath.progress import duration
 from glpath.terminal import say
 
@@ -53,7 +55,9 @@ def compile_kernels(scene: Scene) -> RadiositySolution:
         adaptive = 1 if method == "progressive" else 0
         solution = solve_radiosity(scene, method=method, patches=1, adaptive=adaptive, particles=1)
     say("view factors", err=True)
-    view_factors(scene, groups="shapes")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # of the ground under the box, which nobody measures
+        view_factors(scene, groups="shapes")
     return solution
 
 
