@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from terrain import Hills
 
 import glpath
 from glpath.film import Film
 from glpath.film_metadata import AOVS
 from glpath.gl.context import get_context
+from tests.terrain import Hills
 
 STORED = Path(__file__).parent / "data" / "film_hashes.json"
 
