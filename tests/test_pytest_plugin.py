@@ -133,8 +133,8 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
         ),
         ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected letters"),
         ("np.full((4, 4), 128)", ".astype(np.uint8) where white is 255, np.uint16 where it is 65535, float of"),
-        ("__import__('matplotlib.pyplot').pyplot.subplots()[1]", "hand in the figure: axes.figure"),
-        ("__import__('matplotlib.pyplot').pyplot.subplots(2, 2)[1]", "hand in the figure: axes.figure"),
+        ("__import__('matplotlib.figure').figure.Figure().subplots()", "hand in the figure: axes.figure"),
+        ("__import__('matplotlib.figure').figure.Figure().subplots(2, 2)", "hand in the figure: axes.figure"),
         (
             "type('Plotter', (), {'screenshot': print})()",
             "its picture: Plotter(off_screen=True).screenshot(",

@@ -131,7 +131,7 @@ def test_no_ray_leaves_a_closed_room(away: float, monkeypatch: pytest.MonkeyPatc
     middles = 0.5 * (scene.triangles + np.roll(scene.triangles, 1, axis=1)).reshape(-1, 3)
     aims = np.concatenate([corners, middles])[:8000]
     origins = np.broadcast_to(centre + np.array([0.1, -0.1, -0.2]), aims.shape)
-    triangle, _ = cast(monkeypatch, tmp_path, scene, origins, aims - origins, 1e9)
+    triangle, _ = cast(monkeypatch, tmp_path, scene, origins - scene.centred.origin, aims - origins, 1e9)
     assert (triangle >= 0).all()
 
 
