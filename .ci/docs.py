@@ -25,7 +25,7 @@ HEADING = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 LEFT_OUT = (
     "glpath.__main__",
     "glpath.cli",
-    "glpath.kernels",
+    "glpath.system.kernels",
 )
 
 

@@ -10,7 +10,7 @@ import typer
 
 from glpath.cli.signals import result_of
 from glpath.errors import UsageError
-from glpath.terminal import say
+from glpath.system.terminal import say
 
 FOLDER = Path("out/figures")
 
@@ -45,8 +45,8 @@ def figure(
     if not (math.isfinite(scale) and 0 < scale <= 1):
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
     from benchmarks.figures.outcome import write
-    from glpath.charts import require_matplotlib
-    from glpath.files import check_writable
+    from glpath.film.charts import require_matplotlib
+    from glpath.system.files import check_writable
 
     require_matplotlib()
     check_writable(output / f"{name}.png")

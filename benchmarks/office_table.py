@@ -1,6 +1,6 @@
 """Table 1 of the paper, measured: the strategies on the two offices, and what the cache and the emitter list save.
 
-One step of progressive radiosity for each of the ten lights of `glpath.scene.shipped.office`, over all polygons as
+One step of progressive radiosity for each of the ten lights of `glpath.io.shipped.office`, over all polygons as
 receivers. Rows are plain dictionaries, for tables and JSON; `benches` and `figures` both show them.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.
@@ -15,11 +15,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from glpath.io import load_scene
 from glpath.radiosity.shafts.ends import Emitter, Receivers
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import PAPER, Options, Statistics
 from glpath.radiosity.shafts.visibility import Visibility
-from glpath.scene import Scene, load_scene
+from glpath.scene import Scene
 
 Row = dict[str, Any]
 Say = Callable[[str], None]

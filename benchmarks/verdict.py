@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from glpath.machine import core_count
+from glpath.system.machine import core_count
 
 
 @dataclass(frozen=True)

@@ -24,16 +24,17 @@ if TYPE_CHECKING:
         ShaderError,
         UsageError,
     )
-    from glpath.film import Film, read_image
-    from glpath.progress import Progress
+    from glpath.film.film import Film, read_image
+    from glpath.io import load_scene
+    from glpath.io.export import export
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
     from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
     from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.rendering.points import Irradiance, irradiance
-    from glpath.scene import Scene, load_scene
-    from glpath.scene.export import export
+    from glpath.rendering.progress import Progress
+    from glpath.scene import Scene
 
     __version__: str
 
@@ -42,12 +43,12 @@ if TYPE_CHECKING:
 _HOME = {
     "ContextError": "errors",
     "ElementError": "rendering",
-    "Film": "film",
+    "Film": "film.film",
     "GlpathError": "errors",
     "ImageError": "errors",
     "Irradiance": "rendering.points",
     "Lightmap": "bake.lightmap",
-    "Progress": "progress",
+    "Progress": "rendering.progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
     "RadiositySolution": "radiosity.solution",
@@ -60,11 +61,11 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "element_error": "rendering",
-    "export": "scene.export",
+    "export": "io.export",
     "irradiance": "rendering.points",
     "lightmap": "bake.lightmap",
-    "load_scene": "scene",
-    "read_image": "film",
+    "load_scene": "io",
+    "read_image": "film.film",
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",

@@ -13,8 +13,8 @@ import hypothesis
 import numpy as np
 import pytest
 
-from glpath.film import Film, FilmMetadata
-from glpath.film_batches import blocks
+from glpath.film.batches import blocks
+from glpath.film.film import Film, FilmMetadata
 
 # A project of its own; `test_pytest_plugin` runs it.
 collect_ignore = ["example_project"]

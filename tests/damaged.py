@@ -32,11 +32,11 @@ import numpy as np
 from numpy.lib import format as npy
 
 import glpath
-from glpath import image
 from glpath.compare import Picture, read_picture
 from glpath.errors import GlpathError
-from glpath.film import Film, FilmMetadata
-from glpath.film_batches import blocks
+from glpath.film import image
+from glpath.film.batches import blocks
+from glpath.film.film import Film, FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob
 

@@ -16,7 +16,7 @@ import pytest
 # Loaded here once: pytester unloads what a run of its own has loaded.
 import glpath.pytest_plugin.report
 import glpath.rendering.calls  # noqa: F401
-from glpath.bvh import build_bvh
+from glpath.accel.bvh import build_bvh
 
 Run = Callable[..., pytest.RunResult]
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from glpath.film import Film
+from glpath.film.film import Film
 
 #: Small, of own rays, and about a millisecond a path set.
 SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from glpath.scene.formats.from_python import PythonPlace
-from glpath.scene.formats.load import scene_of
+from glpath.io.from_python import PythonPlace
+from glpath.io.load import scene_of
 from glpath.scene.model import Scene
 
 _VIEW = {"position": [0, 0, 3], "target": [0, 0, 0]}

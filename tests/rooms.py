@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 from glpath.scene.tessellate import box, quad

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath.gl.geometry_stream import GeometryStream
-from glpath.machine import peak_resident_bytes
+from glpath.system.machine import peak_resident_bytes
 
 #: Squares along a tile: 2 * TILE**2 triangles.
 TILE = 128

@@ -10,7 +10,8 @@ import pytest
 import glpath
 from glpath.errors import SceneWarning
 from glpath.integrators import ray_paths
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 
 def furnace(reflectance: float) -> Scene:

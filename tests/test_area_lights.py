@@ -10,8 +10,9 @@ from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.io import scene_from_dict
 from glpath.radiosity.picture import EyeHits
-from glpath.scene import Scene, scene_from_dict
+from glpath.scene import Scene
 
 RAY_TRACERS = pytest.mark.parametrize("integrator", ["classic", "t-buffer"])
 LAMP = [[1, 1, 0.3], [1, 1, -0.3], [2, 1, -0.3], [2, 1, 0.3]]

@@ -17,8 +17,9 @@ import glpath
 from glpath import load_scene
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning
-from glpath.scene import Scene, scene_schema
-from glpath.scene.formats.description import scene_schema as described
+from glpath.io import scene_schema
+from glpath.io.description import scene_schema as described
+from glpath.scene import Scene
 
 HEAD = """
 camera = { position = [2, 2, 6], target = [0, 0, 0] }
@@ -61,7 +62,7 @@ def test_an_asset_is_what_the_file_alone_is(tmp_path: Path) -> None:
 
 
 def test_a_file_is_read_once_and_its_meshes_are_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from glpath.scene.formats import assets as module
+    from glpath.io import assets as module
 
     calls = []
     read = module.read_model

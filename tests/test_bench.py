@@ -26,9 +26,9 @@ from benchmarks.verdict import Report
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
 from glpath.gl.context import get_context
+from glpath.io import load_scene
 from glpath.jobs.cluster import render_on
 from glpath.rendering import factory
-from glpath.scene import load_scene
 
 
 @pytest.fixture

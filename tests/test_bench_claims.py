@@ -19,7 +19,7 @@ from benchmarks.benches.equal_error import Contestant
 from benchmarks.references.kept import Reference
 from benchmarks.references.stored import smaller, stored_reference
 from glpath.integrators.settings import PathTraceSettings
-from glpath.scene import load_scene
+from glpath.io import load_scene
 
 SIDE = 64
 NOT_THE_NEAREST = ("ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")

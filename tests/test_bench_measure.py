@@ -11,7 +11,7 @@ from benchmarks.benches.measure import bench_measure, office_grid
 from benchmarks.peers import other_python
 from benchmarks.peers import radiance as radiance_peer
 from glpath.errors import GlpathError
-from glpath.image import luminance
+from glpath.film.image import luminance
 
 
 def test_a_small_bench_without_radiance_measures_and_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from benchmarks.references.kept import Reference, reference_picture
 from benchmarks.references.stored import stored_reference
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError, SceneError, UsageError
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.model import Shapes
 
 LAMP = {"type": "quad", "corners": [[0, 2, 0], [1, 2, 0], [1, 2, 1], [0, 2, 1]], "emission": {"radiance": 4}}

@@ -17,9 +17,9 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture
 from glpath.compare.statistical import stat
-from glpath.film import Film
+from glpath.film.film import Film
+from glpath.io.export.mitsuba import MitsubaScene, described
 from glpath.scene import Scene
-from glpath.scene.export.mitsuba import MitsubaScene, described
 from glpath.scene.model import Float64
 from tests.witnesses import Witness, lights, materials, textures
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from glpath.bvh import BINS, build_bvh
-from glpath.bvh_nodes import Bvh
+from glpath.accel.bvh import BINS, build_bvh
+from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
 
 # Coordinates from a small grid make boxes that touch, coincide and have no extent; others make slivers.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError
-from glpath.sampling import PathSetSampler
+from glpath.sampling.points import PathSetSampler
 from glpath.scene import Camera, check_camera
 from glpath.scene.camera import CameraKey, Projection
 

@@ -24,11 +24,11 @@ from command_line import run
 from typer.testing import Result
 
 import glpath
-from glpath import files
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 from glpath.rendering import interrupts
+from glpath.system import files
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}

@@ -26,9 +26,9 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 import glpath
-from glpath.image import luminance
+from glpath.film.image import luminance
+from glpath.film.units import EFFICACY
 from glpath.scene import Environment
-from glpath.units import EFFICACY
 from tests.test_light_profiles import ies
 
 Float64 = NDArray[np.float64]

@@ -26,10 +26,10 @@ from glpath import rendering
 from glpath.cli.main import Commands, app
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
-from glpath.film import Film, read_image
-from glpath.image import write_exr
-from glpath.progress import duration, percent, reporting
+from glpath.film.film import Film, read_image
+from glpath.film.image import write_exr
 from glpath.rendering.job import ALL_BOUNCES
+from glpath.rendering.progress import duration, percent, reporting
 
 
 @dataclass
@@ -494,7 +494,7 @@ import sys, time
 import numpy as np
 from glpath import rendering
 from glpath.cli.main import run
-from glpath.film import Film, FilmMetadata
+from glpath.film.film import Film, FilmMetadata
 
 def render(scene, **options):
     film = Film.empty(FilmMetadata("slow", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))

@@ -16,7 +16,7 @@ import pytest
 from command_line import run
 
 import glpath
-from glpath.scene import scene_parameters, shipped_scenes
+from glpath.io import scene_parameters, shipped_scenes
 
 SMALL = ("--resolution", "16x12", "--spp", "2", "--max-depth", "2")
 

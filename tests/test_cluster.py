@@ -32,8 +32,8 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import ContextError, UsageError
-from glpath.film import Film
-from glpath.film_batches import BLOCK
+from glpath.film.batches import BLOCK
+from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
 from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
 from glpath.jobs.cluster import render_on
@@ -41,7 +41,7 @@ from glpath.jobs.connection import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
-from glpath.sensors import PointSensor
+from glpath.sensors.sensor import PointSensor
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("cryptography")

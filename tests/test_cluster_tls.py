@@ -16,7 +16,7 @@ import pytest
 from test_checkpoint import same
 
 import glpath
-from glpath.film import Film
+from glpath.film.film import Film
 
 pytest.importorskip("distributed")
 

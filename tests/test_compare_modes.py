@@ -11,7 +11,7 @@ from conftest import MakeFilm
 
 from glpath.compare import BLOCK_SIDE, Picture, compare, default_mode, flip_map, flip_picture, read_limits
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.image import decode_srgb, read_exr_channels, read_image
+from glpath.film.image import decode_srgb, read_exr_channels, read_image
 
 GREY = np.full((20, 24, 3), 0.5)
 

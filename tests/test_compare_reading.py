@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from glpath.cli.main import app
 from glpath.compare import Picture, compare, most_different, picture_from_bytes, picture_of_pillow, read_picture
 from glpath.errors import ImageError
-from glpath.image import decode_srgb, write_exr
+from glpath.film.image import decode_srgb, write_exr
 
 rng = np.random.default_rng(0)
 RGB = rng.integers(0, 256, (6, 5, 3), dtype=np.uint8)

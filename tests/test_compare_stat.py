@@ -20,8 +20,8 @@ from rooms import with_triangles
 import glpath
 from glpath.compare import Noise, Picture, compare
 from glpath.errors import ImageError, UsageError
-from glpath.film import Film
-from glpath.film_batches import BATCHES
+from glpath.film.batches import BATCHES
+from glpath.film.film import Film
 from glpath.scene import Scene
 
 SIZE = 32

@@ -13,10 +13,10 @@ import pytest
 
 import glpath
 from benchmarks.peers import other_python
-from glpath.cryptomatte import ShapeCounts, cryptomatte, hash_id, murmur3_32
 from glpath.errors import GlpathError, ImageError
-from glpath.film import Film
-from glpath.image import read_exr_channels, read_image
+from glpath.film.cryptomatte import ShapeCounts, cryptomatte, hash_id, murmur3_32
+from glpath.film.film import Film
+from glpath.film.image import read_exr_channels, read_image
 
 #: Out of Psyop's cryptomatte_utilities_tests.py, the reference implementation's own.
 PUBLISHED = {

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from glpath import load_scene, read_image
 from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.scene.model import Scene
 
 PROGRAM = Path(__file__).with_name("damaged.py")

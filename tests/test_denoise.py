@@ -17,11 +17,11 @@ from benchmarks.references.stored import smaller, stored_reference
 from glpath import compare
 from glpath.cli.main import app
 from glpath.compare import relative_mse
-from glpath.denoise import denoised
 from glpath.errors import GlpathError, UsageError
-from glpath.film import Film
-from glpath.film_metadata import DENOISER_AOVS as AOVS
-from glpath.image import read_exr_channels, read_image
+from glpath.film.denoise import denoised
+from glpath.film.film import Film
+from glpath.film.image import read_exr_channels, read_image
+from glpath.film.metadata import DENOISER_AOVS as AOVS
 from glpath.rendering import RenderJob
 
 pytest.importorskip("pyoidn", reason="needs the denoise extra")
@@ -105,7 +105,9 @@ def test_pictures_of_any_size_keep_their_borders(size: tuple[int, int]) -> None:
 
 def test_the_error_is_that_of_two_halves_weighed_by_their_path_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a denoiser that changes nothing it is twice the variance of the mean."""
-    monkeypatch.setattr("glpath.denoise.denoised", lambda radiance, albedo, normal: radiance.astype(np.float32))
+    monkeypatch.setattr(
+        "glpath.film.denoise.denoised", lambda radiance, albedo, normal: radiance.astype(np.float32)
+    )
     film = glpath.render("cornell-box-36", spp=24, max_depth=1, resolution=(16, 16), aovs=AOVS)
     means = [film.radiance_sums[:1].sum(axis=0) / 8, film.radiance_sums[1:3].sum(axis=0) / 16]
     expected = 2 * (8 / 24) * (16 / 24) * (means[0] - means[1]) ** 2

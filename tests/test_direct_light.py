@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.film import Film
+from glpath.film.film import Film
 
 #: Every kind of light, textures, masks aside; diffuse, so that every engine has it.
 LIGHTS: dict[str, object] = {

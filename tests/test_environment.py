@@ -15,9 +15,9 @@ from test_path_lights import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, 
 import glpath
 from glpath import SceneError, solve_radiosity
 from glpath.compare import relative_mse
-from glpath.lighting import Lighting, max_radiance
+from glpath.lights.lighting import Lighting, max_radiance
 from glpath.radiosity.solution import DIRECT
-from glpath.sampling import PathSetSampler, uniform_sphere
+from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
 

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from glpath import SceneError, SceneWarning, load_scene
 from glpath.cli.main import app
-from glpath.image import decode_srgb, write_exr, write_png
+from glpath.film.image import decode_srgb, write_exr, write_png
+from glpath.io import description
 from glpath.scene import Environment
-from glpath.scene.formats import description
 
 HEAD = """
 [camera]

@@ -9,7 +9,7 @@ import pytest
 
 import glpath
 from glpath.integrators.settings import Integrator
-from glpath.scene import shipped_scenes
+from glpath.io import shipped_scenes
 
 #: What an engine says instead, by scene.
 REFUSED = {

@@ -20,12 +20,13 @@ from command_line import run
 
 import glpath
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
-from glpath.image import read_image
+from glpath.film.image import read_image
 from glpath.integrators.settings import IntegratorSettings
-from glpath.scene.export import MAX_DEPTH
-from glpath.scene.export.geometry import Notes, in_triangles
-from glpath.scene.export.mitsuba import described
-from glpath.scene.formats.gltf.load import Model, read_gltf
+from glpath.io.export import MAX_DEPTH
+from glpath.io.export.geometry import Notes, in_triangles
+from glpath.io.export.mitsuba import described
+from glpath.io.gltf.load import Model, read_gltf
+from glpath.io.library import shipped_scenes
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
     Camera,
@@ -40,7 +41,6 @@ from glpath.scene.model import (
     Texture,
     TextureSlot,
 )
-from glpath.scene.shipped.library import shipped_scenes
 from glpath.scene.tessellate import box_mesh, unit_sphere
 
 ROTATED = np.array([[0.0, -2.0, 0.0, 3.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]])
@@ -622,7 +622,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, monkey
     def refused(*_: object) -> bytes:
         raise ImageError("full")
 
-    monkeypatch.setattr("glpath.scene.export.mitsuba_xml.ply", refused)
+    monkeypatch.setattr("glpath.io.export.mitsuba_xml.ply", refused)
     with pytest.raises(ImageError):
         quietly("room", tmp_path / "a.xml")
     assert (tmp_path / "a.xml").read_bytes() == before

@@ -17,14 +17,14 @@ from scipy.ndimage import binary_erosion
 
 import glpath
 from glpath import Film, SceneWarning, load_scene, render
-from glpath.image import read_exr_channels
+from glpath.film.image import read_exr_channels
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import RenderJob, run
 from glpath.rendering.points import irradiance
 from glpath.scene import Scene
 from glpath.scene.centre import FARTHEST, origin_of
 from glpath.scene.model import Mesh
-from glpath.sensors import PointSensor
+from glpath.sensors.sensor import PointSensor
 
 #: UTM zones: metres to the east and to the north, by a file whose y is up, and by one whose z is.
 PLACES = ((500000.37, 30.21, 450000.11), (450000.3, 5800000.77, 37.2))

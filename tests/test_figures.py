@@ -20,9 +20,9 @@ from benchmarks.figures.catalogue import FIGURES
 from benchmarks.figures.outcome import Outcome, as_csv, write
 from benchmarks.figures.style import Series
 from benchmarks.verdict import Report
-from glpath import charts
-from glpath.charts import Axis
 from glpath.errors import GlpathError
+from glpath.film import charts
+from glpath.film.charts import Axis
 
 FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
 

@@ -15,10 +15,10 @@ from conftest import MakeFilm
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from glpath import image
 from glpath.errors import ImageError, UsageError
-from glpath.film import Film, FilmMetadata
-from glpath.film_batches import BATCHES, BLOCK, batch_of, blocks
+from glpath.film import image
+from glpath.film.batches import BATCHES, BLOCK, batch_of, blocks
+from glpath.film.film import Film, FilmMetadata
 
 any_time = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -18,19 +18,20 @@ import glpath
 from glpath import RadiositySolution, rendering
 from glpath.compare import relative_mse
 from glpath.errors import UsageError
-from glpath.film import read_image
+from glpath.film.film import read_image
 from glpath.gl import device_radiosity as radiosity_store
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import GatherTracer, device_radiosity
 from glpath.integrators.settings import GatherSettings
-from glpath.lighting import Lighting
+from glpath.io import load_scene, scene_from_dict
+from glpath.lights.lighting import Lighting
 from glpath.radiosity import lookup as lookup_module
 from glpath.radiosity.lookup import lookup_table, near_lamps
 from glpath.radiosity.mesh import lattice
 from glpath.rendering import factory, tiles
-from glpath.sampling import PathSetSampler, counter_hash, uniform_hemisphere
-from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
+from glpath.sampling.points import PathSetSampler, counter_hash, uniform_hemisphere
+from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
 BOX = "cornell-box-36"

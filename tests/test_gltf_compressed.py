@@ -19,7 +19,8 @@ from PIL import Image
 
 import glpath
 from glpath.errors import SceneWarning
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 from glpath.scene.model import Float64
 
 pytestmark = pytest.mark.evidence

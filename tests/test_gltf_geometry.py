@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gltf_files import TRIANGLE, Gltf
 
-from glpath.scene.formats.gltf import Model, read_gltf
+from glpath.io.gltf import Model, read_gltf
 from glpath.scene.model import Mesh, Shapes
 
 

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError
-from glpath.scene.formats.gltf.load import read_gltf
+from glpath.io.gltf.load import read_gltf
 
 Change = Callable[[dict[str, Any]], None]
 

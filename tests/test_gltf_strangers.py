@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError
-from glpath.scene.formats.gltf import Model, read_gltf
+from glpath.io.gltf import Model, read_gltf
 from glpath.scene.model import Shapes
 
 FOLDER = Path("/usr/share/assimp/models")

@@ -12,9 +12,9 @@ import pytest
 from gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
 from glpath.errors import SceneError, UsageError
-from glpath.image import decode_srgb
-from glpath.scene.formats.gltf import Model, read_gltf
-from glpath.scene.formats.gltf.glossiness import metal_and_roughness
+from glpath.film.image import decode_srgb
+from glpath.io.gltf import Model, read_gltf
+from glpath.io.gltf.glossiness import metal_and_roughness
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
 
 #: Red and green above blue and white.

@@ -13,11 +13,12 @@ from glpath.buffers.hemicube_form_factor import HemicubeFormFactors, atlas_form_
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.io import load_scene, scene_from_dict
 from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import FormFactors
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides
-from glpath.scene import Scene, load_scene, scene_from_dict
+from glpath.scene import Scene
 
 Float64 = NDArray[np.float64]
 

@@ -11,9 +11,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from glpath import files, image
 from glpath.errors import ImageError, UsageError
-from glpath.film import read_image
+from glpath.film import image
+from glpath.film.film import read_image
+from glpath.system import files
 
 RAMP = np.linspace(0, 1, 256)
 

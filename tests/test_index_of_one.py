@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 
 def ball(ior: float, roughness: float, thin: bool = False) -> Scene:

@@ -15,13 +15,13 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.cli.main import app
 from glpath.cli.point_files import en_12464_counts, grid_of, read_points
-from glpath.film import Film
-from glpath.image import read_eight_bits
+from glpath.film.film import Film
+from glpath.film.image import read_eight_bits
+from glpath.film.noise import standard_error
 from glpath.integrators.settings import DEEPEST, PathTraceSettings
-from glpath.noise import standard_error
+from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
-from glpath.scene import load_scene
-from glpath.sensors import PointSensor
+from glpath.sensors.sensor import PointSensor
 
 BOX = "cornell-box-36"
 POINTS = [[0.0, 0.5, 0.1], [0.2, 0.3, 0.2], [-0.3, 0.5, 0.0]]

@@ -14,11 +14,11 @@ import pytest
 from command_line import run as cli
 
 import glpath
-from glpath.film_batches import BLOCK
+from glpath.film.batches import BLOCK
 from glpath.integrators.settings import GatherSettings
+from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.rendering.job import SceneSource
-from glpath.scene import load_scene
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}

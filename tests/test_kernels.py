@@ -15,15 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from glpath import kernels
-from glpath.kernel_cache import room_stamp
 from glpath.radiosity.solvers import ahead
 from glpath.radiosity.solvers.checks import METHODS
 from glpath.radiosity.solvers.needed import kernels_of
+from glpath.system import kernels
+from glpath.system.kernel_cache import room_stamp
 
 INNER = """
 from typing import NamedTuple
-from glpath.kernels import inner_kernel
+from glpath.system.kernels import inner_kernel
 
 class {name}(NamedTuple):
     value: float
@@ -34,7 +34,7 @@ def inner(pair):
 """
 OUTER = """
 import inside
-from glpath.kernels import kernel
+from glpath.system.kernels import kernel
 
 @kernel
 def outer(pair):
@@ -319,7 +319,7 @@ def test_a_process_compiles_the_largest_kernel_ahead(
 
 DEBUGGED = """
 import numpy as np
-from glpath.bvh import build_bvh
+from glpath.accel.bvh import build_bvh
 from glpath.radiosity import Shaft, candidate_list
 
 shaft = Shaft.between([[0, 0, 0], [1, 1, 0]], [[0, 0, 5], [1, 1, 5]])

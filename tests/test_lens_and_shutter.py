@@ -19,17 +19,17 @@ import glpath
 from glpath.buffers.t_buffer import ClassicEye, TBuffer
 from glpath.compare import relative_mse
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import PathTraceSettings
+from glpath.io.load import scene_from_dict
 from glpath.rendering import RenderJob, run
-from glpath.sampling import PathSetSampler
+from glpath.sampling.points import PathSetSampler
 from glpath.scene import check_scene, path_traceable
-from glpath.scene.formats.load import scene_from_dict
 from glpath.scene.model import Scene
 from glpath.scene.motion import Motion
 from tests.gltf_files import Gltf

@@ -16,9 +16,9 @@ from scipy.interpolate import RegularGridInterpolator
 import glpath
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
-from glpath.light_samples import incident
-from glpath.scene.formats.gltf import read_gltf
-from glpath.scene.formats.ies import read_ies
+from glpath.io.gltf import read_gltf
+from glpath.io.ies import read_ies
+from glpath.lights.samples import incident
 from glpath.scene.model import Float64, Light, LightProfile
 from glpath.scene.place import Place
 

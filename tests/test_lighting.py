@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glpath.lighting import Lighting, max_radiance, sky_radiance
-from glpath.sampling import uniform_sphere
-from glpath.scene import Scene, scene_from_dict
+from glpath.io import scene_from_dict
+from glpath.lights.lighting import Lighting, max_radiance, sky_radiance
+from glpath.sampling.points import uniform_sphere
+from glpath.scene import Scene
 
 QUAD: dict[str, Any] = {"type": "quad", "corners": [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]]}
 UP = np.array([[0.0, 1.0, 0.0]])

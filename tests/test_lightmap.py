@@ -26,10 +26,11 @@ from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, lattice, rasterised
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.film import Film
-from glpath.image import read_image
+from glpath.film.film import Film
+from glpath.film.image import read_image
 from glpath.integrators.settings import PathTraceSettings
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 pytest.importorskip("xatlas")
 

@@ -18,7 +18,8 @@ from glpath.bake.sides import Sides, _lit
 from glpath.bake.solids import winding_number
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneWarning, UsageError
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 
 pytest.importorskip("xatlas")

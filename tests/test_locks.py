@@ -17,17 +17,17 @@ import pytest
 from command_line import run
 
 import glpath
-from glpath import locks
 from glpath.errors import GlpathError, UsageError
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
-from glpath.locks import Lock
+from glpath.system import locks
+from glpath.system.locks import Lock
 
 # Holds frames of a file until its standard input ends, or it is killed.
 HOLDING = """
 import sys
 from pathlib import Path
-from glpath.locks import Lock
+from glpath.system.locks import Lock
 
 with Lock(Path(sys.argv[1]), "a render", int(sys.argv[2]), int(sys.argv[3])):
     print("held", flush=True)

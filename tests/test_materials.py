@@ -10,7 +10,7 @@ import pytest
 
 import glpath
 from glpath import GlpathError, load_scene
-from glpath.scene.formats.load import scene_from_dict
+from glpath.io.load import scene_from_dict
 from glpath.scene.material import SMOOTH
 from glpath.scene.model import Float64, Material, Scene
 

@@ -139,7 +139,7 @@ def test_programs_are_bounded_and_those_in_use_stay(context, monkeypatch):
 _RENDERS = """
 import sys, warnings
 import many_scenes, glpath
-from glpath.machine import peak_resident_bytes
+from glpath.system.machine import peak_resident_bytes
 warnings.simplefilter("ignore")
 for i in range(int(sys.argv[1])):
     glpath.render(many_scenes.scene(i), resolution=(16, 16), spp=1, max_depth=2)

@@ -19,10 +19,11 @@ import glpath
 from glpath import load_scene
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.image import decode_srgb
+from glpath.film.image import decode_srgb
+from glpath.io import scene_cameras, scene_parameters
+from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
-from glpath.scene import Material, Scene, check_scene, scene_cameras, scene_parameters
-from glpath.scene.formats.values import nearby_files
+from glpath.scene import Material, Scene, check_scene
 
 CAMERA_AND_LIGHT = {
     "cameras": [

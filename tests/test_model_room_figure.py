@@ -10,8 +10,9 @@ import pytest
 from test_t_buffer_figures import holds_by_its_rule
 
 from benchmarks.figures import model_room
-from glpath.scene import Scene, load_scene
-from glpath.scene.export.mitsuba import described
+from glpath.io import load_scene
+from glpath.io.export.mitsuba import described
+from glpath.scene import Scene
 
 
 def test_errors_leave_the_worst_pixels_out_once_and_once_not() -> None:

@@ -19,7 +19,7 @@ import pytest
 from PIL import Image
 
 import glpath
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.context import open_context
 from glpath.notebook import View, explore_shafts, view
 from glpath.notebook.live import LiveImage
@@ -401,7 +401,7 @@ def test_progress_replaces_a_picture_in_place(monkeypatch: pytest.MonkeyPatch) -
         return handle
 
     monkeypatch.setattr(IPython.display, "display", display)
-    monkeypatch.setattr("glpath.progress.in_notebook", lambda: True)
+    monkeypatch.setattr("glpath.rendering.progress.in_notebook", lambda: True)
     told: list[int] = []
     film = glpath.render(
         "furnace", spp=40, max_depth=1, resolution=(8, 8), progress=True, on_progress=lambda p: told.append(p.done)

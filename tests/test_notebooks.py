@@ -25,7 +25,7 @@ PUBLIC = (
     "glpath.buffers",
     "glpath.compare",
     "glpath.gl",
-    "glpath.image",
+    "glpath.film.image",
     "glpath.notebook",
     "glpath.radiosity",
     "glpath.rendering",

@@ -20,12 +20,13 @@ from conftest import MakeFilm
 from typer.testing import CliRunner, Result
 
 from benchmarks.figures.outcome import Outcome, write
-from glpath import files, rendering
+from glpath import rendering
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
-from glpath.film import Film, FilmMetadata
+from glpath.film.film import Film, FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.system import files
 
 FULL = Path("/dev/full")
 
@@ -108,7 +109,7 @@ def test_where_only_a_picture_was_wanted_the_film_is_kept_too(film: Film, tmp_pa
 def test_a_mistake_in_one_format_does_not_lose_the_others(
     film: Film, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("glpath.film.write_exr", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("glpath.film.film.write_exr", lambda *_, **__: 1 / 0)
     result = run("render", "furnace", "-o", tmp_path / "a.exr", "-o", tmp_path / "b.npz")
     assert result.exit_code == 1
     assert "a.exr: cannot be written: ZeroDivisionError('division by zero')." in result.stderr
@@ -157,7 +158,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from glpath.errors import ImageError
-from glpath.film import Film, FilmMetadata
+from glpath.film.film import Film, FilmMetadata
 
 film = Film.empty(FilmMetadata("noise", "0", "path_trace", 0, 5, {}, (96, 96), (0, 0, 96, 96)))
 film.add(0, 5, np.random.default_rng(0).random((96, 96, 3)))
@@ -218,7 +219,7 @@ import os, signal, sys, time
 import numpy as np
 from glpath import rendering
 from glpath.cli.main import run
-from glpath.film import Film, FilmMetadata
+from glpath.film.film import Film, FilmMetadata
 from glpath.rendering import Progress, RenderInterrupted
 
 at, number, times = sys.argv.pop(1), getattr(signal, sys.argv.pop(1)), int(sys.argv.pop(1))

@@ -11,9 +11,10 @@ import trimesh
 
 import glpath
 from glpath.errors import SceneWarning
-from glpath.scene import Scene, load_scene
-from glpath.scene.shipped import patterns
-from glpath.scene.shipped.parlour import ROOM
+from glpath.io import load_scene
+from glpath.io.shipped import patterns
+from glpath.io.shipped.parlour import ROOM
+from glpath.scene import Scene
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ from scipy import integrate
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.io.shipped.teapot import teapot_patches
 from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
-from glpath.scene.shipped.teapot import teapot_patches
 
 Float64 = NDArray[np.float64]
 CAMERA = Camera(np.array([4.0, 1.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (640, 480))

@@ -14,7 +14,7 @@ from glpath.buffers.path_buffer import PathBuffer
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 
 Float64 = NDArray[np.float64]

@@ -16,8 +16,9 @@ from glpath.gl.program import load_program
 from glpath.gl.texel_store import BYTES, make_store
 from glpath.integrators import path_guide
 from glpath.integrators.path_guide import guide_nodes, guide_places, path_guide_glsl
+from glpath.io import load_scene, scene_from_dict
 from glpath.radiosity.mesh import lattice
-from glpath.scene import load_scene, path_traceable, scene_from_dict
+from glpath.scene import path_traceable
 
 LEVELS, SIDE = 4, 16
 

@@ -15,7 +15,8 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators import ray_paths
 from glpath.integrators.path_trace import PathTracer, PathTraceSettings
-from glpath.scene import Scene, path_traceable, scene_from_dict
+from glpath.io import scene_from_dict
+from glpath.scene import Scene, path_traceable
 
 RHO = np.array([0.8, 0.5, 0.2])
 CORNERS = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]

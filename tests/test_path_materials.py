@@ -11,8 +11,9 @@ import pytest
 
 import glpath
 from glpath.compare import relative_mse
-from glpath.files import shipped_folder
-from glpath.scene import Scene, scene_from_dict
+from glpath.io import scene_from_dict
+from glpath.scene import Scene
+from glpath.system.files import shipped_folder
 
 LAMP = {"type": "point", "position": [1.2, 2.5, 1.5], "intensity": 20.0}
 FLOOR = [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]]

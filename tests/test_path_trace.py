@@ -22,7 +22,8 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.settings import PathTraceSettings
-from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
 

@@ -10,12 +10,13 @@ import pytest
 from reference.closed_forms import polygon_irradiance
 
 import glpath
-from glpath.film import Film
-from glpath.light_samples import LIGHT_KINDS
-from glpath.lighting import Lighting
+from glpath.film.film import Film
+from glpath.io import load_scene
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LIGHT_KINDS
 from glpath.rendering import RenderJob, run
-from glpath.scene import load_scene, path_traceable
-from glpath.sensors import PointSensor
+from glpath.scene import path_traceable
+from glpath.sensors.sensor import PointSensor
 
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
 

@@ -17,7 +17,7 @@ import pytest
 from image_suite import GREY, LOADED, Run
 
 from glpath.compare import Picture
-from glpath.image import read_image, write_exr
+from glpath.film.image import read_image, write_exr
 
 pytest_plugins = ["pytester", "image_suite"]
 
@@ -356,7 +356,7 @@ def test_the_plugin_loads_nothing_until_a_picture_is_compared(pytester: pytest.P
         import sys
 
         def test_nothing():
-            heavy = {"numpy", "scipy", "moderngl", "OpenEXR", "glpath.compare", "glpath.film", "glpath.image"}
+            heavy = {"numpy", "scipy", "moderngl", "OpenEXR", "glpath.compare", "glpath.film"}
             assert not heavy & set(sys.modules)
         """
     )

@@ -16,7 +16,7 @@ import pytest
 from image_suite import GREY, LOADED, Run
 
 from glpath.compare import read_picture
-from glpath.image import write_png
+from glpath.film.image import write_png
 from glpath.pytest_plugin.places import baseline_name
 
 pytest_plugins = ["pytester", "image_suite"]

@@ -16,9 +16,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
-from glpath import RadiositySolution, files, solve_radiosity
+from glpath import RadiositySolution, solve_radiosity
 from glpath.cli.main import app
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.system import files
 
 BOX = "cornell-box-36"
 METHODS: list[dict[str, Any]] = [

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.io import scene_from_dict
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.solution import DIRECT, INDIRECT
-from glpath.scene import Scene, scene_from_dict
+from glpath.scene import Scene
 from glpath.scene.model import Float64
 
 TINT = np.array([0.9, 0.6, 0.3])

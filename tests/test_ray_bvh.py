@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from reference.numpy_path_tracer import nearest_hits
 from test_bvh import boxes, check, random_boxes
 
-from glpath.bvh import build_bvh
-from glpath.bvh_nodes import Bvh
-from glpath.bvh_sweep import sweep_bvh
+from glpath.accel.bvh import build_bvh
+from glpath.accel.nodes import Bvh
+from glpath.accel.sweep import sweep_bvh
 from glpath.gl import program, ray_bvh
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.ray_bvh import RayBvh, _item_table, _items, ray_bvh_glsl
-from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
 SKY = {"zenith": 1.0, "horizon": 1.0}

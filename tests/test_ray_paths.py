@@ -14,8 +14,9 @@ from glpath.integrators import ray_paths
 from glpath.integrators.gather import device_radiosity
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
-from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict
-from glpath.sensors import CameraSensor
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Scene, path_traceable
+from glpath.sensors.sensor import CameraSensor
 
 # No multiple of a work group's side.
 WINDOW = (3, 2, 45, 29)

@@ -15,11 +15,12 @@ import pytest
 from gltf_files import Gltf
 
 import glpath
-from glpath import files, image
 from glpath.errors import GlpathError, ImageError
-from glpath.film import Film
+from glpath.film import image
+from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
+from glpath.system import files
 
 SCENES = ("a.toml", "a.obj", "a.ply", "a.stl", "a.gltf", "a.glb")
 PICTURES = ("a.png", "a.jpg", "a.exr", "a.hdr", "a.npz", "a.npy")
@@ -115,7 +116,7 @@ def test_openexr_writes_nothing_beside_our_error(tmp_path: Path, capfd: pytest.C
 
 
 def test_lines_of_others_are_kept_meanwhile(capfd: pytest.CaptureFixture[str]) -> None:
-    from glpath.c_output import without_lines
+    from glpath.system.c_output import without_lines
 
     with without_lines("of a library"):
         os.write(1, b"of a library: oh\n")

@@ -18,7 +18,7 @@ from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.references.stored import stored_reference
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference import closed_forms
 from tests.reference.numpy_path_tracer import nearest_hits, path_trace

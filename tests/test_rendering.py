@@ -186,7 +186,7 @@ def test_timings_are_there_when_asked_for() -> None:
 
 
 def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
-    from glpath.scene import scene_from_dict
+    from glpath.io import scene_from_dict
 
     ground = [[-900, 0, 900], [900, 0, 900], [900, 0, -900], [-900, 0, -900]]
     lamp = {"type": "box", "center": [0, 3, 0], "size": [1, 0.1, 1], "emission": {"radiance": 5.0}}

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
-from glpath.image import read_image
-from glpath.rgbe import read_rgbe
+from glpath.film.image import read_image
+from glpath.film.rgbe import read_rgbe
 
 HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n"
 

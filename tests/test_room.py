@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 import glpath
 from glpath.errors import SceneError
-from glpath.scene import Scene, Shape, check_scene, load_scene, path_traceable
-from glpath.scene.shipped.room import ROOM
-from glpath.scene.shipped.solids import arc, block, cushion, lines, moved, skin, turned
+from glpath.io import load_scene
+from glpath.io.shipped.room import ROOM
+from glpath.io.shipped.solids import arc, block, cushion, lines, moved, skin, turned
+from glpath.scene import Scene, Shape, check_scene, path_traceable
 
 
 @pytest.fixture(scope="module")

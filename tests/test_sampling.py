@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import qmc
 
 from glpath.buffers.frame import frame_about, tight_frame
-from glpath.sampling import PathSetSampler, counter_hash, lattice_point, uniform_hemisphere, uniform_sphere
-from glpath.sobol import DIMENSIONS, sobol_points
+from glpath.sampling.points import PathSetSampler, counter_hash, lattice_point, uniform_hemisphere, uniform_sphere
+from glpath.sampling.sobol import DIMENSIONS, sobol_points
 
 
 def numbers(sampler: PathSetSampler, index: int) -> np.ndarray:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError, SceneWarning
-from glpath.image import decode_srgb, write_exr
-from glpath.scene import Scene, load_scene, scene_from_dict
+from glpath.film.image import decode_srgb, write_exr
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Scene
 
 HEAD = """
 [camera]

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from glpath.cli import scenes
 from glpath.errors import SceneError
-from glpath.scene import Camera, Scene, check_camera, check_scene, load_scene, path_traceable, scene_from_dict
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Camera, Scene, check_camera, check_scene, path_traceable
 from glpath.scene.sight import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))

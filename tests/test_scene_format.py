@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError, SceneWarning
-from glpath.scene import load_scene, scene_from_dict, scene_schema
+from glpath.io import load_scene, scene_from_dict, scene_schema
 
 HEAD = """
 [camera]

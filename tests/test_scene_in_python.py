@@ -13,7 +13,7 @@ import trimesh
 
 import glpath
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.sight import sees_anything
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError
-from glpath.scene import CameraKey, Motion, load_scene, scene_from_dict
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import CameraKey, Motion
 from glpath.scene.digest import UNSEEN
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glpath.scene import Scene, scene_from_dict
+from glpath.io import scene_from_dict
+from glpath.scene import Scene
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError
-from glpath.scene import Scene, load_scene, path_traceable, scene_from_dict, tessellate
+from glpath.io import load_scene, scene_from_dict
+from glpath.scene import Scene, path_traceable, tessellate
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}

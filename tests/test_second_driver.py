@@ -19,7 +19,7 @@ import pytest
 from test_film_hashes import film_hash, film_of
 
 from glpath.compare import Picture, compare, relative_mse
-from glpath.film import Film
+from glpath.film.film import Film
 
 pytestmark = pytest.mark.evidence
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import linprog
 
-from glpath.bvh import build_bvh
-from glpath.bvh_nodes import Bvh
+from glpath.accel.bvh import build_bvh
+from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list, cluster
 

@@ -14,7 +14,7 @@ from conftest import MakeFilm
 from killing import SMALL
 
 import glpath
-from glpath.film import Film, read_image
+from glpath.film.film import Film, read_image
 from glpath.jobs.shards import merge_shards
 
 

@@ -14,15 +14,8 @@ from typer.testing import CliRunner
 
 from glpath.cli import scenes
 from glpath.errors import SceneError, UsageError
-from glpath.scene import (
-    Scene,
-    Shape,
-    check_scene,
-    load_scene,
-    parameters_from_options,
-    scene_from_dict,
-    shipped_scenes,
-)
+from glpath.io import load_scene, parameters_from_options, scene_from_dict, shipped_scenes
+from glpath.scene import Scene, Shape, check_scene
 
 
 def shape(scene: Scene, name: str) -> Shape:

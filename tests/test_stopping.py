@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.compare import relative_mse
-from glpath.film import Film, FilmMetadata
-from glpath.film_batches import BATCHES, BLOCK
-from glpath.noise import error_bound
+from glpath.film.batches import BATCHES, BLOCK
+from glpath.film.film import Film, FilmMetadata
+from glpath.film.noise import error_bound
 from glpath.rendering.stopping import StopRules, looks_at_noise
 
 BOX = "cornell-box-36"

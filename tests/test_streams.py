@@ -17,7 +17,7 @@ import glpath
 from glpath.cli.scene_summary import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
-from glpath.scene.export import export
+from glpath.io.export import export
 
 GRASS = {"grass": {"reflectance": [0.3, 0.6, 0.3]}, "clay": {"reflectance": [0.7, 0.2, 0.2]}}
 SCANS = {"directions": "pair", "spp": 3, "max_depth": 3, "light_resolution": 64}

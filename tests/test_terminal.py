@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 import glpath
-from glpath.terminal import clean, clean_console, say_json
+from glpath.system.terminal import clean, clean_console, say_json
 
 # A title, a cleared screen, colours, a bell, a line over the line, text backwards, invisible text, and C1's CSI.
 HOSTILE = "a\x1b]0;owned\x07b\x1b[2Jc\x1b[35;45md\re\u202ef\u200bg\u2066h\x9b5mi\x08j\ufeffk"
@@ -181,7 +181,7 @@ def test_a_table_measures_what_it_shows() -> None:
 
 
 def test_nothing_in_the_command_line_prints_by_itself() -> None:
-    """All text leaves through `glpath.terminal`."""
+    """All text leaves through `glpath.system.terminal`."""
     folder = Path(glpath.__file__).parent
     for file in [*(folder / "cli").glob("*.py"), folder / "progress.py"]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glpath.scene import scene_from_dict
+from glpath.io import scene_from_dict
 from glpath.scene.tessellate import Int32, box, quad, sphere, subdivide
 
 Float64 = np.ndarray

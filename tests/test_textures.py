@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath.errors import SceneError
-from glpath.image import decode_srgb
+from glpath.film.image import decode_srgb
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.mesh.sides import Sides
 from glpath.scene.appearance import Appearance, texture_at

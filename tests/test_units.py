@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
-from glpath.units import EFFICACY
+from glpath.film.units import EFFICACY
 from tests.gltf_files import Gltf
 from tests.test_light_profiles import ies
 

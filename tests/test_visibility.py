@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from glpath.errors import UsageError
+from glpath.io import load_scene
 from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Visibility, facing, visible
 from glpath.radiosity.shafts.occluders import visible_by_all
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
-from glpath.scene import load_scene
 
 # A small grid makes polygons that touch, coincide, lie in a plane with points, or have no area; others are slivers.
 grid = st.integers(-3, 3).map(float)

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.film import Film
-from glpath.heartbeat import heartbeat
+from glpath.film.film import Film
 from glpath.jobs.watchdog import Watchdog
+from glpath.system.heartbeat import heartbeat
 
 # Holds Python's lock while it sleeps, as a driver does that hangs: no thread of this process can do anything.
 HANGING = """
 import ctypes, sys, time
 from glpath.jobs.watchdog import Watchdog
-from glpath.heartbeat import heartbeat
+from glpath.system.heartbeat import heartbeat
 
 def hang_in_the_driver():
     ctypes.PyDLL(None).sleep(60)

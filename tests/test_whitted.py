@@ -14,7 +14,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
-from glpath.sampling import pixel_place
+from glpath.sampling.points import pixel_place
 from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture, TextureSlot
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 SKY = 10.0
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from glpath.scene import Environment, Scene, Sky, scene_from_dict
-from glpath.scene.export.mitsuba_surfaces import Plugin
+from glpath.io import scene_from_dict
+from glpath.io.export.mitsuba_surfaces import Plugin
+from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Light, Material, Mesh, Shape, Shapes, Texture, TextureSlot
 from glpath.scene.tessellate import unit_sphere
 from glpath.scene.triangulate import path_traceable

@@ -44,7 +44,7 @@ from benchmarks.benches.equal_error import (
     warm_up,
 )
 from benchmarks.verdict import Condition, Report, faults, judge, machine
-from glpath.film_metadata import Aov
+from glpath.film.metadata import Aov
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import device_radiosity
@@ -52,11 +52,11 @@ from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import Directions, GatherSettings, PathTraceSettings
+from glpath.io import load_scene
 from glpath.radiosity.solution import RadiositySolution
 from glpath.rendering.factory import solve_for_gather
-from glpath.scene import load_scene
 from glpath.scene.model import Scene
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 SCENE = "cornell-box-36"
 #: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.

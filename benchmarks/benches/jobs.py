@@ -28,14 +28,14 @@ import numpy as np
 
 from benchmarks.timing import in_turns, seconds_of
 from benchmarks.verdict import Condition, Report, judge, machine
-from glpath.film import Film
-from glpath.film_batches import BATCHES, BLOCK
+from glpath.film.batches import BATCHES, BLOCK
+from glpath.film.film import Film
 from glpath.gl.context import get_context
 from glpath.jobs.cluster import render_on
 from glpath.jobs.connection import Cluster
-from glpath.machine import core_count
 from glpath.rendering import RenderJob, run
-from glpath.versions import versions
+from glpath.system.machine import core_count
+from glpath.system.versions import versions
 
 #: Of two workers on two cores; merging is what the one process that all films come to cannot share out.
 RULE = (Condition("speedup_2", ">=", 1.7), Condition("merge_s", "<=", 0.5))

@@ -44,15 +44,15 @@ from glpath.bake.atlas import packed
 from glpath.bake.lightmap import Lightmap, Surfaces
 from glpath.bake.sides import Sides
 from glpath.errors import GlpathError
+from glpath.film.image import luminance
 from glpath.gl.context import Context, get_context
-from glpath.image import luminance
-from glpath.machine import peak_resident_bytes
+from glpath.io import load_scene
 from glpath.rendering import run
 from glpath.rendering.job import describe
-from glpath.scene import load_scene
 from glpath.scene.model import Float64
 from glpath.scene.triangulate import path_traceable
-from glpath.versions import versions
+from glpath.system.machine import peak_resident_bytes
+from glpath.system.versions import versions
 
 Say = Callable[[str], None]
 Draw = Callable[[int, int], tuple[float, Float64]]

@@ -28,12 +28,12 @@ from benchmarks.peers import radiance as radiance_peer
 from benchmarks.peers.mitsuba import comparable
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.errors import GlpathError
+from glpath.film.image import luminance
 from glpath.gl.context import get_context
-from glpath.image import luminance
+from glpath.io import load_scene
 from glpath.rendering.points import Irradiance, irradiance
-from glpath.scene import load_scene
 from glpath.scene.model import Float64, Scene, Shapes
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 Row = dict[str, Any]
 Say = Callable[[str], None]

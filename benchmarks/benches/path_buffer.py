@@ -51,9 +51,9 @@ from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import Directions, PathTraceSettings
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.model import Scene
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 SCENE, DEPTH = "cornell-box-36", 3
 _SETS = (32, 64, 128, 256)

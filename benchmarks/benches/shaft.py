@@ -1,6 +1,6 @@
 """Shaft culling measured: what each option saves, how the cost grows, and the way beside Embree.
 
-On the offices of `glpath.scene.shipped.office`: one step of progressive radiosity for each of the ten lights, over
+On the offices of `glpath.io.shipped.office`: one step of progressive radiosity for each of the ten lights, over
 all polygons as receivers. Rows are plain dictionaries, for tables and JSON.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from benchmarks.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.errors import GlpathError
-from glpath.machine import core_count
 from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Statistics, Visibility, facing
-from glpath.versions import versions
+from glpath.system.machine import core_count
+from glpath.system.versions import versions
 
 CLAIM = "visibility by shafts 2.5 times as fast as by our ray caster, and ahead of Embree, on the offices"
 # Rounding decides of a ray in a hundred thousand that meets an edge of a solid. Embree's rays are of 32 bits, with

@@ -25,7 +25,7 @@ from benchmarks.timing import in_turns, seconds_of
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError
 from glpath.gl.context import get_context
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 RULE = (Condition("glpath_s", "<=", 1.2),)
 _SIZE = 64

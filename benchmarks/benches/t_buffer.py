@@ -32,11 +32,11 @@ from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
-from glpath.machine import core_count
-from glpath.scene import load_scene
+from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
-from glpath.sensors import CameraSensor
-from glpath.versions import versions
+from glpath.sensors.sensor import CameraSensor
+from glpath.system.machine import core_count
+from glpath.system.versions import versions
 
 COUNTS = {"1e3": 1_000, "1e5": 100_000, "1e6": 1_000_000}
 KINDS = ("sphere", "triangle")

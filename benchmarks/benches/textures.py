@@ -25,10 +25,11 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import PathTraceSettings
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 from glpath.scene.model import Material, Mesh, Shape, Shapes, Texture, TextureSlot
 from glpath.scene.tessellate import unit_sphere
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 CLAIM = "a textured, smooth-shaded scene of 100,000 triangles takes no more than 1.3 times what it takes plain"
 AGREEMENT = (Condition("mean_off", "<=", 0.02),)

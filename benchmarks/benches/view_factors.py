@@ -29,9 +29,9 @@ from benchmarks.peers import other_python
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from benchmarks.view_factor_scenes import CLOSED_FORMS, block_in_a_room, city
 from glpath.errors import GlpathError
-from glpath.machine import core_count, peak_resident_bytes
 from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
-from glpath.versions import versions
+from glpath.system.machine import core_count, peak_resident_bytes
+from glpath.system.versions import versions
 
 Row = dict[str, Any]
 Say = Callable[[str], None]

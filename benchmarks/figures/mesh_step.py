@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.image import luminance
+from glpath.film.image import luminance
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
 from glpath.scene.model import Float64

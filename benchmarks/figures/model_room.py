@@ -34,13 +34,14 @@ from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.verdict import Condition
 from glpath.compare import relative_mse
 from glpath.errors import SceneWarning
-from glpath.image import auto_exposure, tonemap
-from glpath.machine import core_count
+from glpath.film.image import auto_exposure, tonemap
+from glpath.io import load_scene
+from glpath.io.export import export
 from glpath.rendering import render
-from glpath.scene import Scene, load_scene
-from glpath.scene.export import export
+from glpath.scene import Scene
 from glpath.scene.material import Material
 from glpath.scene.model import Float64
+from glpath.system.machine import core_count
 
 DEPTH = 12
 _WIDTH, _GATHER_SETS, _REFERENCE = 240, 64, 512

@@ -22,11 +22,12 @@ import numpy as np
 
 from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import GlpathError
-from glpath.machine import peak_resident_bytes
+from glpath.io import load_scene
+from glpath.io.export import export
 from glpath.rendering import render
-from glpath.scene import Scene, load_scene
-from glpath.scene.export import export
+from glpath.scene import Scene
 from glpath.scene.sky import Environment
+from glpath.system.machine import peak_resident_bytes
 
 
 def main() -> None:

@@ -31,9 +31,9 @@ from benchmarks.figures.style import pictures
 from benchmarks.peers import other_python
 from benchmarks.verdict import Condition
 from glpath.errors import GlpathError, UsageError
-from glpath.film import read_image
-from glpath.image import auto_exposure, tonemap
-from glpath.scene.formats.models import FORMATS
+from glpath.film.film import read_image
+from glpath.film.image import auto_exposure, tonemap
+from glpath.io.models import FORMATS
 from glpath.scene.model import Float64
 
 FOLDERS = "GLPATH_MODELS"

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.verdict import Condition, Report, judge, machine
-from glpath.files import save_all, write_bytes
+from glpath.film.image import encode_png
 from glpath.gl.context import open_context
-from glpath.image import encode_png
-from glpath.versions import versions
+from glpath.system.files import save_all, write_bytes
+from glpath.system.versions import versions
 
 Say = Callable[[str], None]
 Rows = list[dict[str, Any]]

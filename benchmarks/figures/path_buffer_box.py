@@ -34,9 +34,9 @@ from benchmarks.figures.path_pictures import (
 )
 from benchmarks.references.stored import ALL_BOUNCES, smaller, stored_reference
 from benchmarks.verdict import Condition
-from glpath.progress import duration
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
+from glpath.rendering.progress import duration
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Material, Mesh, Shapes
 from glpath.scene.tessellate import with_projected_uv

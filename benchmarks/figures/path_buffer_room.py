@@ -31,12 +31,12 @@ from benchmarks.figures.path_pictures import (
 )
 from benchmarks.references.stored import ALL_BOUNCES, stored_reference
 from benchmarks.verdict import Condition
-from glpath.progress import duration
+from glpath.io.shipped.room import POSTS
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
+from glpath.rendering.progress import duration
 from glpath.scene import Scene
 from glpath.scene.model import Float64
-from glpath.scene.shipped.room import POSTS
 
 # Of one path set, whose one light point is on one of many lamps.
 _NOISE = 3.0

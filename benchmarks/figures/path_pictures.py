@@ -26,12 +26,13 @@ from benchmarks.figures.style import pictures
 from benchmarks.references.stored import at_one_size
 from benchmarks.verdict import Condition
 from glpath.compare import relative_mse
-from glpath.image import tonemap
-from glpath.progress import duration
+from glpath.film.image import tonemap
+from glpath.io import load_scene
 from glpath.radiosity import RadiositySolution, solve_radiosity
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
-from glpath.scene import Scene, load_scene
+from glpath.rendering.progress import duration
+from glpath.scene import Scene
 from glpath.scene.model import Float64
 
 BOX, ROOM = "cornell-box-36", "room"

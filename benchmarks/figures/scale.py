@@ -26,14 +26,15 @@ from benchmarks.figures.style import Series, plot
 from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.timing import in_turns, seconds_of
 from benchmarks.verdict import Condition
-from glpath.charts import Axis
 from glpath.errors import GlpathError
+from glpath.film.charts import Axis
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import Directions, PathTraceSettings
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 from glpath.scene.model import Float64, Shape, Shapes
 from glpath.scene.tessellate import unit_sphere
 

@@ -29,8 +29,8 @@ from benchmarks.figures.shaft_drawing import (
 )
 from benchmarks.figures.style import drawings
 from benchmarks.verdict import Condition
-from glpath.bvh_nodes import Bvh
-from glpath.charts import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from glpath.accel.nodes import Bvh
+from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from glpath.notebook.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
 from glpath.radiosity import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE
+from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE
 from glpath.notebook.polyhedron import box_corners, box_planes, faces, shaft_planes
 from glpath.radiosity import Shaft
 

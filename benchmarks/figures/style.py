@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.charts import (
+from glpath.film.charts import (
     BLUE,
     GREEN,
     GREY,

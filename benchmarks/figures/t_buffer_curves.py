@@ -32,7 +32,7 @@ from benchmarks.figures.whitted_frame import (
 )
 from benchmarks.timing import in_turns
 from benchmarks.verdict import Condition
-from glpath.charts import Axis
+from glpath.film.charts import Axis
 
 Float64 = NDArray[np.float64]
 

@@ -25,8 +25,9 @@ from benchmarks.figures.whitted_frame import (
     stacked,
 )
 from benchmarks.verdict import Condition
-from glpath.image import tonemap
-from glpath.scene import Scene, load_scene
+from glpath.film.image import tonemap
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 SHOWN_RESOLUTIONS = (400, 800, 1200, 1600, 2000)
 PICTURE, VIEWPORT = (480, 360), (320, 240)

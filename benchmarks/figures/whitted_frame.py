@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import seconds_of
+from glpath.film.image import tonemap
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.image import tonemap
 from glpath.integrators.settings import ClassicSettings, Shadows, TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
-from glpath.scene import Scene, load_scene
+from glpath.io import load_scene
+from glpath.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.peers import other_python
 from glpath.bake.lightmap import Surfaces
 from glpath.errors import GlpathError
-from glpath.film import read_image
+from glpath.film.film import read_image
 from glpath.scene.model import Float64, Scene
 
 #: What of its sampling depends on the scene: lights chosen by a tree, and the bounce from which roulette is played.

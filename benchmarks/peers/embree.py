@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.machine import core_count
 from glpath.scene.model import Camera
+from glpath.system.machine import core_count
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError
-from glpath.scene.export.mitsuba import MitsubaScene, Sampler, described, integrator
-from glpath.scene.export.mitsuba_surfaces import Plugin
+from glpath.io.export.mitsuba import MitsubaScene, Sampler, described, integrator
+from glpath.io.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
 from glpath.scene.model import Float64, Scene, Shapes
 from glpath.scene.triangulate import path_traceable
@@ -142,7 +142,7 @@ def to_mitsuba(
     spp: int = 64,
     variant: str | None = None,
 ) -> Any:
-    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel; see `glpath.scene.export.mitsuba`.
+    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel; see `glpath.io.export.mitsuba`.
 
     Raises SceneError where it would not: `in_memory` also takes what `glpath.export` warns of.
     """

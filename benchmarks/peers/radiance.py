@@ -21,8 +21,8 @@ import numpy as np
 
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError
-from glpath.machine import core_count
 from glpath.scene.model import Float64, Scene
+from glpath.system.machine import core_count
 
 #: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
 SETTINGS = "-ab 12 -ad 512 -as 256 -aa .15 -ar 128 -ds .05 -dj .9 -dt 0 -dc 1 -lr 16 -ps 1 -pj .9"

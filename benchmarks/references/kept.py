@@ -18,12 +18,12 @@ import numpy as np
 from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.references.stored import error_of_reference, reference_path
 from glpath.errors import GlpathError, UsageError
-from glpath.files import whole_file
-from glpath.film import read_image
-from glpath.npz import open_npz
-from glpath.scene import load_scene, shipped_scenes
+from glpath.film.film import read_image
+from glpath.io import load_scene, shipped_scenes
 from glpath.scene.model import Float64, Scene
-from glpath.versions import versions
+from glpath.system.files import whole_file
+from glpath.system.npz import open_npz
+from glpath.system.versions import versions
 
 Say = Callable[[str], None]
 

@@ -46,7 +46,7 @@ def main() -> None:
             options.error(f"--side {args.side}: {MITSUBAS_OWN} has 256")
         peer = mitsuba_peer.mitsuba_cornell_box(args.depth, spp=args.batch)
     else:
-        from glpath.scene import load_scene
+        from glpath.io import load_scene
 
         scene = load_scene(args.scene).with_camera(resolution=(args.side, args.side))
         peer = mitsuba_peer.to_mitsuba(scene, args.depth, spp=args.batch)

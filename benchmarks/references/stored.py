@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
-from glpath.film import read_image
-from glpath.npz import open_npz
+from glpath.film.film import read_image
 from glpath.scene.model import Float64
+from glpath.system.npz import open_npz
 
 #: Depth at which all bounces are there: what is beyond is less than a float can hold beside the rest.
 ALL_BOUNCES = 64

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from glpath.bake.diffuse import reflected
 from glpath.bake.pages import pages_of
 from glpath.errors import SceneError, warn
-from glpath.files import write_bytes
-from glpath.image import encode_png, encode_srgb, write_exr
-from glpath.scene.export.geometry import behind, listed
-from glpath.scene.export.glb import Glb
-from glpath.scene.export.gltf import write_gltf
+from glpath.film.image import encode_png, encode_srgb, write_exr
+from glpath.film.units import symbol
+from glpath.io.export.geometry import behind, listed
+from glpath.io.export.glb import Glb
+from glpath.io.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.material import Material
 from glpath.scene.model import Float64, Scene
-from glpath.units import symbol
+from glpath.system.files import write_bytes
 
 if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas

@@ -25,25 +25,26 @@ from glpath.bake.pages import pages_of
 from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, rasterised
-from glpath.denoise import denoised_lightmap, require_denoiser
 from glpath.errors import SceneError, UsageError
-from glpath.film import Film
+from glpath.film.denoise import denoised_lightmap, require_denoiser
+from glpath.film.film import Film
+from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
 from glpath.gl.context import open_context
-from glpath.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
 from glpath.integrators.settings import IntegratorSettings
-from glpath.interactive import in_notebook
+from glpath.io import AnyScene, load_scene
+from glpath.io.completed import aside
 from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import RenderJob, check_sensor, describe
 from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
 from glpath.rendering.stopping import StopRules
-from glpath.scene import AnyScene, Scene, load_scene
-from glpath.scene.formats.completed import aside
+from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
-from glpath.sensors import PointSensor
+from glpath.sensors.sensor import PointSensor
+from glpath.system.interactive import in_notebook
 
 if TYPE_CHECKING:
-    from glpath.progress import Progress
+    from glpath.rendering.progress import Progress
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]

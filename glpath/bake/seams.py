@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.atlas import Atlas
-from glpath.image import luminance
+from glpath.film.image import luminance
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.solids import inside_solids
-from glpath.kernels import kernel
-from glpath.machine import core_count
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
+from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]

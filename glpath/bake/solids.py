@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import kernel
 from glpath.radiosity.shafts.rays import Rays
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.atlas import Atlas
-from glpath.kernels import kernel
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]

@@ -24,7 +24,7 @@ from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.owner import Owner
-from glpath.sampling import counter_hash
+from glpath.sampling.points import counter_hash
 from glpath.scene.geometry import IDENTITY, Mesh, Shapes
 from glpath.scene.model import Float64, Scene
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import kernel
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 Int64 = NDArray[np.int64]
 

@@ -18,8 +18,8 @@ from glpath.buffers.light_bounds import (
     rectangles_of_rows,
     towards,
 )
-from glpath.kernels import kernel
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 
 @kernel

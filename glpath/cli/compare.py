@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.errors import UsageError
-from glpath.terminal import say, say_json
+from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.compare import Verdict
@@ -68,8 +68,8 @@ def diff(
     and results of image tests (.exr).
     """
     from glpath import compare
-    from glpath.files import check_writable
-    from glpath.image import write_png
+    from glpath.film.image import write_png
+    from glpath.system.files import check_writable
 
     if out is not None:
         if out.suffix.lower() != ".png":

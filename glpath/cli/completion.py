@@ -23,8 +23,8 @@ def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
 
 def scenes(incomplete: str) -> Completions:
     """Names of shipped scenes with what they show, and scene files and folders on the way to them."""
-    from glpath.scene import shipped_scenes
-    from glpath.scene.shipped.library import SCENE_SUFFIXES
+    from glpath.io import shipped_scenes
+    from glpath.io.library import SCENE_SUFFIXES
 
     found = [(name, text) for name, text in shipped_scenes().items() if name.startswith(incomplete)]
     folder, start = os.path.split(incomplete)
@@ -44,8 +44,8 @@ def scenes(incomplete: str) -> Completions:
 
 def parameters(ctx: typer.Context, incomplete: str) -> Completions:
     """KEY= of each parameter of the generated scene that the command line names; of all of them before it does."""
-    from glpath.scene import scene_parameters
-    from glpath.scene.shipped.library import GENERATED
+    from glpath.io import scene_parameters
+    from glpath.io.library import GENERATED
 
     given = ctx.params.get("scene") or ctx.params.get("scenes")
     named = [given] if isinstance(given, str) else list(given or GENERATED)

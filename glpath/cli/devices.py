@@ -23,8 +23,8 @@ from glpath.gl.limits import device_limits
 from glpath.gl.opening import REQUIRED_VERSION
 from glpath.gl.osmesa import load_osmesa
 from glpath.gl.program import shader_folder
-from glpath.machine import core_count
-from glpath.terminal import clean_console, say, say_json
+from glpath.system.machine import core_count
+from glpath.system.terminal import clean_console, say, say_json
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -326,7 +326,8 @@ def _shader_cache() -> Iterator[Finding]:
 
 def _kernel_cache() -> Iterator[Finding]:
     try:
-        from glpath import bvh, kernels  # numba is slow to import
+        from glpath.accel import bvh
+        from glpath.system import kernels
     except Exception:  # of which the packages tell
         return
     folder = kernels.cache_folder(bvh._build)

@@ -9,9 +9,9 @@ import typer
 
 from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
 from glpath.cli.values import resolution as read_resolution
-from glpath.files import check_writable
-from glpath.scene.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
-from glpath.terminal import say
+from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
+from glpath.system.files import check_writable
+from glpath.system.terminal import say
 
 _FOR_MITSUBA = "With -o FILE.xml"
 

@@ -25,14 +25,14 @@ from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, UsageError
-from glpath.files import check_writable, save_all, whole_file
-from glpath.locks import Lock
-from glpath.progress import duration
+from glpath.rendering.progress import duration
 from glpath.scene.camera import Camera
-from glpath.terminal import say
+from glpath.system.files import check_writable, save_all, whole_file
+from glpath.system.locks import Lock
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.film import Film
+    from glpath.film.film import Film
     from glpath.scene import Scene
 
 #: Of films of frames, which imageio-ffmpeg writes.
@@ -158,7 +158,7 @@ class FramesToRender:
     movies   : that are made of the .png of all
     picture  : how a film becomes one; its exposure is found for the first frame and kept, so that nothing flickers
     resume   : leave those that are there
-    progress : of `glpath.progress.MODES`
+    progress : of `glpath.rendering.progress.MODES`
     silence  : seconds of --hang-limit
     """
 

@@ -38,16 +38,16 @@ from glpath.cli.unattended import (
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
-from glpath.files import check_writable, save_all
-from glpath.progress import MODES, duration, percent
+from glpath.io.completed import aside
 from glpath.rendering.job import ALL_BOUNCES
 from glpath.rendering.options import MAX_SPP
-from glpath.scene.formats.completed import aside
-from glpath.terminal import say
+from glpath.rendering.progress import MODES, duration, percent
+from glpath.system.files import check_writable, save_all
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, Materials
-    from glpath.film import Film
+    from glpath.film.film import Film
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
 _INTEGRATORS = ("path", "gather")

@@ -25,7 +25,7 @@ from glpath.cli import compare, devices, export, lightmap, measure, merge, radio
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
-from glpath.terminal import CleanHandler, say
+from glpath.system.terminal import CleanHandler, say
 
 FAILED, WRONG_USAGE = 1, 2
 

@@ -36,17 +36,17 @@ from glpath.cli.unattended import (
 )
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
-from glpath.files import Save, check_writable, is_stream, save_all
+from glpath.film.units import EFFICACY
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
-from glpath.progress import MODES, duration
+from glpath.io.completed import aside
 from glpath.rendering.job import ALL_BOUNCES
-from glpath.scene.formats.completed import aside
-from glpath.terminal import say
-from glpath.units import EFFICACY
+from glpath.rendering.progress import MODES, duration
+from glpath.system.files import Save, check_writable, is_stream, save_all
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
-    from glpath.film import Film
+    from glpath.film.film import Film
     from glpath.integrators.settings import Integrator
     from glpath.rendering.points import Irradiance, Receiver
     from glpath.rendering.uniformity import Estimate, Spread
@@ -208,7 +208,7 @@ def measure(
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
     if pictures:
-        from glpath.charts import require_matplotlib
+        from glpath.film.charts import require_matplotlib
 
         require_matplotlib()
     options = option_values(integrator, options)
@@ -321,10 +321,10 @@ def _with_error(of: Estimate, value: str, unit: str = "") -> str:
 def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None:
     import numpy as np
 
-    from glpath.charts import Axis, field
     from glpath.cli.point_files import AXES
-    from glpath.files import write_bytes
-    from glpath.image import encode_png
+    from glpath.film.charts import Axis, field
+    from glpath.film.image import encode_png
+    from glpath.system.files import write_bytes
 
     grid = at.grid
     assert grid is not None, "asked for before"

@@ -9,9 +9,9 @@ import typer
 
 from glpath.cli.options import QuietOption
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
-from glpath.files import check_writable, save_all
-from glpath.progress import percent
-from glpath.terminal import say
+from glpath.rendering.progress import percent
+from glpath.system.files import check_writable, save_all
+from glpath.system.terminal import say
 
 
 def register(app: typer.Typer) -> None:
@@ -39,7 +39,7 @@ def merge(
     have the bits of a render in one go, where they come from one kind of device. A file that is named twice, or a
     copy of one, counts once; shards that share path sets, and those of another scene or setting, are refused.
     """
-    from glpath.film import check_suffix
+    from glpath.film.film import check_suffix
     from glpath.jobs.shards import merge_shards
 
     for path in out:

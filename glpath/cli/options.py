@@ -15,8 +15,8 @@ from glpath.cli.completion import words
 from glpath.cli.values import check_choice, colour
 from glpath.errors import UsageError
 from glpath.integrators.settings import INTEGRATORS, Rgb
-from glpath.progress import MODES
 from glpath.rendering.options import Option, options
+from glpath.rendering.progress import MODES
 
 #: The panel of the help with what all integrators have.
 FOR_ALL = "Sampling"

@@ -13,14 +13,14 @@ import typer
 from glpath.cli.picture import Picture
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
-from glpath.files import save_all, write_bytes
-from glpath.film_metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
-from glpath.machine import peak_resident_bytes
-from glpath.progress import duration, percent
-from glpath.terminal import say, say_json
+from glpath.film.metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.rendering.progress import duration, percent
+from glpath.system.files import save_all, write_bytes
+from glpath.system.machine import peak_resident_bytes
+from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
-    from glpath.film import Film
+    from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
 
 #: Exit code: all outputs are written, but not the last checkpoint.

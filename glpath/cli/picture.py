@@ -12,12 +12,12 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
-from glpath.denoise import require_denoiser
-from glpath.files import Save
-from glpath.image import TONEMAPS
+from glpath.film.denoise import require_denoiser
+from glpath.film.image import TONEMAPS
+from glpath.system.files import Save
 
 if TYPE_CHECKING:
-    from glpath.film import Film
+    from glpath.film.film import Film
 
 #: The panel of the help.
 IMAGE = "Image"
@@ -57,7 +57,7 @@ class Picture:
     """How a film is shown.
 
     exposure : stops, "auto", or None: as the film's scene says
-    tonemap  : of `glpath.image.TONEMAPS`
+    tonemap  : of `glpath.film.image.TONEMAPS`
     denoise  : whether it is
     """
 

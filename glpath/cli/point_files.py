@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
-from glpath.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
-from glpath.units import symbol
+from glpath.film.units import symbol
+from glpath.system.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance

@@ -27,10 +27,10 @@ from glpath.cli.unattended import (
 )
 from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
-from glpath.files import Save, check_writable, save_all
-from glpath.progress import MODES, duration, percent
-from glpath.scene.formats.completed import aside
-from glpath.terminal import say
+from glpath.io.completed import aside
+from glpath.rendering.progress import MODES, duration, percent
+from glpath.system.files import Save, check_writable, save_all
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution

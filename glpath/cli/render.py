@@ -49,11 +49,11 @@ from glpath.cli.values import check_choice
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
-from glpath.files import check_writable
-from glpath.film_metadata import DENOISER_AOVS
+from glpath.film.metadata import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
-from glpath.progress import MODES
 from glpath.rendering.options import default_spp_text
+from glpath.rendering.progress import MODES
+from glpath.system.files import check_writable
 
 log = logging.getLogger("glpath")
 
@@ -180,7 +180,7 @@ def render(
     schedulers send them, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
     not at all; missing folders are made.
     """
-    from glpath.film import check_suffix
+    from glpath.film.film import check_suffix
 
     if job is not None:
         running.refuse_beside_a_job(context)

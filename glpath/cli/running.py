@@ -13,13 +13,13 @@ from glpath.cli.signals import hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
-from glpath.film_metadata import DENOISER_AOVS
+from glpath.film.metadata import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS
-from glpath.progress import Progress, reporting
 from glpath.rendering.options import MAX_SPP
+from glpath.rendering.progress import Progress, reporting
 
 if TYPE_CHECKING:
-    from glpath.film import Film
+    from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
     from glpath.rendering import RenderJob
     from glpath.scene import Scene

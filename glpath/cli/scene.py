@@ -13,8 +13,9 @@ import typer
 
 from glpath.cli import completion
 from glpath.errors import UsageError
-from glpath.scene import Environment, Scene, load_scene, parameters_from_options
-from glpath.scene.formats.load import scene_from_toml
+from glpath.io import load_scene, parameters_from_options
+from glpath.io.load import scene_from_toml
+from glpath.scene import Environment, Scene
 from glpath.scene.place import Place
 
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."

@@ -17,11 +17,12 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
-from glpath.files import write_bytes
-from glpath.scene import check_scene, scene_cameras, scene_parameters, scene_schema, shipped_scenes
+from glpath.film.units import Unit, symbol
+from glpath.io import scene_cameras, scene_parameters, scene_schema, shipped_scenes
+from glpath.scene import check_scene
 from glpath.scene.place import coordinates
-from glpath.terminal import clean_console, say, say_json
-from glpath.units import Unit, symbol
+from glpath.system.files import write_bytes
+from glpath.system.terminal import clean_console, say, say_json
 
 # Rows of the table of shapes; a scene can have thousands.
 _SHOWN = 40

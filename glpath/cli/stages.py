@@ -8,8 +8,8 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, TextIO, TypeVar
 
-from glpath.progress import duration
-from glpath.terminal import clean, clean_console
+from glpath.rendering.progress import duration
+from glpath.system.terminal import clean, clean_console
 
 _Progress = TypeVar("_Progress")
 # Seconds between two lines.
@@ -37,7 +37,7 @@ class Told:
 def reporting(
     mode: str, stream: TextIO, tell: Callable[[_Progress], Told]
 ) -> AbstractContextManager[Callable[[_Progress], None] | None]:
-    """The reporter of a mode out of `glpath.progress.MODES`; auto is a bar on a terminal, else lines."""
+    """The reporter of a mode out of `glpath.rendering.progress.MODES`; auto is a bar on a terminal, else lines."""
     if mode == "auto":
         mode = "bar" if clean_console(stream).is_terminal else "lines"
     if mode == "none":

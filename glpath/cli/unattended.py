@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from glpath.errors import GlpathError, UsageError
-from glpath.files import check_writable
+from glpath.system.files import check_writable
 
 if TYPE_CHECKING:
-    from glpath.film import Film
+    from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
 
 _LONG = "Long renders"

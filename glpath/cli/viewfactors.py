@@ -17,9 +17,9 @@ from glpath.cli.signals import exit_code, result_of
 from glpath.cli.stages import Told, reporting
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.files import check_writable, is_stream, rescued, save_all
-from glpath.progress import MODES, duration
-from glpath.terminal import say
+from glpath.rendering.progress import MODES, duration
+from glpath.system.files import check_writable, is_stream, rescued, save_all
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.radiosity.view_factors.compute import ViewFactorProgress

@@ -10,8 +10,8 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from glpath.errors import SceneWarning
-from glpath.progress import duration
-from glpath.terminal import say
+from glpath.rendering.progress import duration
+from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiositySolution
@@ -34,7 +34,7 @@ _SCENE: dict[str, Any] = {
 
 def compile_all() -> None:
     """Compile what is not in the caches yet, and say what is done."""
-    from glpath.scene import load_scene
+    from glpath.io import load_scene
 
     began = time.perf_counter()
     scene = load_scene(_SCENE)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.image import luminance
+from glpath.film.image import luminance
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]

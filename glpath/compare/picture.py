@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError
-from glpath.film import Film
-from glpath.image import decode_srgb, encode_srgb, read_exr_channels, tonemap, write_exr, write_png
+from glpath.film.film import Film
+from glpath.film.image import decode_srgb, encode_srgb, read_exr_channels, tonemap, write_exr, write_png
 
 Float64 = NDArray[np.float64]
 

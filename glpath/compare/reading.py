@@ -16,10 +16,10 @@ import numpy as np
 
 from glpath.compare.picture import DENOISED, Picture, glpath_texts
 from glpath.errors import ImageError
-from glpath.files import read_bytes, reading
-from glpath.film import Film, holds_film, read_image
-from glpath.image import READABLE, read_exr_channels
-from glpath.npz import check_unfolded, read_npy
+from glpath.film.film import Film, holds_film, read_image
+from glpath.film.image import READABLE, read_exr_channels
+from glpath.system.files import read_bytes, reading
+from glpath.system.npz import check_unfolded, read_npy
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -46,8 +46,8 @@ from scipy import stats
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, unusable_noise
 from glpath.compare.verdict import Verdict
 from glpath.errors import ImageError, UsageError
-from glpath.film_batches import BATCHES, BLOCK
-from glpath.image import luminance
+from glpath.film.batches import BATCHES, BLOCK
+from glpath.film.image import luminance
 
 Float64 = NDArray[np.float64]
 

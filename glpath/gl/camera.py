@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.sampling import concentric_disk
+from glpath.sampling.points import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)

@@ -50,8 +50,8 @@ from glpath.gl.opening import CollectingContext, Opened, no_gpu, open_best
 from glpath.gl.program import forget_programs
 from glpath.gl.signals import SignalsWait
 from glpath.gl.turns import Turns
-from glpath.heartbeat import heartbeat
-from glpath.interactive import around_cells, in_cell
+from glpath.system.heartbeat import heartbeat
+from glpath.system.interactive import around_cells, in_cell
 
 
 class _Kept:

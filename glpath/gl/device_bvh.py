@@ -12,7 +12,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from glpath.bvh import build_bvh
+from glpath.accel.bvh import build_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import UINTS, make_store, store_glsl
 

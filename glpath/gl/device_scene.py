@@ -37,8 +37,8 @@ from glpath.gl.scene_texels import (
 )
 from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store
 from glpath.gl.texture_images import TextureImages
-from glpath.light_samples import profiled_lights
-from glpath.lighting import Lighting, max_radiance
+from glpath.lights.lighting import Lighting, max_radiance
+from glpath.lights.samples import profiled_lights
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
 from glpath.scene.model import Environment, Float64, Scene
@@ -55,7 +55,7 @@ class DeviceScene(Owner):
     triangle_count : of triangles; where there is nothing else, their numbers are the primitives'
     stream    : what streams its triangles, whose numbers follow those of all others; None where there is none
     lighting  : all lights, as they are sampled
-    max_radiance : see `glpath.lighting`
+    max_radiance : see `glpath.lights.lighting`
     lights    : the punctual ones: those with a position first, then the directional ones
     textures  : for a `Pass`, by the names in GLSL
     uniforms  : where the sections begin, and how many there are of what

@@ -1,7 +1,7 @@
 """All lights of a scene on the device, for paths that draw light samples of their own: `shaders/light_draw.glsl`.
 
-`glpath.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The lights
-are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in
+`glpath.lights.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The
+lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in
 [0, 2^32) chooses each. An environment map has tables of its rows and columns besides.
 
 Cost:     16 bytes for each side of an emitting triangle; 4 a texel of an environment map. A path's sample takes a
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.texel_store import UINTS, Layout, make_store, store_glsl
-from glpath.light_samples import LIGHT_KINDS
-from glpath.lighting import Lighting
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LIGHT_KINDS
 from glpath.scene.model import Environment, Float64, Light
 
 UInt32 = NDArray[np.uint32]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.light_samples import LIGHT_KINDS, LightSample, LightSamples
-from glpath.lighting import Lighting
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LIGHT_KINDS, LightSample, LightSamples
 from glpath.scene.model import Environment, Sky
 
 Uniforms = dict[str, object]

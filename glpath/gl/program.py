@@ -20,7 +20,7 @@ import moderngl
 from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
 from glpath.gl.constants import constants_glsl
-from glpath.machine import return_memory
+from glpath.system.machine import return_memory
 
 GLSL_VERSION = "#version 430 core"
 

@@ -18,8 +18,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh_nodes import Bvh
-from glpath.bvh_sweep import SWEPT, sweep_bvh
+from glpath.accel.nodes import Bvh
+from glpath.accel.sweep import SWEPT, sweep_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
@@ -246,7 +246,7 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     lower, upper = _item_boxes(triangles, items)
     if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
-    from glpath.bvh import build_bvh  # with numba, which is slow to import
+    from glpath.accel.bvh import build_bvh  # with numba, which is slow to import
 
     return build_bvh(lower, upper, leaf_size=1)
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from glpath.gl.geometry_stream import facet_planes
 from glpath.gl.texel_store import FLOATS, UINTS, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
-from glpath.light_samples import LIGHT_KINDS, profile_number, profiled_lights
-from glpath.lighting import Lighting
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
 #: What an entry's texels hold, in order, by section.

@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film_metadata import ID_AOVS, SHAPES, add_aov
+from glpath.film.metadata import ID_AOVS, SHAPES, add_aov
 from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms

@@ -33,9 +33,9 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import GatherSettings, Lookup, PathTraceSettings
-from glpath.sampling import PathSetSample
+from glpath.sampling.points import PathSetSample
 from glpath.scene.model import Scene
-from glpath.sensors import Sensor
+from glpath.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution

@@ -22,7 +22,7 @@ from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
-from glpath.sampling import Sampling, pixel_places
+from glpath.sampling.points import Sampling, pixel_places
 
 #: Places in each path set, a power of two.
 PLACES = 8

@@ -14,7 +14,7 @@ from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import GatherSettings, PathTraceSettings
 from glpath.scene.model import Scene
-from glpath.sensors import PointSensor, Sensor
+from glpath.sensors.sensor import PointSensor, Sensor
 
 # Highlights of a lower one are so small that few of the shared directions meet them.
 _SHARED_ROUGHNESS = 0.2

@@ -31,10 +31,10 @@ from glpath.gl.sums import PixelSums
 from glpath.integrators.aovs import EyeAovs, Seen, light_aovs
 from glpath.integrators.settings import PathSetSettings
 from glpath.integrators.start_points import StartPoints
-from glpath.lighting import Lighting
-from glpath.sampling import PathSetSampler, counter_hash
+from glpath.lights.lighting import Lighting
+from glpath.sampling.points import PathSetSampler, counter_hash
 from glpath.scene.model import Camera
-from glpath.sensors import CameraSensor, PointSensor, Sensor
+from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
 Uniforms = dict[str, object]
 

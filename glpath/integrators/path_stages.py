@@ -42,8 +42,8 @@ from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import PathSetSettings, PathTraceSettings
-from glpath.light_samples import NO_LIGHT
-from glpath.sampling import (
+from glpath.lights.samples import NO_LIGHT
+from glpath.sampling.points import (
     PathSetSample,
     PathSetSampler,
     counter_hash,

@@ -16,8 +16,8 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.path_stages import PathStages
 from glpath.integrators.settings import PathTraceSettings
-from glpath.lighting import Lighting
-from glpath.sensors import Sensor
+from glpath.lights.lighting import Lighting
+from glpath.sensors.sensor import Sensor
 
 
 class PathTracer(PathStages):

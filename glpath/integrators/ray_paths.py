@@ -38,11 +38,11 @@ from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
 from glpath.integrators.settings import DEEPEST, GatherSettings, PathTraceSettings
-from glpath.light_samples import LightSamples
-from glpath.lighting import Lighting
-from glpath.sampling import PathSetSampler, counter_hash
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LightSamples
+from glpath.sampling.points import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
-from glpath.sensors import PointSensor, Sensor
+from glpath.sensors.sensor import PointSensor, Sensor
 
 Generated = Mapping[str, str]
 Defines = Mapping[str, object]

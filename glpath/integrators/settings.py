@@ -21,8 +21,8 @@ from msgspec import Meta
 
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
-from glpath.film_metadata import Aov
-from glpath.sampling import Sampling
+from glpath.film.metadata import Aov
+from glpath.sampling.points import Sampling
 from glpath.scene.model import Scene
 
 Integrator = Literal["path", "gather", "classic", "t-buffer"]

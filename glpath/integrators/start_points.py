@@ -16,7 +16,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
-from glpath.sensors import PointSensor
+from glpath.sensors.sensor import PointSensor
 
 Uniforms = dict[str, object]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
-from glpath.film_metadata import SHAPES, add_aov
+from glpath.film.metadata import SHAPES, add_aov
 from glpath.gl.camera import camera_defines, eye_uniforms
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
@@ -37,11 +37,11 @@ from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen, light_aovs
 from glpath.integrators.path_set_engine import check_same_kind
 from glpath.integrators.settings import WhittedSettings
-from glpath.light_samples import LIGHT_KINDS
-from glpath.lighting import Lighting, max_radiance
-from glpath.sampling import PathSetSampler, counter_hash, pixel_place
+from glpath.lights.lighting import Lighting, max_radiance
+from glpath.lights.samples import LIGHT_KINDS
+from glpath.sampling.points import PathSetSampler, counter_hash, pixel_place
 from glpath.scene.model import Scene
-from glpath.sensors import CameraSensor, Sensor
+from glpath.sensors.sensor import CameraSensor, Sensor
 
 Uniforms = dict[str, object]
 

@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from glpath.errors import ImageError, UsageError
-from glpath.files import is_stream, reason_of, remove_parts
-from glpath.film import Film
-from glpath.locks import Lock, Locked
+from glpath.film.film import Film
+from glpath.system.files import is_stream, reason_of, remove_parts
+from glpath.system.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
 

@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from glpath.errors import GlpathError
-from glpath.film import Film
-from glpath.film_batches import BLOCK, blocks
+from glpath.film.batches import BLOCK, blocks
+from glpath.film.film import Film
 
 #: How often a chunk is tried before it is set aside.
 ATTEMPTS = 3

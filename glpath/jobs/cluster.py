@@ -30,23 +30,23 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, UsageError, warn
-from glpath.film import Film
-from glpath.film_batches import BLOCK
-from glpath.film_metadata import INTERRUPTED_RULE, merged_values
-from glpath.heartbeat import heartbeat
+from glpath.film.batches import BLOCK
+from glpath.film.film import Film
+from glpath.film.metadata import INTERRUPTED_RULE, merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
 from glpath.jobs.connection import Cluster, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version
-from glpath.progress import Progress
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
+from glpath.rendering.progress import Progress
 from glpath.rendering.session import empty_film, metadata_of
 from glpath.rendering.stopping import StopRules, looks_at_noise
 from glpath.scene import Scene, check_scene
-from glpath.sensors import CameraSensor
+from glpath.sensors.sensor import CameraSensor
+from glpath.system.heartbeat import heartbeat
 
 log = logging.getLogger("glpath")
 

@@ -21,9 +21,9 @@ from types import TracebackType
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, UsageError
-from glpath.files import reason_of
 from glpath.jobs.worker import Shared, hold, let_go
-from glpath.machine import core_count
+from glpath.system.files import reason_of
+from glpath.system.machine import core_count
 
 log = logging.getLogger("glpath")
 

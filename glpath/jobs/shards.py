@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from glpath.errors import UsageError
-from glpath.film import Film
-from glpath.film_metadata import differences
+from glpath.film.film import Film
+from glpath.film.metadata import differences
 
 
 def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:

@@ -1,7 +1,7 @@
 """A device or a solver that hangs is noticed, and the process ended, by another process.
 
 Within a call of a driver that never returns no line of Python runs, in no thread: the call holds Python's lock. So
-a small process of its own hears of each piece of work that is done (`glpath.heartbeat`) through a pipe. When
+a small process of its own hears of each piece of work that is done (`glpath.system.heartbeat`) through a pipe. When
 nothing came for too long it says so, and aborts this one (SIGABRT, exit code 134 in a shell), which says where it
 hung. What was in memory is lost; a checkpoint is not.
 
@@ -23,7 +23,7 @@ import sys
 import time
 from types import TracebackType
 
-from glpath.heartbeat import heartbeat
+from glpath.system.heartbeat import heartbeat
 
 # Between two bytes through the pipe.
 _INTERVAL = 0.5

@@ -11,13 +11,13 @@ import warnings
 from dataclasses import dataclass, replace
 
 from glpath.errors import UsageError
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.context import open_context
 from glpath.rendering.factory import Plan
 from glpath.rendering.job import RenderJob
 from glpath.rendering.session import Session
 from glpath.scene import Scene
-from glpath.versions import versions
+from glpath.system.versions import versions
 
 
 @dataclass(frozen=True)

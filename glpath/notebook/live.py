@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film import Film
-from glpath.film_batches import blocks
+from glpath.film.batches import blocks
+from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.rendering.factory import Engine, plan_of
 from glpath.rendering.job import RenderJob
 from glpath.rendering.session import metadata_of
 from glpath.scene import Camera, Scene
-from glpath.sensors import CameraSensor
+from glpath.sensors.sensor import CameraSensor
 
 #: Seconds of work between two looks at the events: while the camera moves, and while it rests.
 STEP_SECONDS = {"moving": 1 / 16, "still": 1 / 16}

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import build_bvh
-from glpath.bvh_nodes import Bvh
-from glpath.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, require_matplotlib
+from glpath.accel.bvh import build_bvh
+from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
+from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, require_matplotlib
 from glpath.notebook.polyhedron import box_corners, faces, shaft_planes
 from glpath.radiosity import Occluders, Shaft, Strategy, candidate_list
 from glpath.scene import Scene

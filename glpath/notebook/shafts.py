@@ -9,10 +9,10 @@ from typing import Any
 
 import ipywidgets
 
+from glpath.io import AnyScene, load_scene
 from glpath.notebook.shaft_scene import ShaftScene
 from glpath.notebook.show import error_html, with_picture
 from glpath.radiosity import Strategy
-from glpath.scene import AnyScene, load_scene
 
 
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:

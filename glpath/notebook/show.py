@@ -8,7 +8,7 @@ import traceback
 from typing import Any
 
 from glpath.errors import GlpathError
-from glpath.image import png_html
+from glpath.film.image import png_html
 
 
 def with_picture(bundle: Any, png: bytes, text: str) -> Any:

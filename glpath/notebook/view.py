@@ -27,18 +27,19 @@ import traitlets
 from jupyter_rfb import RemoteFrameBuffer
 from numpy.typing import NDArray
 
-from glpath import image
 from glpath.errors import SceneError, UsageError
-from glpath.film import Film
+from glpath.film import image
+from glpath.film.film import Film
 from glpath.gl.context import open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
-from glpath.interactive import in_notebook
+from glpath.io import AnyScene, load_scene
 from glpath.notebook.live import LiveImage
 from glpath.notebook.orbit import nearer, shifted, turned
 from glpath.notebook.show import error_html, message_html, with_picture
 from glpath.rendering.job import describe
 from glpath.rendering.options import with_options
-from glpath.scene import AnyScene, Camera, Scene, load_scene, path_traceable
+from glpath.scene import Camera, Scene, path_traceable
+from glpath.system.interactive import in_notebook
 
 UInt8 = NDArray[np.uint8]
 

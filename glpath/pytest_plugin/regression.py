@@ -31,7 +31,7 @@ from glpath.compare import (
     read_picture,
 )
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.image import read_exr_channels, write_png
+from glpath.film.image import read_exr_channels, write_png
 from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of

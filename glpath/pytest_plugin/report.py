@@ -12,8 +12,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from glpath.files import whole_file
-from glpath.versions import versions
+from glpath.system.files import whole_file
+from glpath.system.versions import versions
 
 _PLACE = "/*RECORDS*/"
 

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from glpath.compare import SUFFIXES, Picture, is_pillow, picture_from_bytes, picture_of_pillow, read_picture
 from glpath.errors import UsageError
-from glpath.film import Film
-from glpath.scene import AnyScene, Scene
-from glpath.scene.formats.from_python import is_made_in_python
+from glpath.film.film import Film
+from glpath.io import AnyScene
+from glpath.io.from_python import is_made_in_python
+from glpath.scene import Scene
 
 #: A scene, which is rendered; a film; an array; an image of Pillow; a figure; the path or the content of an image
 #: file; or a function without parameters that returns one of these.

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
+from glpath.io.export.geometry import behind
+from glpath.io.export.glb import Glb
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
-from glpath.scene.export.geometry import behind
-from glpath.scene.export.glb import Glb
 from glpath.scene.model import Float64
 
 if TYPE_CHECKING:

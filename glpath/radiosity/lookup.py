@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.light_samples import LIGHT_KINDS
-from glpath.lighting import Lighting
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import LIGHT_KINDS
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolution
-from glpath.sampling import owen_scrambled
+from glpath.sampling.points import owen_scrambled
+from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
-from glpath.sobol import sobol_points
 
 # What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance: from the
 # first on the table has some direct light, from the second on all of it.

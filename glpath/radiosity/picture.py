@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion
 
-from glpath.kernels import kernel
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import Lookup, RadiositySolution
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 
 def picture_of(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpolated") -> Float64:

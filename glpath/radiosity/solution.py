@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, SceneError, UsageError
-from glpath.files import whole_file
-from glpath.npz import open_npz
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64, Int32
+from glpath.system.files import whole_file
+from glpath.system.npz import open_npz
 
 Float32 = NDArray[np.float32]
 Lookup = Literal["interpolated", "constant"]

@@ -19,15 +19,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from glpath.progress import Progress
     from glpath.rendering.calls import render, render_frames, run
     from glpath.rendering.elements import ElementError, element_error
     from glpath.rendering.interrupts import RenderInterrupted
     from glpath.rendering.job import RenderJob
+    from glpath.rendering.progress import Progress
 
 _HOME = {
     "ElementError": "glpath.rendering.elements",
-    "Progress": "glpath.progress",
+    "Progress": "glpath.rendering.progress",
     "RenderInterrupted": "glpath.rendering.interrupts",
     "RenderJob": "glpath.rendering.job",
     "element_error": "glpath.rendering.elements",

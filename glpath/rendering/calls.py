@@ -10,17 +10,18 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import UsageError, warn
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.context import Context, open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
-from glpath.interactive import in_notebook
-from glpath.progress import Progress, Report, reporting
+from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
 from glpath.rendering.options import MAX_SPP, with_options
+from glpath.rendering.progress import Progress, Report, reporting
 from glpath.rendering.session import Session
 from glpath.rendering.stopping import StopRules
-from glpath.scene import AnyScene, Camera, Scene, check_camera
-from glpath.sensors import CameraSensor, PointSensor
+from glpath.scene import Camera, Scene, check_camera
+from glpath.sensors.sensor import CameraSensor, PointSensor
+from glpath.system.interactive import in_notebook
 
 
 @with_options

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.film import Film
-from glpath.film_batches import BLOCK
+from glpath.film.batches import BLOCK
+from glpath.film.film import Film
 from glpath.integrators.settings import Solution
+from glpath.io import AnyScene
 from glpath.rendering.calls import render
-from glpath.scene import AnyScene
 
 Float64 = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.gather import device_radiosity, solution_digest
@@ -21,7 +21,7 @@ from glpath.integrators.ray_paths import CEILING
 from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.triangulate import check_resident, check_simplifiable
-from glpath.sensors import CameraSensor, Sensor
+from glpath.sensors.sensor import CameraSensor, Sensor
 
 if TYPE_CHECKING:
     from glpath.integrators.whitted import WhittedTracer

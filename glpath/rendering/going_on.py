@@ -6,8 +6,8 @@ import logging
 from collections.abc import Collection
 
 from glpath.errors import UsageError
-from glpath.film import Film
-from glpath.film_metadata import FilmMetadata, differences, shown
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata, differences, shown
 
 
 class AnotherRenderError(UsageError):

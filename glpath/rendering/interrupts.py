@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from glpath.errors import kept_in
-from glpath.film import Film
+from glpath.film.film import Film
 from glpath.gl.signals import ENDING
 
 # Seconds that a path set under way has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good

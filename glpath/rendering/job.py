@@ -23,9 +23,11 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
-from glpath.files import read_bytes, whole_file
-from glpath.film_batches import BLOCK
+from glpath.film.batches import BLOCK
 from glpath.integrators.settings import DEEPEST, INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.io import AnyScene, load_scene, shipped_scenes
+from glpath.io.completed import aside
+from glpath.io.convert import decode_json
 from glpath.rendering.options import (
     MAX_FIRST_PATH_SET,
     MAX_SPP,
@@ -38,12 +40,11 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.scene import AnyScene, Camera, Scene, check_camera, load_scene, shipped_scenes
+from glpath.scene import Camera, Scene, check_camera
 from glpath.scene.camera import Projection
-from glpath.scene.formats.completed import aside
-from glpath.scene.formats.convert import decode_json
 from glpath.scene.place import Place
-from glpath.sensors import CameraSensor, PointSensor, Sensor, SensorKey
+from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
+from glpath.system.files import read_bytes, whole_file
 
 Window = tuple[int, int, int, int]
 

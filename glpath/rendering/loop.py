@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ContextError
-from glpath.film import Film
-from glpath.film_batches import BLOCK, blocks
-from glpath.film_metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
+from glpath.film.batches import BLOCK, blocks
+from glpath.film.film import Film
+from glpath.film.metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
-from glpath.heartbeat import heartbeat
-from glpath.progress import Progress
 from glpath.rendering.factory import Counts, Engine
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
+from glpath.rendering.progress import Progress
 from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise
 from glpath.rendering.tiles import Tile
+from glpath.system.heartbeat import heartbeat
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5

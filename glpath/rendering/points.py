@@ -15,23 +15,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError, UsageError, warn
-from glpath.film import Film
+from glpath.film.film import Film
+from glpath.film.image import luminance
+from glpath.film.noise import standard_error
+from glpath.film.units import Unit, conversion
 from glpath.gl.context import open_context
-from glpath.image import luminance
 from glpath.integrators.settings import Integrator, IntegratorSettings
-from glpath.interactive import in_notebook
-from glpath.noise import standard_error
-from glpath.progress import Progress
+from glpath.io import AnyScene, load_scene
+from glpath.io.completed import aside, uniform_sky
+from glpath.io.values import LARGEST
 from glpath.rendering.calls import reporting_to, run
 from glpath.rendering.job import describe
 from glpath.rendering.options import MAX_SPP, check_word, with_options
+from glpath.rendering.progress import Progress
 from glpath.rendering.stopping import StopRules
 from glpath.rendering.uniformity import Spread, spread_of
-from glpath.scene import AnyScene, Scene, Sky, load_scene
-from glpath.scene.formats.completed import aside, uniform_sky
-from glpath.scene.formats.values import LARGEST
-from glpath.sensors import PointSensor
-from glpath.units import Unit, conversion
+from glpath.scene import Scene, Sky
+from glpath.sensors.sensor import PointSensor
+from glpath.system.interactive import in_notebook
 
 Float64 = NDArray[np.float64]
 

@@ -9,23 +9,23 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import ContextError, UsageError, warn
-from glpath.film import Film
-from glpath.film_metadata import ID_AOVS, FilmMetadata, joined, merged_values
+from glpath.film.film import Film
+from glpath.film.metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.settings import WhittedSettings
-from glpath.machine import return_memory
-from glpath.progress import Progress
 from glpath.rendering.factory import Engine, Plan, plan_of, sensor_in
 from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
+from glpath.rendering.progress import Progress
 from glpath.rendering.stopping import StopRules
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
-from glpath.sensors import CameraSensor
-from glpath.versions import versions
+from glpath.sensors.sensor import CameraSensor
+from glpath.system.machine import return_memory
+from glpath.system.versions import versions
 
 
 class Session:

@@ -10,9 +10,9 @@ import math
 from dataclasses import dataclass
 
 from glpath.errors import UsageError
-from glpath.film import Film
-from glpath.film_batches import BLOCK
-from glpath.noise import MIN_BATCHES
+from glpath.film.batches import BLOCK
+from glpath.film.film import Film
+from glpath.film.noise import MIN_BATCHES
 
 #: The share of renders whose error is below the bound that noise is asked for.
 CONFIDENCE = 0.95

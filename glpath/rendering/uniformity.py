@@ -29,7 +29,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.noise import standard_error
+from glpath.film.noise import standard_error
 
 Float64 = NDArray[np.float64]
 

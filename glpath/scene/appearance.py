@@ -11,14 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.image import decode_srgb
+from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, Texture, TextureSlot
-from glpath.scene.model import Scene
+
+if TYPE_CHECKING:
+    from glpath.scene.model import Scene
 
 Int64 = NDArray[np.int64]
 

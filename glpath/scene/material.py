@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.image import decode_srgb
+from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64
 
 Wrap = Literal["repeat", "clamp", "mirror"]

@@ -6,7 +6,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal, get_args
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError
+from glpath.film.units import Unit
 from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
@@ -22,7 +23,6 @@ from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
-from glpath.units import Unit
 
 __all__ = [
     "Camera",
@@ -47,6 +47,8 @@ __all__ = [
     "sphere_extent",
 ]
 
+#: Of `Scene.add`: the scene, the shape, its material and more fields of its table, to a scene.
+ShapeBuilder = Callable[["Scene", object, "str | Mapping[str, object] | None", Mapping[str, object]], "Scene"]
 LightKind = Literal["point", "spot", "directional"]
 _WORDS = {"stream": "streamed triangle"}
 
@@ -59,7 +61,7 @@ class Light:
     intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity W sr^-1 or cd (a spot's on its
                 axis), or, with falloff "none" and for a directional light, the irradiance W m^-2 or lx on a surface
                 that faces it. With a profile, what its candela are multiplied by: 1 in a photometric scene,
-                1 / `glpath.units.EFFICACY` in a radiometric one
+                1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; of no meaning for a directional light
     direction : (3,) float64 unit, the way the light goes; of a point light with a profile, where gamma is 0; of no
                 meaning for one without
@@ -92,7 +94,7 @@ class Scene:
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
-    unit         : of all its light: "radiometric" (W) or "photometric" (lm); see `glpath.units`
+    unit         : of all its light: "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
     """
 
     name: str
@@ -191,7 +193,7 @@ class Scene:
         from the world's origin, numbers are too far apart. Itself where its middle is near the origin: up to four
         diagonals of the box around its shapes. Found when first asked for.
         """
-        from glpath.scene.centre import centred  # which imports this module
+        from glpath.scene.centre import centred
 
         return centred(self)
 
@@ -214,7 +216,7 @@ class Scene:
 
         Found when first asked for, by solver, guides and gather alike: it takes seconds of a room with textures.
         """
-        from glpath.scene.appearance import Appearance  # which imports this module
+        from glpath.scene.appearance import Appearance  # which brings what reads pictures
 
         found = Appearance(self).side_reflectance()
         found.flags.writeable = False
@@ -230,7 +232,7 @@ class Scene:
 
         Cost: under a second for a few thousand primitives, some seconds for a million.
         """
-        from glpath.scene.preview import preview  # which imports this module
+        from glpath.scene.preview import preview
 
         return preview(self, longest)
 
@@ -322,9 +324,9 @@ class Scene:
         >>> load_scene("cornell-box-36").add(ball, material={"reflectance": [0.2, 0.4, 0.8]})
         <Scene cornell-box-36: 36 triangles, 1 sphere, 9 shapes, 4 materials, 1 light, 256 x 256>
         """
-        from glpath.scene.formats.from_python import added  # which imports this module
-
-        return added(self, shape, material, fields)
+        if _shape_builder is None:
+            raise UsageError("Scene.add: nothing is loaded that builds shapes.", "Import glpath.io first.")
+        return _shape_builder(self, shape, material, fields)
 
     def digest(self, camera: bool = True) -> str:
         """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.
@@ -335,6 +337,15 @@ class Scene:
         camera : False leaves it out: what is left decides the light, wherever it is seen from
         """
         return digest_of(self) if camera else digest_of(replace(self, camera=None))  # type: ignore[arg-type]
+
+
+_shape_builder: ShapeBuilder | None = None
+
+
+def shapes_are_built_by(builder: ShapeBuilder) -> None:
+    """Hand in what `Scene.add` calls: readers know the formats of a shape, the model knows none."""
+    global _shape_builder
+    _shape_builder = builder
 
 
 def unit_normals(triangles: Float64) -> Float64:

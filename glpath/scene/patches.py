@@ -135,7 +135,7 @@ def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Me
 
 @dataclass(frozen=True)
 class PatchChunks:
-    """The same triangles in pieces, see `glpath.scene.formats.streams.Chunks`: none is kept.
+    """The same triangles in pieces, see `glpath.io.streams.Chunks`: none is kept.
 
     Each piece is some patches; the edges of those around them are divided with them, for the same bits there.
     """

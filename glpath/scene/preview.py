@@ -13,15 +13,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.image import encode_png, encode_srgb, png_html
+from glpath.film.image import encode_png, encode_srgb, png_html
 from glpath.scene.appearance import Appearance
-from glpath.scene.model import Camera, Float64, Scene, sphere_extent
-from glpath.units import Quantity, Unit, symbol
+from glpath.scene.camera import Camera
+from glpath.scene.geometry import Float64, sphere_extent
+
+if TYPE_CHECKING:
+    from glpath.scene.model import Scene
+from glpath.film.units import Quantity, Unit, symbol
 
 #: Rows of a table; a scene can have thousands of shapes.
 ROWS = 12

@@ -63,7 +63,7 @@ class Sky:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lighting.max_radiance` wants it."""
+        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it."""
         return self.max_radiance
 
     def directions(self, u: Float64) -> Float64:
@@ -184,7 +184,7 @@ class Environment:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lighting.max_radiance` wants it.
+        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it.
 
         That of a white surface which all of the light falls on straight, where it is below that of the map: a small
         sun is far above all that it lights.

@@ -26,9 +26,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.heartbeat import heartbeat
-from glpath.kernels import inner_kernel, kernel
-from glpath.machine import core_count
 from glpath.radiosity.mesh.mesh import Elements, Int64, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
 from glpath.radiosity.shafts.ends import Emitter, Receivers
@@ -36,6 +33,9 @@ from glpath.radiosity.shafts.options import Statistics
 from glpath.radiosity.shafts.visibility import Prepared, Visibility
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
+from glpath.system.heartbeat import heartbeat
+from glpath.system.kernels import inner_kernel, kernel
+from glpath.system.machine import core_count
 
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")

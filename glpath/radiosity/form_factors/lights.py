@@ -16,16 +16,16 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import kernel
-from glpath.light_samples import incident
-from glpath.lighting import Lighting
-from glpath.machine import core_count
+from glpath.lights.lighting import Lighting
+from glpath.lights.samples import incident
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Environment, Float64
+from glpath.system.kernels import kernel
+from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.machine import core_count
 from glpath.radiosity.form_factors.form_factor import FormFactors, Kind, ReceiverPoints
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Int64, Mesh
@@ -20,6 +19,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import Statistics
 from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene.model import Float64
+from glpath.system.machine import core_count
 
 Float32 = NDArray[np.float32]
 

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import inner_kernel
 from glpath.radiosity.mesh.lattice import Int64
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.system.kernels import inner_kernel
 
 
 class Glass(NamedTuple):

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import kernel
 from glpath.radiosity.mesh.mesh import Elements, Int64
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 #: Parts of an edge of an element that is partly buried, for its points and its area.
 _FINE = 8

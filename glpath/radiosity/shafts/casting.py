@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.radiosity.shafts.ends import before_emitter, before_receiver
 from glpath.radiosity.shafts.occluders import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
 from glpath.radiosity.shafts.options import (
@@ -22,6 +21,7 @@ from glpath.radiosity.shafts.options import (
 )
 from glpath.radiosity.shafts.points import SEVERAL
 from glpath.radiosity.shafts.search import OCCLUDER, CandidateRange, highest, objects_of, ray_count, shaft_list
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 
 @inner_kernel

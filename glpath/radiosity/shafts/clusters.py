@@ -1,7 +1,7 @@
 """Goldsmith and Salmon's clusters: items put into a BVH one by one, each where it costs least.
 
 The BVH of the paper's statistics [SC, Statistics]; an inner node has as many children as came to it. Kept for
-comparison: the trees of `glpath.bvh.build_bvh` cost less by these authors' own measure.
+comparison: the trees of `glpath.accel.bvh.build_bvh` cost less by these authors' own measure.
 
 Cost:     0.2 s for a hundred thousand items scattered in a cube.
 
@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.bvh import checked_boxes
-from glpath.bvh_nodes import Bvh
-from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.accel.bvh import checked_boxes
+from glpath.accel.nodes import Bvh
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 
 def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:

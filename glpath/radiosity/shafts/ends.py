@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import Float64, Int32
-from glpath.kernels import inner_kernel, kernel
+from glpath.accel.bvh import Float64, Int32
 from glpath.radiosity.shafts.occluders import Occluders
+from glpath.system.kernels import inner_kernel, kernel
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Float64, Int32
+from glpath.accel.bvh import Float64, Int32
 from glpath.errors import UsageError
-from glpath.kernels import inner_kernel, kernel, kernel_part
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Scene
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
 ENDS = 1e-5

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import Float64, Int32, build_bvh
-from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.accel.bvh import Float64, Int32, build_bvh
 from glpath.radiosity.shafts.sorting import merge_sort
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: A shaft within a shaft is made when it has at most this share of the points.
 _PART = 0.25

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glpath.bvh import build_bvh
-from glpath.kernels import inner_kernel
+from glpath.accel.bvh import build_bvh
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
+from glpath.system.kernels import inner_kernel
 
 #: Distance along a ray, in the size of the scene, below which it is still at its start.
 _START = 1e-9

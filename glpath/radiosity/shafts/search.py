@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh import Float64, Int32
-from glpath.bvh_nodes import Bvh
-from glpath.kernels import inner_kernel, kernel, kernel_part
+from glpath.accel.bvh import Float64, Int32
+from glpath.accel.nodes import Bvh
 from glpath.radiosity.shafts.occluders import ENDS, never_hit
 from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
 from glpath.radiosity.shafts.shaft import (
@@ -27,6 +26,7 @@ from glpath.radiosity.shafts.shaft import (
     overlaps,
 )
 from glpath.radiosity.shafts.sorting import merge_sort
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
     int(s) for s in (Strategy.KEEP_CLOSED, Strategy.ALWAYS_OPEN, Strategy.RATIO_OPEN)

@@ -27,10 +27,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Float64, Int32
-from glpath.bvh_nodes import Bvh
+from glpath.accel.bvh import Float64, Int32
+from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
-from glpath.kernels import inner_kernel, kernel, outer
+from glpath.system.kernels import inner_kernel, kernel, outer
 
 #: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
 FACES = ("MIN_X", "MIN_Y", "MIN_Z", "MAX_X", "MAX_Y", "MAX_Z")

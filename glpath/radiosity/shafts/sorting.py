@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from glpath.kernels import inner_kernel
+from glpath.system.kernels import inner_kernel
 
 #: Ranges that are sorted by insertion before they are merged.
 _RUN = 16

@@ -23,9 +23,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import Int32, build_bvh
-from glpath.bvh_nodes import Bvh
-from glpath.machine import core_count
+from glpath.accel.bvh import Int32, build_bvh
+from glpath.accel.nodes import Bvh
 from glpath.radiosity.shafts.casting import cast_groups
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of
@@ -33,6 +32,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, Options, Statistics
 from glpath.radiosity.shafts.points import Groups, group_points
 from glpath.radiosity.shafts.search import SearchTree, Settings, Work, find_emitter_list
+from glpath.system.machine import core_count
 
 
 class Prepared(NamedTuple):

@@ -21,8 +21,8 @@ from contextlib import suppress
 from multiprocessing.spawn import get_executable
 from typing import Any
 
-from glpath.kernels import cache_folder, waiting
-from glpath.machine import core_count
+from glpath.system.kernels import cache_folder, waiting
+from glpath.system.machine import core_count
 
 #: Each with those that it calls behind it.
 LARGEST = ("cast_groups", "shaft_list")

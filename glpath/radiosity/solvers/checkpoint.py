@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.files import reason_of, remove_parts, whole_file
-from glpath.locks import Lock, Locked
-from glpath.npz import open_npz
-from glpath.versions import versions
+from glpath.system.files import reason_of, remove_parts, whole_file
+from glpath.system.locks import Lock, Locked
+from glpath.system.npz import open_npz
+from glpath.system.versions import versions
 
 log = logging.getLogger("glpath")
 

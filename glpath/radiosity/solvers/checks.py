@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from glpath.errors import UsageError
-from glpath.lighting import Lighting
+from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import KINDS
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.mesh.mesh import Elements, Int64

@@ -21,8 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import inner_kernel, kernel, kernel_part
-from glpath.machine import core_count
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
@@ -38,10 +36,12 @@ from glpath.radiosity.mesh.sides import Sides, open_points
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.radiosity.solution import DIRECT, INDIRECT
-from glpath.sampling import uniform_sphere
+from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Camera, Float64
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
+from glpath.system.machine import core_count
 
 #: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
 BATCH = 1 << 14

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from glpath import bvh
+from glpath.accel import bvh
 from glpath.radiosity.form_factors import form_factor, lights
 from glpath.radiosity.shafts import casting, occluders, points, search
 from glpath.radiosity.solvers import monte_carlo, progressive

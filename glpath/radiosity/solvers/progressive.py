@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import kernel
 from glpath.radiosity.form_factors.transport import Transport
 from glpath.radiosity.mesh.reconstruct import at_corners
 from glpath.radiosity.shafts.options import Statistics
 from glpath.scene.model import Float64
+from glpath.system.kernels import kernel
 
 #: Patches that are looked ahead, for other cores to prepare.
 _AHEAD = 64

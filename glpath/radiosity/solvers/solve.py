@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from glpath.errors import UsageError, kept_in
-from glpath.heartbeat import heartbeat
-from glpath.kernels import announced, waiting
-from glpath.lighting import Lighting
+from glpath.io import AnyScene, load_scene
+from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
 from glpath.radiosity.memory import available_bytes
@@ -29,8 +28,10 @@ from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.checks import Method, check_memory, check_options, check_solvable
 from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.progressive import Refinement
-from glpath.scene import AnyScene, Scene, load_scene, path_traceable
+from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
+from glpath.system.heartbeat import heartbeat
+from glpath.system.kernels import announced, waiting
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000

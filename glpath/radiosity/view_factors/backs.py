@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.kernels import inner_kernel, kernel
 from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, SOBOL, mixed, point_of
+from glpath.system.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from glpath.radiosity.view_factors.faces import Geometry

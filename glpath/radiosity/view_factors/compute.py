@@ -22,18 +22,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from glpath import bvh
+from glpath.accel import bvh
 from glpath.errors import ImageError, UsageError, warn
-from glpath.files import check_writable, whole_file
-from glpath.kernels import announced, waiting
-from glpath.locks import Lock
-from glpath.machine import core_count
-from glpath.npz import open_npz
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.backs import back_rays, back_shares, is_closed
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.radiosity.view_factors.rows import COUNT_NAMES, Work, exchange_rows
+from glpath.system.files import check_writable, whole_file
+from glpath.system.kernels import announced, waiting
+from glpath.system.locks import Lock
+from glpath.system.machine import core_count
+from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.kernels import inner_kernel
+from glpath.system.kernels import inner_kernel
 
 #: Most corners of a facet and of an occluder; each of two clips adds one.
 CORNERS = 12

@@ -18,8 +18,8 @@ from itertools import permutations
 
 import numpy as np
 
-from glpath.kernels import inner_kernel, inner_sum
 from glpath.radiosity.view_factors.convex import angle, measure, quadrature
+from glpath.system.kernels import inner_kernel, inner_sum
 
 #: Halvings of an edge: of what is singular at an end, each leaves a quarter of the error.
 _DEEPEST = 24

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bvh import build_bvh
+from glpath.accel.bvh import build_bvh
 from glpath.errors import SceneError, UsageError
+from glpath.io import load_scene
+from glpath.io.completed import aside
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -25,8 +27,7 @@ from glpath.radiosity.view_factors.facets import (
     polygons_of,
 )
 from glpath.radiosity.view_factors.rows import Polygons, Tree
-from glpath.scene import Scene, load_scene, path_traceable
-from glpath.scene.formats.completed import aside
+from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.kernels import inner_kernel
 from glpath.radiosity.view_factors.convex import angle, height, triangle_area
+from glpath.system.kernels import inner_kernel
 
 #: Parts of what is seen that wait to be divided further.
 PARTS = 1024

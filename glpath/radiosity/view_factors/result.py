@@ -18,8 +18,6 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from glpath.errors import ImageError, UsageError
-from glpath.files import whole_file
-from glpath.npz import open_npz
 from glpath.radiosity.view_factors.formats import (
     check_names,
     file_kind,
@@ -28,6 +26,8 @@ from glpath.radiosity.view_factors.formats import (
     write_netcdf,
     write_text,
 )
+from glpath.system.files import whole_file
+from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
 

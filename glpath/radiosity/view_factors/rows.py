@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bvh_nodes import Bvh
-from glpath.kernels import inner_kernel, kernel
+from glpath.accel.nodes import Bvh
 from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
 from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8, exchange
@@ -26,6 +25,7 @@ from glpath.radiosity.view_factors.hidden import (
     mixed,
     seen_share,
 )
+from glpath.system.kernels import inner_kernel, kernel
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]

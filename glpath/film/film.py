@@ -1,0 +1,581 @@
+"""The film: sums of radiance and how many path sets are in them.
+
+Sums, never means, so that going on with a render and merging two are additions. What a path tracer hands in are
+multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
+0..32 merged with 32..64, bit for bit, in whatever order they came.
+
+Sums are kept apart in batches, since the paths of a set share their directions: neighbouring pixels err together,
+and the error of an image can only be seen between sets. Which batch a set belongs to follows from its number,
+so any ranges merge.
+
+Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
+Poor at:  the error of a render shorter than two blocks (16 path sets): there is nothing to compare.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from glpath.errors import ImageError, UsageError
+from glpath.film import denoise as open_image_denoise
+from glpath.film import image
+from glpath.film.batches import BATCHES, BLOCK, batch_of, united
+from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
+from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
+from glpath.film.image import tonemap as tonemapped
+from glpath.film.metadata import (
+    AOVS,
+    DENOISER_AOVS,
+    ID_AOVS,
+    SHAPES,
+    FilmMetadata,
+    add_aov,
+    differences,
+    joined,
+    least_depths,
+    merged_values,
+)
+from glpath.film.noise import MIN_BATCHES, error_bound
+from glpath.film.npz_file import FilmParts, read_parts, write_parts
+from glpath.system.files import is_stream
+from glpath.system.npz import open_npz
+from glpath.system.versions import versions
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+
+WRITABLE = (".png", ".exr", ".npz")
+
+
+#: The depth where no sample of a pixel has met anything, as Blender has it: far, and a number that filters keep.
+FAR = 1e10
+
+# Of the longer side of the image that a notebook shows.
+_PREVIEW = 1024
+
+
+@dataclass(eq=False, repr=False)
+class Film:
+    """Sums of radiance over path sets, in batches.
+
+    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
+                    at the top
+    batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
+    ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
+    metadata      : what made it
+    aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
+    shape_counts  : how many samples of each pixel have met which shape, where `metadata.counts_shapes`
+    """
+
+    radiance_sums: Float64
+    batch_counts: NDArray[np.int64]
+    ranges: tuple[tuple[int, int], ...]
+    metadata: FilmMetadata
+    aov_sums: dict[str, Float64] = field(default_factory=dict)
+    shape_counts: ShapeCounts | None = None
+    #: Called when a notebook is about to show the film: a picture of it that stands there already gives way.
+    before_shown: Callable[[], None] | None = field(default=None, init=False)
+    # What `denoised` has found, and for which path sets.
+    _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
+
+    @classmethod
+    def empty(cls, metadata: FilmMetadata) -> Film:
+        """A film of the size of the metadata's window, without any path set."""
+        return cls(*FilmParts.empty(metadata))
+
+    def add(
+        self,
+        start: int,
+        stop: int,
+        radiance_sum: NDArray[np.floating[Any]],
+        aov_sums: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+    ) -> None:
+        """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
+
+        aov_sums : the same of each of the film's `aov_sums`; where it counts shapes, as "shapes"
+                   (H, W, stop - start) the numbers + 1 of those that the samples have met, 0 for none
+
+        Raises UsageError for path sets that are already in the film.
+        """
+        assert 0 <= start < stop, f"an empty range of path sets, {start}..{stop}"
+        assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
+        assert radiance_sum.shape == self.radiance_sums.shape[1:], f"a sum of shape {radiance_sum.shape}"
+        assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
+        held = self.aov_sums.keys() | ({SHAPES} if self.shape_counts is not None else set())
+        assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
+        self.ranges = united(self.ranges, ((start, stop),))
+        for name in self.aov_sums:
+            add_aov(name, self.aov_sums[name], aov_sums[name])
+        if self.shape_counts is not None:
+            self.shape_counts += ShapeCounts.of(aov_sums[SHAPES])
+        batch = batch_of(start)
+        self.radiance_sums[batch] += radiance_sum
+        self.batch_counts[batch] += stop - start
+
+    @property
+    def path_sets(self) -> int:
+        """Path sets in the film: samples per pixel."""
+        return int(self.batch_counts.sum())
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the sums in memory."""
+        shapes = 0 if self.shape_counts is None else self.shape_counts.nbytes
+        return self.radiance_sums.nbytes + sum(sums.nbytes for sums in self.aov_sums.values()) + shapes
+
+    @property
+    def mean(self) -> Float64:
+        """(H, W, 3) float64, the image: W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
+
+        Raises UsageError when there is no path set in it.
+        """
+        if not self.path_sets:
+            raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
+        return _mean(self.radiance_sums, self.batch_counts)
+
+    def aov(self, name: str) -> NDArray[Any]:
+        """An AOV of the film, row 0 at the top; antialiased as `mean` is. Of what the eye sees first, mirrors and
+        glass too:
+
+        "albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, cut at 1:
+                        linear Rec. 709, 0 to 1
+        "normal"      : (H, W, 3) float64, to shade with, in the world's frame, on the side that is seen; unit
+                        before averaging, 0 for the sky
+        "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
+                        samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
+                        own extent (of an endless plane) counts as so far
+        "depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
+                        `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
+        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
+                        scene far from the origin an .exr has them relative to its header's `position_origin`
+        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
+                        one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
+                        objects with it, see `cryptomatte`
+        "material_id" : the same of materials
+
+        Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
+
+        "direct"      : emission and sky that are seen, and light that has met one surface on its way from there
+        "indirect"    : all else, ambient light too. Both together are `mean`
+
+        "samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
+
+        Raises UsageError for one that was not rendered, or a film of no path set.
+        """
+        if name not in self.metadata.aovs:
+            held = ", ".join(self.metadata.aovs) or "none"
+            raise UsageError(
+                f"film: holds no AOV {name!r}; those that it holds: {held}.",
+                f"Render with aovs={DENOISER_AOVS if name in DENOISER_AOVS else (name,)!r}."
+                if name in AOVS
+                else f"There are {', '.join(AOVS)}.",
+            )
+        if not self.path_sets:
+            raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
+        if name in ID_AOVS:
+            return self._ids(name)
+        if name == "samples":
+            return self.path_sets - self.aov_sums["dropped"][..., 0].astype(np.int64)
+        if name == "indirect":
+            # Exact before it is divided: both are multiples of one power of two.
+            light = np.add.reduce(self.radiance_sums, axis=0) - self.aov_sums["direct"]
+            return np.asarray(light / self.path_sets)
+        sums = self.aov_sums[name]
+        if name == "depth_min":
+            return np.minimum(least_depths(sums[..., 0]), FAR)
+        if name in ("depth", "position"):
+            value, hits = sums[..., :-1], sums[..., -1:]
+            mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
+            if name == "depth":
+                return np.asarray(mean[..., 0])
+            origin = self.metadata.position_origin
+            return mean if origin is None else np.where(hits > 0, mean + origin, 0.0)
+        return np.asarray(sums / self.path_sets)
+
+    def _layer(self, name: str) -> NDArray[Any]:
+        """An AOV as a file of 32-bit numbers holds it."""
+        near = name != "position" or self.metadata.position_origin is None
+        return (self if near else replace(self, metadata=replace(self.metadata, position_origin=None))).aov(name)
+
+    def _ids(self, name: str) -> NDArray[np.int64]:
+        assert self.shape_counts is not None, "the metadata name an AOV that the film has not"
+        of = self.metadata.shape_materials
+        group = np.array(of if name == "material_id" else range(len(of)), np.int64)
+        return np.asarray(self.shape_counts.ranked(group, 1)[0][..., 0] + 1)
+
+    def cryptomatte(self, kind: Kind, ranks: int = RANKS) -> Cryptomatte:
+        """Which objects, or materials, cover each pixel, and how much of it: what compositors make mattes of.
+
+        kind  : "object" (shapes of one name are one) or "material"; the film needs the AOV "object_id" or
+                "material_id"
+        ranks : names that a pixel may have; of more, those that cover least are left out. The film itself counts
+                all, whatever their number
+
+        Raises UsageError as `aov` does, and for another kind.
+
+        `film.cryptomatte("object").matte("floor")` is (H, W), from 0 to 1.
+        """
+        if kind not in ("object", "material"):
+            raise UsageError(f"cryptomatte: {kind!r}; allowed are object, material")
+        if ranks < 1:
+            raise UsageError(f"cryptomatte: {ranks} ranks where one is needed at least")
+        if self.shape_counts is None or not self.path_sets:
+            self.aov(f"{kind}_id")  # which says why not
+        assert self.shape_counts is not None, "refused just now"
+        names = list(self.metadata.shape_names)
+        if kind == "material":
+            names = [self.metadata.material_names[i] for i in self.metadata.shape_materials]
+        return cryptomatte(kind, self.shape_counts, names, self.path_sets, ranks)
+
+    def denoised(self) -> Float32:
+        """(H, W, 3) float32, `mean` without its noise, by Open Image Denoise: W sr^-1 m^-2, linear Rec. 709.
+
+        The film stays as it is. Denoise what is merged and done: pictures that were denoised do not add up. See
+        `glpath.film.denoise` for what it is poor at.
+
+        Raises UsageError for a film without the AOVs albedo and normal (`aovs=("albedo", "normal")` of a render, or
+        `glpath render --denoise`) or of no path set; GlpathError where pyoidn is missing.
+        """
+        if self._denoised is None or self._denoised[0] != self.ranges:
+            self._denoised = self.ranges, self._denoise(self.mean)
+        return self._denoised[1].copy()
+
+    def _denoise(self, mean: Float64) -> Float32:
+        return open_image_denoise.denoised(mean, self.aov("albedo"), self.aov("normal"))
+
+    def merge(self, other: Film) -> Film:
+        """A film with the path sets of both, which must be different ones of the same render.
+
+        Devices may differ; the metadata then names both, and the sum is no longer that of one device to the bit.
+        Raises UsageError, which names what differs.
+        """
+        merged = replace(
+            self,
+            radiance_sums=self.radiance_sums.copy(),
+            batch_counts=self.batch_counts.copy(),
+            aov_sums={name: sums.copy() for name, sums in self.aov_sums.items()},
+        )
+        merged.include(other)
+        return merged
+
+    def include(self, other: Film) -> None:
+        """Add the path sets of another film to this one, as `merge`, whose errors it raises before it adds any."""
+        if found := differences(self.metadata, other.metadata):
+            words = "; ".join(
+                f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
+            )
+            raise UsageError(f"film: cannot merge: {words}.", "Only path sets of the same render can be added up.")
+        self.ranges = united(self.ranges, other.ranges)
+        for batch in np.flatnonzero(other.batch_counts):
+            self.radiance_sums[batch] += other.radiance_sums[batch]
+        self.batch_counts += other.batch_counts
+        for name, sums in self.aov_sums.items():
+            add_aov(name, sums, other.aov_sums[name])
+        if self.shape_counts is not None and other.shape_counts is not None:
+            self.shape_counts = self.shape_counts + other.shape_counts
+        self.metadata = replace(
+            self.metadata,
+            device=joined(self.metadata.device, other.metadata.device),
+            versions=merged_values(self.metadata.versions, other.metadata.versions),
+            unit=self.metadata.unit or other.metadata.unit,
+            elapsed_s=self.metadata.elapsed_s + other.metadata.elapsed_s,
+            statistics=merged_values(self.metadata.statistics, other.metadata.statistics),
+            stop_rule="",
+            error_bound=None,
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
+        used = self.batch_counts > 0
+        sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
+        return {**vars(self), "radiance_sums": sums, "_denoised": None, "before_shown": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        sums, used = state["radiance_sums"], self.batch_counts > 0
+        if used.all() and sums.flags.writeable:
+            return
+        self.radiance_sums = np.zeros((BATCHES, *sums.shape[1:]))
+        self.radiance_sums[used] = sums
+
+    def variance_of_mean(self) -> Float64:
+        """(H, W, 3) float64, the estimated variance of `mean`, from how much the batches differ.
+
+            sum over batches of count (mean of batch - mean)^2 / (batches - 1) / path sets
+
+        which has no bias for independent path sets, also when batches are of different size. Batches of one Sobol
+        sequence are not independent: they complement each other, so that the true variance is smaller than this.
+
+        Raises UsageError when fewer than two batches hold anything.
+        """
+        used = self._batches_to_compare()
+        mean = self.mean
+        spread = np.zeros_like(mean)
+        for batch in used:
+            count = self.batch_counts[batch]
+            spread += count * (self.radiance_sums[batch] / count - mean) ** 2
+        variance: Float64 = spread / ((len(used) - 1) * self.path_sets)
+        return variance
+
+    def variance_of_denoised(self) -> Float64:
+        """(H, W, 3) float64, the estimated squared error of `denoised`, from two halves of the film denoised apart.
+
+            2 n_a n_b / n² (half a denoised - half b denoised)²
+
+        of halves of n_a and n_b path sets, about equal, each a contiguous run of the sequence up to 64 path sets.
+        Were denoising linear, it would be twice the variance of `denoised`. What both halves have wrong alike, such
+        as the denoiser's own bias, is not seen; the factor stands for that. The value of a pixel is a rough guess.
+        The root of their mean has been within a factor of 2.5 of the error against converged pictures.
+
+        Costs two more calls of the denoiser, and their pictures. Raises what `denoised` raises, and UsageError when
+        fewer than two batches hold anything.
+        """
+        used = self._batches_to_compare()
+        ends = np.cumsum(self.batch_counts[used])
+        middle = 1 + int(np.argmin(np.abs(2 * ends[:-1] - ends[-1])))
+        halves = used[:middle], used[middle:]
+        a, b = (self._denoise(_mean(self.radiance_sums[half], self.batch_counts[half])) for half in halves)
+        share = float(ends[middle - 1] / ends[-1])
+        variance: Float64 = 2 * share * (1 - share) * (a.astype(np.float64) - b) ** 2
+        return variance
+
+    def _batches_to_compare(self) -> NDArray[np.intp]:
+        used = np.flatnonzero(self.batch_counts)
+        if len(used) < 2:
+            raise UsageError(
+                f"film: {self.path_sets} path sets lie in one batch; an error is estimated between batches.",
+                f"Render more than {BLOCK} path sets.",
+            )
+        return used
+
+    def relative_error(self, denoised: bool = False) -> float | None:
+        """The error to expect of the image: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
+
+        denoised : of `denoised`, by `variance_of_denoised`, whose errors it raises
+
+        Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
+        Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. It sees noise
+        only, not the bias of a buffer that is too coarse. None where fewer than two batches hold anything.
+        """
+        if np.count_nonzero(self.batch_counts) < 2:
+            return None
+        if denoised:
+            return float(
+                np.sqrt(np.mean(self.variance_of_denoised() / (self.denoised().astype(np.float64) ** 2 + 0.01)))
+            )
+        return float(np.sqrt(np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))))
+
+    def error_bound(self, confidence: float = 0.95) -> float | None:
+        """What the error of the image stays below with so much confidence: the bound that a noise limit looks at.
+
+        The error is the one that `relative_error` estimates, sqrt(mean over pixels and channels of
+        e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders with other
+        seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.film.noise` for how. None
+        where fewer than four batches hold anything, that is below 25 path sets.
+        """
+        used = np.flatnonzero(self.batch_counts)
+        if len(used) < MIN_BATCHES:
+            return None
+        return error_bound(self.radiance_sums[used], self.batch_counts[used], confidence)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """`mean`, for `np.asarray(film)` and what takes arrays."""
+        if copy is False:
+            raise ValueError("a film holds sums, so that its image as an array is always a copy")
+        return self.mean.astype(dtype or np.float64, copy=False)
+
+    def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
+        """The stops that an exposure means for this image.
+
+        exposure : stops; "auto" as `image.auto_exposure` finds; None as the scene says, or else "auto"
+
+        Raises UsageError for another one, or an image of no path set.
+        """
+        check_exposure(exposure)
+        asked = self.metadata.exposure if exposure is None else exposure
+        return image.auto_exposure(self.mean) if asked is None or asked == "auto" else float(asked)
+
+    def to_srgb(
+        self,
+        *,
+        exposure: float | Literal["auto"] | None = None,
+        tonemap: str = "srgb",
+        denoise: bool = False,
+    ) -> UInt8:
+        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png.
+
+        exposure : as of `exposure_stops`
+        tonemap  : one of `image.TONEMAPS`
+        denoise  : show `denoised`, with the same stops
+
+        Raises UsageError for another exposure or operator, or an image of no path set; what `denoised` raises.
+        """
+        return tonemapped(self.denoised() if denoise else self.mean, self.exposure_stops(exposure), tonemap)
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        exposure: float | Literal["auto"] | None = None,
+        tonemap: str = "srgb",
+        denoise: bool = False,
+    ) -> None:
+        """Write the film; the suffix says how. The file appears whole or not at all.
+
+        .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image. AOVs that the film
+               holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
+               `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
+        .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
+
+        denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
+                  picture as it was as the layer noisy.R, G, B. An .npz is the same in any case
+
+        A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
+
+        All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
+        or an image of no path set; what `denoised` raises.
+        """
+        path = check_suffix(path)
+        suffix = path.suffix.lower() or ".png"
+        if suffix == ".png":
+            stops = self.exposure_stops(exposure)
+            text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
+            picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
+            write_png(path, picture, self.provenance(denoised=denoise) | text)
+        elif suffix == ".exr":
+            kinds: dict[str, Kind] = {"object_id": "object", "material_id": "material"}
+            mattes = [self.cryptomatte(kind) for name, kind in kinds.items() if name in self.metadata.aovs]
+            headers = [matte.header() for matte in mattes]
+            write_exr(
+                path,
+                self.denoised() if denoise else self.mean,
+                self.provenance(denoised=denoise)
+                | {key: text for header in headers for key, text in header.items()},
+                window=self.metadata.window,
+                full_resolution=self.metadata.full_resolution,
+                layers=({"noisy": self.mean} if denoise else {})
+                | {name: self._layer(name) for name in self.metadata.aovs},
+                channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
+            )
+        else:
+            write_parts(
+                path,
+                FilmParts(
+                    self.radiance_sums,
+                    self.batch_counts,
+                    self.ranges,
+                    self.metadata,
+                    self.aov_sums,
+                    self.shape_counts,
+                ),
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Film:
+        """Read a film written as .npz. Raises ImageError, also for one whose parts contradict each other."""
+        return cls(*read_parts(path))
+
+    def __repr__(self) -> str:
+        m = self.metadata
+        error = self.relative_error()
+        noise = "" if error is None else f", error about {100 * error:.2g} %"
+        return (
+            f"<Film of {m.scene}: {m.window[2]} x {m.window[3]} pixels, {self.path_sets} path sets, "
+            f"depth {m.max_depth}{noise}, {m.device or 'unknown device'}>"
+        )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+        """What Jupyter shows: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        if self.before_shown is not None:
+            self.before_shown()
+        return self.shown()
+
+    def shown(self) -> dict[str, object]:
+        """The image by its MIME types, as `_repr_mimebundle_` gives it."""
+        bundle: dict[str, object] = {"text/plain": repr(self)}
+        if self.path_sets:
+            png = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            bundle |= {"image/png": png, "text/html": png_html(png, self.described())}
+        return bundle
+
+    def described(self) -> str:
+        """The image in words, for those who do not see it: the scene, the integrator, path sets and size."""
+        m = self.metadata
+        width, height = m.window[2:]
+        return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
+
+    def provenance(self, *, denoised: bool = False) -> dict[str, str]:
+        """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a
+        file's header."""
+        return {
+            "Software": f"glpath {self.metadata.versions.get('glpath', '')}".strip(),
+            "glpath.path_sets": str(self.path_sets),
+            "glpath.ranges": json.dumps(self.ranges),
+            **self.metadata.as_strings(),
+            **(
+                {"glpath.denoised": f"Open Image Denoise, pyoidn {versions('pyoidn').get('pyoidn', '')}"}
+                if denoised
+                else {}
+            ),
+        }
+
+
+def read_image(path: str | Path) -> Float64:
+    """Read an image, or the mean of a film, as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
+
+    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
+    .exr : channels R, G, B or Y; of a crop its own pixels only
+    .npz : a film's mean, or the array `radiance`
+    .npy : (H, W, 3) or (H, W)
+
+    Raises ImageError for a file that is missing, broken, or of another kind.
+    """
+    if not holds_film(path):
+        return image.read_image(path)
+    film = Film.load(path)
+    if not film.path_sets:
+        raise ImageError(f"{path}: cannot be read as .npz: the film holds no path set.")
+    return film.mean
+
+
+def holds_film(path: str | Path) -> bool:
+    """Whether a file holds a film, by the names in it. Raises ImageError where that can't be seen."""
+    if Path(path).suffix.lower() != ".npz":
+        return False
+    with open_npz(path, ".npz") as stored:
+        return "radiance_sums" in stored and "radiance" not in stored
+
+
+def _mean(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
+    """(H, W, 3) float64, the mean of (B, H, W, 3) sums over batches of so many path sets each."""
+    mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
+    return mean
+
+
+def check_suffix(path: str | Path) -> Path:
+    """`path`, if a film can be written to a file of that name; else UsageError."""
+    path = Path(path)
+    if path.suffix.lower() not in WRITABLE and not (is_stream(path) and not path.suffix):
+        found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
+        raise UsageError(f"{path}: an output cannot have {found}. Allowed: {', '.join(WRITABLE)}.")
+    return path
+
+
+def _shrunk(image: Float64, longest: int) -> Float64:
+    """Averaged over whole blocks of pixels until no side is longer than `longest`."""
+    n = -(-max(image.shape[:2]) // longest)
+    height, width = (max(1, side // n) for side in image.shape[:2])
+    rows, columns = min(n, image.shape[0]), min(n, image.shape[1])
+    trimmed = image[: height * rows, : width * columns]
+    shrunk: Float64 = trimmed.reshape(height, rows, width, columns, 3).mean(axis=(1, 3))
+    return shrunk

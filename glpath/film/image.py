@@ -1,0 +1,417 @@
+"""Images as plain arrays: tone mapping, PNG and EXR, and reading them and others back.
+
+Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
+2015, "ACES Filmic Tone Mapping Curve".
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import ImageError, UsageError
+from glpath.film.rgbe import read_header, read_rgbe
+from glpath.system.c_output import without_lines
+from glpath.system.files import check_file, reading, whole_file
+from glpath.system.npz import check_unfolded, open_npz, read_npy
+
+__all__ = [
+    "auto_exposure",
+    "decode_srgb",
+    "encode_png",
+    "encode_srgb",
+    "luminance",
+    "read_image",
+    "tonemap",
+    "write_exr",
+    "write_png",
+]
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
+
+# Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+# Luminance that Reinhard's operator takes to white. Fixed, not the picture's own maximum: a crop and the frames of
+# a series must come out alike.
+REINHARD_WHITE = 4.0
+
+
+# Log-average luminance that `auto_exposure` aims at: middle grey.
+MIDDLE_GREY = 0.18
+
+
+def luminance(radiance: Float64) -> Float64:
+    """(...) relative luminance Y of (..., 3) linear Rec. 709."""
+    y: Float64 = radiance @ LUMINANCE
+    return y
+
+
+def encode_srgb(linear: Float64) -> Float64:
+    """Linear values, clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1)."""
+    x = np.clip(linear, 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def decode_srgb(encoded: Float64) -> Float64:
+    """sRGB in [0, 1] as linear values in [0, 1]."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def _reinhard(radiance: Float64) -> Float64:
+    """Reinhard et al. 2002, equation 4, on luminance; the colour stays."""
+    y = luminance(radiance)[..., None]
+    return radiance * (1.0 + y / REINHARD_WHITE**2) / (1.0 + y)
+
+
+def _aces(radiance: Float64) -> Float64:
+    """Narkowicz's fit (2015) of the ACES reference curve, each channel by itself, so that highlights turn white."""
+    x = radiance
+    return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+
+
+# From radiance times exposure to linear values of which [0, 1] is shown.
+TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
+    "srgb": lambda radiance: radiance,
+    "reinhard": _reinhard,
+    "aces": _aces,
+}
+
+
+def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") -> UInt8:
+    """Radiance as an image for a screen.
+
+    Parameters
+    ----------
+    radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
+    exposure : stops; 1 doubles the brightness
+    operator : "srgb" clips, "reinhard" and "aces" compress what is bright; the sRGB curve comes after each
+
+    Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
+
+    Example
+    -------
+    >>> tonemap([[[0.0, 0.18, 1.0]]]).tolist()
+    [[[0, 118, 255]]]
+    """
+    check_tonemap(operator)
+    light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
+    return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def auto_exposure(radiance: ArrayLike) -> float:
+    """Stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002, equations 1 and 2].
+
+    Pixels without light do not count (what surrounds an object is no reason to brighten it), and none counts for
+    less than a thousandth of the median. A picture is darkened no further than until its 99th percentile is white,
+    so that a bright one stays bright. In quarters of a stop, as noise shall not change it; 0 where there is no
+    light.
+
+    radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
+
+    >>> auto_exposure([[[0.09, 0.09, 0.09], [0, 0, 0]]]), auto_exposure([[[0.5, 0.5, 0.5]]])
+    (1.0, 0.0)
+    """
+    y = luminance(np.asarray(radiance, np.float64))
+    lit = y[y > 0.0]
+    if not lit.size:
+        return 0.0
+    key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
+    white = max(float(np.percentile(y, 99)), 1e-300)  # a lamp alone may be seen
+    wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
+    return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
+
+
+def check_exposure(exposure: object) -> None:
+    """Raise UsageError for what is neither a number of stops from -100 to 100, nor "auto" nor None."""
+    if exposure is None or exposure == "auto":
+        return
+    if isinstance(exposure, bool) or not isinstance(exposure, int | float) or not abs(exposure) <= 100:
+        raise UsageError(f'exposure is {exposure!r}; must be a number of stops from -100 to 100, or "auto".')
+
+
+def check_tonemap(operator: str) -> None:
+    """Raise UsageError for an operator that there is not."""
+    if operator not in TONEMAPS:
+        raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
+
+
+def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
+    """(H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, as the bytes of a PNG; `metadata` becomes its text chunks."""
+    import imageio.v3 as iio
+    from PIL.PngImagePlugin import PngInfo
+
+    text = PngInfo()
+    for key, value in (metadata or {}).items():
+        text.add_text(key, value)
+    encoded: bytes = iio.imwrite("<bytes>", picture, extension=".png", plugin="pillow", pnginfo=text)
+    return encoded
+
+
+def png_html(png: bytes, alt: str) -> str:
+    """A PNG as HTML, with words for those who do not see it: of a PNG alone JupyterLab shows none."""
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}" style="max-width: 100%">'
+
+
+def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
+    """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top. Raises ImageError."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(encode_png(picture, metadata))
+
+
+def write_exr(
+    path: str | Path,
+    radiance: ArrayLike,
+    metadata: Mapping[str, str] | None = None,
+    *,
+    window: tuple[int, int, int, int] | None = None,
+    full_resolution: tuple[int, int] | None = None,
+    layers: Mapping[str, NDArray[Any]] | None = None,
+    channels: Mapping[str, NDArray[np.float32]] | None = None,
+    alpha: Float64 | None = None,
+) -> None:
+    """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
+
+    metadata        : string attributes of the header
+    window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
+    full_resolution : (width, height) of the whole image: the display window
+    layers          : name to (H, W) or (H, W, 3), more pictures of the same size, as the channels that
+                      `layer_channels` says
+    channels        : (H, W) by the full name of the channel, as they are
+    alpha           : (H, W) opacity, as channel A; the colours are written as they are
+
+    Raises ImageError.
+    """
+    import OpenEXR
+
+    pixels = np.ascontiguousarray(radiance, np.float32)
+    x, y = window[:2] if window else (0, 0)
+    height, width = pixels.shape[:2]
+    full_width, full_height = full_resolution or (x + width, y + height)
+    header = {
+        "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "chromaticities": REC709_CHROMATICITIES,
+        "dataWindow": _box(x, y, width, height),
+        "displayWindow": _box(0, 0, full_width, full_height),
+        **(metadata or {}),
+    }
+    written = {"RGB": pixels} | {
+        name: np.ascontiguousarray(channel, np.float32) for name, channel in (channels or {}).items()
+    }
+    if alpha is not None:
+        written["A"] = np.ascontiguousarray(alpha, np.float32)
+    for name, layer in (layers or {}).items():
+        planes = layer[..., None] if layer.ndim == 2 else layer
+        for i, channel in enumerate(layer_channels(name)):
+            written[channel] = np.ascontiguousarray(planes[..., i], np.float32)
+    with whole_file(path) as temporary, _openexr(temporary):
+        OpenEXR.File(header, written).write(str(temporary))
+
+
+# What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
+_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "depth_min": "Z"}
+_LETTERS |= dict.fromkeys(("object_id", "material_id", "samples"), "X")
+
+
+def layer_channels(name: str) -> list[str]:
+    """The channels of a layer in an EXR: NAME.R, .G, .B of colours, .X, .Y, .Z of vectors, depth.Z, .X of a number.
+
+    Nuke takes depth.Z for its own depth, as it does Z; Blender and Natron show each layer as a pass. float32, also
+    of whole numbers, as Blender and Cycles write theirs: all up to 2**24 are exact, and readers that know one type
+    of channel only take them too.
+    """
+    return [f"{name}.{letter}" for letter in _LETTERS.get(name, "RGB")]
+
+
+def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """A window as OpenEXR has it: its first and its last pixel."""
+    return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
+
+
+def read_image(path: str | Path) -> Float64:
+    """Read an image as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
+
+    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
+    .exr : channels R, G, B or Y; of a crop its own pixels only
+    .hdr : Radiance's RGBE
+    .npz : the array `radiance`; a film's is read by `glpath.film.film.read_image`
+    .npy : (H, W, 3) or (H, W)
+
+    Raises ImageError for a file that is missing, broken, or of another kind.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in READABLE:
+        raise ImageError(
+            f"{path}: cannot read a {suffix or 'file without a suffix'}. Allowed: {', '.join(READABLE)}."
+        )
+    with reading(path, suffix):
+        check_file(path)
+        return _three_channels(_READERS[suffix](path))
+
+
+def read_eight_bits(path: str | Path) -> UInt8 | None:
+    """(H, W, 3) or, with alpha, (H, W, 4) of a .png or .jpg as it is stored, row 0 at the top.
+
+    None of what has other than 8 bits, or is no such file. Raises ImageError as `read_image` does.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".jpg", ".jpeg"):
+        return None
+    with reading(path, suffix):
+        check_file(path)
+        from PIL.JpegImagePlugin import JpegImageFile
+        from PIL.PngImagePlugin import PngImageFile
+
+        _check_pillow(path, suffix)
+        with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+            if opened.mode.startswith(("I", "F")):
+                return None
+            alpha = "A" in opened.getbands() or "transparency" in opened.info
+            return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+
+
+def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
+    """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
+    with reading(path, ".exr"):
+        check_file(path)
+        channels, header = _exr(Path(path))
+        texts = {key: value for key, value in header.items() if isinstance(value, str)}
+        return {name: pixels.astype(np.float32) for name, pixels in channels.items()}, texts
+
+
+def picture_size(path: str | Path) -> tuple[int, int]:
+    """(width, height) in pixels of a .png, .jpg, .exr or .hdr, from its header alone. Raises ImageError."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    with reading(path, suffix):
+        check_file(path)
+        if suffix == ".exr":
+            height, width = _exr_header(path)[0]
+            return width, height
+        if suffix == ".hdr":
+            with path.open("rb") as file:
+                return read_header(file).size
+        return _pillow_header(path, suffix)[:2]
+
+
+def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
+    """Width, height and channels of a PNG or JPEG."""
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+        return *opened.size, len(opened.getbands())
+
+
+def _check_pillow(path: Path, suffix: str) -> None:
+    """Raise ValueError where the pixels that the header promises cannot be in the file."""
+    check_unfolded(math.prod(_pillow_header(path, suffix)), path.stat().st_size)
+
+
+def _read_png(path: Path) -> Float64:
+    import imageio.v3 as iio
+
+    _check_pillow(path, ".png")
+    stored = iio.imread(path, plugin="pillow")
+    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
+    return decode_srgb(stored / white)
+
+
+def _read_jpeg(path: Path) -> Float64:
+    import imageio.v3 as iio
+
+    _check_pillow(path, ".jpg")
+    return decode_srgb(iio.imread(path, plugin="pillow", mode="RGB") / 255)  # a JPEG may be CMYK
+
+
+def _read_exr(path: Path) -> Float64:
+    channels, _ = _exr(path)
+    if not {"R", "G", "B"} <= channels.keys() and "Y" not in channels:
+        raise ValueError(f"found the channels {', '.join(sorted(channels)) or 'none'}, expected R, G, B or Y")
+    names = "RGB" if "R" in channels else "Y"
+    return np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
+
+
+def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Every channel of an EXR, (H, W), and its header."""
+    import OpenEXR
+
+    (height, width), header = _exr_header(path)
+    with _openexr(path):
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    pixels = {name: np.asarray(channel.pixels) for name, channel in channels.items()}
+    for name, array in pixels.items():
+        if array.shape != (height, width) or array.dtype.kind not in "fiu":
+            raise ValueError(f"its channel {name} is an array {array.shape} of {array.dtype}")
+    return pixels, header
+
+
+def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
+    """(height, width) and the header of an EXR. Raises ValueError where its pixels cannot be in it."""
+    import OpenEXR
+
+    with path.open("rb") as file:  # what the system says is clearer than what OpenEXR does
+        size = file.seek(0, 2)
+    with _openexr(path):
+        header = OpenEXR.File(str(path), header_only=True).header()
+    first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
+    width, height = (last - first + 1).tolist()
+    check_unfolded(width * height * 4 * len(header["channels"]), size)
+    return (height, width), header
+
+
+def _openexr(path: Path) -> AbstractContextManager[None]:
+    """To read and write with OpenEXR, which writes lines of its own before it raises."""
+    return without_lines(f"{path}: (EXR_", "Warning: Exception raised reading pixel data")
+
+
+def _read_npz(path: Path) -> Float64:
+    with open_npz(path, ".npz") as stored:
+        if "radiance" in stored:
+            return stored.read("radiance", "biuf").astype(np.float64)
+        raise ValueError(f"found {', '.join(stored.names) or 'nothing'}, expected `radiance`, or a film's sums")
+
+
+def _read_npy(path: Path) -> Float64:
+    return read_npy(path).astype(np.float64)
+
+
+_READERS = {
+    ".png": _read_png,
+    ".jpg": _read_jpeg,
+    ".jpeg": _read_jpeg,
+    ".exr": _read_exr,
+    ".hdr": lambda path: read_rgbe(path).astype(np.float64),
+    ".npz": _read_npz,
+    ".npy": _read_npy,
+}
+
+
+def _three_channels(image: Float64) -> Float64:
+    """Grey becomes three alike; alpha is left out."""
+    if image.ndim == 2:
+        image = image[..., None]
+    if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:
+        raise ValueError(f"found an array of shape {image.shape}, expected (H, W, 3)")
+    three = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
+    broken = np.count_nonzero(~np.isfinite(three).all(axis=-1))
+    if broken:
+        raise ValueError(f"{broken} of its {three.shape[0] * three.shape[1]} pixels are NaN or infinite")
+    return three

@@ -1,0 +1,99 @@
+"""A film as .npz: all of its sums, exactly, so that it can be merged and gone on with.
+
+Not every array that is named so is a film: what is read is held against itself, as files may be damaged or hostile.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.batches import BATCHES, BLOCK, counts_of, disjoint
+from glpath.film.cryptomatte import ShapeCounts
+from glpath.film.metadata import FilmMetadata, metadata_of
+from glpath.system.files import whole_file
+from glpath.system.npz import open_npz
+
+
+class FilmParts(NamedTuple):
+    """What `glpath.film.film.Film` is made of, and says of its fields, in their order."""
+
+    radiance_sums: NDArray[np.float64]
+    batch_counts: NDArray[np.int64]
+    ranges: tuple[tuple[int, int], ...]
+    metadata: FilmMetadata
+    aov_sums: dict[str, NDArray[np.float64]]
+    shape_counts: ShapeCounts | None
+
+    @classmethod
+    def empty(cls, metadata: FilmMetadata) -> FilmParts:
+        """Of the size of the metadata's window, without any path set."""
+        _, _, width, height = metadata.window
+        sums = np.zeros((BATCHES, height, width, 3))
+        aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}
+        shapes = ShapeCounts.empty((height, width)) if metadata.counts_shapes else None
+        return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs, shapes)
+
+
+def write_parts(path: Path, film: FilmParts) -> None:
+    """Write a film. Raises ImageError where that can't be. The file appears whole or not at all."""
+    used = film.batch_counts > 0
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        arrays: dict[str, Any] = {
+            "radiance_sums": film.radiance_sums[used],  # a batch without path sets need not be stored
+            "batch_counts": film.batch_counts,
+            "ranges": np.array(film.ranges, np.int64).reshape(-1, 2),
+            "block": np.int64(BLOCK),
+            "metadata": np.array(json.dumps(asdict(film.metadata))),
+            **{_aov_key(name): sums for name, sums in film.aov_sums.items()},
+        }
+        if film.shape_counts is not None:
+            arrays |= {"shape_keys": film.shape_counts.keys, "shape_counts": film.shape_counts.counts}
+        np.savez(file, **arrays)
+
+
+def read_parts(path: str | Path) -> FilmParts:
+    """Read a film. Raises ImageError, also for one whose parts contradict each other."""
+    with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
+        metadata = metadata_of(str(stored.read("metadata", "U", ())))
+        counts = stored.read("batch_counts", "iu", (None,))
+        block = int(stored.read("block", "iu", ()))
+        if (len(counts), block) != (BATCHES, BLOCK):
+            raise ValueError(
+                f"its batches are {len(counts)} of blocks of {block} path sets, this version of glpath has "
+                f"{BATCHES} of {BLOCK}"
+            )
+        ranges = stored.read("ranges", "iu", (None, 2)).astype(np.int64)
+        if not disjoint(ranges) or not np.array_equal(counts_of(ranges), counts):
+            raise ValueError("its ranges of path sets overlap, or are not what its batches count")
+        film = FilmParts.empty(metadata)
+        used = counts > 0
+        sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
+        if not np.isfinite(sums).all():
+            raise ValueError("it holds sums that are NaN or infinite")
+        for name, n in metadata.aov_sums.items():
+            film.aov_sums[name][:] = stored.read(_aov_key(name), "f", (*sums.shape[1:3], n))
+        shapes = film.shape_counts
+        if shapes is not None:
+            keys = stored.read("shape_keys", "iu", (None,)).astype(np.int64)
+            met = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
+            shapes = ShapeCounts(shapes.size, keys, met)
+            shapes.check(len(metadata.shape_names), int(counts.sum()))
+        if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
+            raise ValueError("it holds sums of AOVs that are NaN or infinite")
+        dropped = film.aov_sums.get("dropped", np.zeros(0))
+        if np.any(dropped < 0) or np.any(dropped > counts.sum()):
+            raise ValueError("its counts of dropped samples are not those of its path sets")
+        film.radiance_sums[used] = sums
+        film.batch_counts[:] = counts
+    return film._replace(ranges=tuple((int(start), int(stop)) for start, stop in ranges), shape_counts=shapes)
+
+
+def _aov_key(name: str) -> str:
+    """What an .npz calls the sums of an AOV."""
+    return f"{name}_sums"

@@ -1,0 +1,131 @@
+"""Radiance's pictures (.hdr, .pic): colours as three mantissas of eight bits and one exponent.
+
+Source: Ward 1991, Real pixels (Graphics Gems II); Radiance's color.c and resolu.c, for the formats of its lines.
+Values are mantissa times 2^(exponent - 136), as most programs have them; Radiance itself adds half a mantissa.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.system.files import open_file
+from glpath.system.npz import check_unfolded
+
+_LONGEST_HEADER = 1 << 16
+_RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
+# Of lines that are run-length encoded; others are too short to gain, or too long for the two bytes.
+_MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
+
+
+class Header(NamedTuple):
+    """What stands before the pixels.
+
+    size     : (width, height), pixels
+    flips    : columns go to the left; rows go up
+    exposure : that the values were multiplied by
+    """
+
+    size: tuple[int, int]
+    flips: tuple[bool, bool]
+    exposure: float
+
+
+def read_header(file: BinaryIO) -> Header:
+    """The header of an open file, which is left where the pixels begin. Raises ValueError."""
+    if not file.readline(80).startswith(b"#?"):
+        raise ValueError("it does not begin with #?RADIANCE")
+    exposure, read = 1.0, 0
+    while (line := file.readline(_LONGEST_HEADER)).strip():
+        read += len(line)
+        if read > _LONGEST_HEADER:
+            raise ValueError("its header has no end")
+        key, _, value = line.strip().partition(b"=")
+        if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
+            raise ValueError(f"its FORMAT is {value.decode('latin-1')}, expected 32-bit_rle_rgbe")
+        if key == b"EXPOSURE":
+            exposure *= float(value)
+    if not 0 < exposure < np.inf:
+        raise ValueError(f"its EXPOSURE is {exposure:g}")
+    line = file.readline(80)
+    found = _RESOLUTION.fullmatch(line)
+    if found is None or found[1][1:] != b"Y" or found[3][1:] != b"X":
+        raise ValueError(f"its size is {line.decode('latin-1').strip()!r}, expected rows as in '-Y 512 +X 1024'")
+    width, height = int(found[4]), int(found[2])
+    if not width * height:
+        raise ValueError(f"it is {width} x {height} pixels")
+    return Header((width, height), (found[3][:1] == b"-", found[1][:1] == b"+"), exposure)
+
+
+def read_rgbe(path: Path) -> NDArray[np.float32]:
+    """(h, w, 3) float32, row 0 at the top: linear RGB, the exposure of the header undone. Raises ValueError."""
+    with open_file(path) as file:
+        header = read_header(file)
+        data = file.read()
+    width, height = header.size
+    check_unfolded(4 * width * height, len(data))
+    pixels = np.empty((height, width, 4), np.uint8)
+    position = 0
+    for row in pixels:
+        position = _read_line(data, position, row)
+    scale = np.ldexp(np.float32(1.0), pixels[..., 3].astype(np.int32) - 136) / np.float32(header.exposure)
+    scale[pixels[..., 3] == 0] = 0.0
+    colours = np.multiply(pixels[..., :3], scale[..., None], dtype=np.float32)
+    left, upwards = header.flips
+    return np.ascontiguousarray(colours[:: -1 if upwards else 1, :: -1 if left else 1])
+
+
+def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
+    """Fill a line (w, 4) from the data; returns where the next one begins."""
+    width = len(row)
+    head = data[position : position + 4]
+    encoded = head[:2] == b"\2\2" and _MIN_ENCODED <= width <= _MAX_ENCODED and head[2] < 128
+    if not encoded:
+        return _read_flat_line(data, position, row)
+    if int.from_bytes(head[2:]) != width:
+        raise ValueError(f"a line is {int.from_bytes(head[2:])} pixels long, expected {width}")
+    position += 4
+    for channel in range(4):
+        line = bytearray()
+        while len(line) < width:
+            count = data[position] if position < len(data) else 0
+            if count > 128:
+                line += data[position + 1 : position + 2] * (count - 128)
+                position += 2
+            elif count:
+                line += data[position + 1 : position + 1 + count]
+                position += 1 + count
+            else:
+                raise ValueError("it is cut off" if position >= len(data) else "a run has no length")
+        if len(line) != width or position > len(data):
+            raise ValueError("it is cut off" if position > len(data) else "a run goes beyond its line")
+        row[:, channel] = np.frombuffer(line, np.uint8)
+    return position
+
+
+def _read_flat_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
+    """Pixels of four bytes; (1, 1, 1, n) repeats the one before, 256 times as often for each such before it."""
+    filled, shift, width = 0, 0, len(row)
+    rest = np.frombuffer(data, np.uint8, offset=position)
+    rest = rest[: len(rest) // 4 * 4].reshape(-1, 4)
+    repeats = np.flatnonzero((rest[:width, :3] == 1).all(axis=1))
+    taken = 0
+    for at in repeats:
+        if taken + (width - filled) <= at:
+            break
+        row[filled : filled + at - taken] = rest[taken:at]
+        filled += int(at) - taken
+        shift = shift if taken == at and taken else 0
+        count = int(rest[at, 3]) << shift
+        if not filled or filled + count > width:
+            raise ValueError("a run goes beyond its line" if filled else "a run repeats nothing")
+        row[filled : filled + count] = row[filled - 1]
+        filled, taken, shift = filled + count, int(at) + 1, shift + 8
+    if len(rest) - taken < width - filled:
+        raise ValueError("it is cut off")
+    row[filled:] = rest[taken : taken + width - filled]
+    return position + 4 * (taken + width - filled)

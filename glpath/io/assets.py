@@ -1,0 +1,201 @@
+"""The assets of a scene file: models placed in it, with materials of their own or of the scene's."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from msgspec import UnsetType
+
+from glpath.errors import warn
+from glpath.film.units import Unit, conversion
+from glpath.io import transform
+from glpath.io.description import Asset
+from glpath.io.gltf import Model
+from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.models import FORMATS, read_model
+from glpath.io.motion import motion_of
+from glpath.io.values import LARGEST, nearby_files, unknown
+from glpath.scene import tessellate
+from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
+from glpath.scene.motion import Motion
+from glpath.scene.place import Place, shown
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A model, and where its materials stand in the scene."""
+
+    model: Model
+    first_material: int
+
+
+@dataclass
+class Assets:
+    """The assets of one scene. A file is read once for each time that is asked for, and its meshes are shared.
+
+    folder    : where relative paths start
+    number    : of the scene's own materials, by their names
+    materials : of the scene, which those of the assets come behind; so with textures
+    shutter   : of the camera, seconds, for what moves
+    unit      : of the scene's light
+    """
+
+    folder: Path
+    number: Mapping[str, int]
+    materials: list[Material]
+    textures: list[Texture]
+    shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit = "radiometric"
+    shapes: list[Shape] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
+    _said: set[str] = field(default_factory=set)
+    _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
+
+    def add(self, given: Sequence[Asset], place: Place) -> None:
+        """Take them in; `place` is their list's. Raises SceneError; warns of what is not used of a file, once."""
+        for index, asset in enumerate(given):
+            self._add(asset, place.item(index))
+
+    def _add(self, given: Asset, place: Place) -> None:
+        read = self._model(given, place)
+        model, path = read.model, Path(given.file)
+        name = path.stem if isinstance(given.name, UnsetType) else given.name
+        world = transform.world_from_shape(given.transform, place.field("transform"))
+        replaced = self._replaced(given, read, place.field("materials"))
+        moved = motion_of(given.motion, world[None, :3], place.field("motion"))
+        began = 0.0 if isinstance(given.time, UnsetType) else given.time
+        unit = model.unit if isinstance(given.unit, UnsetType) else given.unit
+        factor = 1.0 if unit is None else conversion(unit, self.unit)
+        for shape in model.shapes:
+            material, emission = read.first_material + shape.material, shape.emission
+            if not self.materials[material].unlit:  # whose colour is no light that could be measured
+                emission = factor * emission
+            if shape.material in replaced:
+                # Its light belongs to the material that it had.
+                material, emission = replaced[shape.material], np.zeros(3)
+            here = self._placed(shape, world, self.materials[material].needs_uv, place)
+            here = self._moving(here, shape.motion, world, moved, began)
+            self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
+        if given.lights:
+            if moved is not None:
+                world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
+                if model.lights and moved.moves_within(*self.shutter):
+                    text = f"{place}: its punctual lights stay where they are when the shutter opens."
+                    warn(text)
+            for light in model.lights:
+                placed = _placed_light(light, world, f"{name}/{light.name}")
+                self.lights.append(replace(placed, intensity=factor * light.intensity))
+
+    def _model(self, given: Asset, place: Place) -> _Read:
+        path, here = self.folder / given.file, place.field("file")
+        time = None if isinstance(given.time, UnsetType) else given.time
+        if path.suffix.lower() not in FORMATS:
+            raise here.wrong(given.file, f"a model file that ends in {', '.join(FORMATS)}", "Export it as .glb.")
+        if time is not None and path.suffix.lower() not in GLTF_FORMATS:
+            raise place.field("time").error(f"is for animations of glTF files, but the file is {given.file}.")
+        if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
+            there = "is not a file" if os.path.exists(path) else "does not exist"
+            raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
+        if (path, time) not in self._read:
+            opened, closed = self.shutter
+            model = read_model(path, here, None if time is None else time + opened, closed - opened)
+            if not model.shapes:
+                raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
+            for note in model.notes:
+                text = f"{model.source}: not used: {note}"
+                if text not in self._said:
+                    self._said.add(text)
+                    warn(text)
+            self._read[path, time] = _Read(model, len(self.materials))
+            first = len(self.textures)
+            for material in model.materials:
+                moved = moved_textures(material, first)
+                self.materials.append(replace(moved, name=f"{path.stem}/{material.name}"))
+            self.textures += model.textures
+        return self._read[path, time]
+
+    def _moving(
+        self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
+    ) -> Shape:
+        """The placed shape with its motions: its own in the model, in seconds of its animations, and the asset's.
+
+        began : seconds of the animations at time 0
+        """
+        if own is None and moved is None:
+            return shape
+        if own is None:
+            assert moved is not None, "one of them is there"
+            motion = replace(moved, placed=shape.world_from_object)
+        else:
+            times = own.times - began
+            if moved is not None:
+                inside = (moved.times > times[0]) & (moved.times < times[-1])
+                times = np.union1d(times, moved.times[inside])
+            maps = []
+            for time in times:
+                there = _product(world, own.map_at(time + began))
+                maps.append(there if moved is None else _product(_square(moved.map_at(time)), there))
+            motion = Motion(times, np.array(maps), own.placed)
+        return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
+
+    def _replaced(self, given: Asset, read: _Read, place: Place) -> dict[int, int]:
+        """For numbers of the model's materials, those of the scene's that stand in for them."""
+        names = [material.name for material in read.model.materials]
+        found: dict[int, int] = {}
+        for old, new in given.materials.items():
+            here = place.field(old)
+            if old not in names:
+                near = difflib.get_close_matches(old, names, 1)
+                raise here.error(
+                    f"is for a material that {given.file} does not have. It has {', '.join(map(shown, names))}.",
+                    f"Did you mean {shown(near[0])}?" if near else "",
+                )
+            if new not in self.number:
+                raise unknown("material", new, list(self.number), here, "reflectance = [r, g, b]")
+            found |= {index: self.number[new] for index, name in enumerate(names) if name == old}
+        return found
+
+    def _placed(self, shape: Shape, world: Float64, textured: bool, place: Place) -> Shape:
+        """The shape in the world; where it is `textured` with coordinates, as a mesh of the scene's has them."""
+        maps = shape.world_from_object
+        whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)
+        maps = np.asarray(world[:3] @ whole)
+        assert isinstance(shape.geometry, Mesh)
+        mesh = shape.geometry
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+        if not np.all(np.abs(centre) + np.abs(maps[:, :, :3]) @ ((high - low) / 2) <= LARGEST):
+            raise place.error(
+                f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                "Check its transform, or choose a larger unit of length.",
+            )
+        key = (mesh, textured and mesh.uv is None, transform.mirrors(world))
+        if key not in self._meshes:
+            made = tessellate.with_projected_uv(mesh) if key[1] else mesh
+            self._meshes[key] = made.turned() if key[2] else made
+        return replace(shape, geometry=self._meshes[key], world_from_object=maps)
+
+
+def _square(m: Float64) -> Float64:
+    return np.concatenate([m[:3], [[0.0, 0.0, 0.0, 1.0]]])
+
+
+def _product(a: Float64, b: Float64) -> Float64:
+    """(3, 4): b (3, 4), and then a (4, 4)."""
+    return np.asarray(a[:3] @ _square(b))
+
+
+def _placed_light(light: Light, world: Float64, name: str) -> Light:
+    direction = world[:3, :3] @ light.direction
+    return replace(
+        light,
+        name=name,
+        position=world[:3, :3] @ light.position + world[:3, 3],
+        direction=direction / np.linalg.norm(direction),
+    )

@@ -1,0 +1,377 @@
+"""From the typed data of a scene file to the `Scene`: shapes become primitives, names become indices.
+
+What the types cannot say is checked here, each with the place: materials that do not exist, quads that are not
+planar, boxes turned inside out, triangles without area.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from msgspec import UNSET, UnsetType
+
+from glpath.io import description, lights, materials, motion, transform
+from glpath.io.assets import Assets
+from glpath.io.description import AnyMaterial, AnyShape, SceneFile
+from glpath.io.meshes import inline_mesh, read_mesh
+from glpath.io.patches import patch_surface
+from glpath.io.streams import Chunks, NpyTriangles, stream_of
+from glpath.io.values import LARGEST, SMALLEST, light, unit, unknown
+from glpath.scene import tessellate
+from glpath.scene.check import check_camera
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
+from glpath.scene.place import Place, shown
+from glpath.scene.tessellate import FLAT, with_area
+from glpath.scene.triangulate import turned
+
+# Of a quad's diameter; more than the rounding of coordinates written with three digits.
+_PLANAR = 1e-3
+DEFAULT_MATERIAL = "default"
+# Of cameras that have none; what a perspective one has by default.
+_FOV = 40.0
+
+
+def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]) -> Scene:
+    """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
+
+    folder : where relative paths of mesh and picture files start
+    name   : the name of the scene when the file does not say one
+    meshes : of shapes whose mesh or stream is there already, by the index of the shape
+    """
+    camera = _camera(file)
+    check_camera(camera, place.source)
+    if not (file.shapes or file.assets):
+        raise place.error(
+            "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
+        )
+    heights = {
+        shape.displacement.texture
+        for shape in file.shapes
+        if isinstance(shape, description.Patches) and not isinstance(shape.displacement, UnsetType)
+    }
+    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder, heights)
+    texture_number = {texture.name: index for index, texture in enumerate(textures)}
+    surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
+    number = {material.name: index for index, material in enumerate(surfaces)}
+
+    shapes = []
+    known: dict[tuple[object, bool, bool], Mesh] = {}
+    for index, given in enumerate(file.shapes):
+        here = place.field("shapes").item(index)
+        kind = str(given.__struct_config__.tag)
+        shape_name = f"{kind}-{index}" if isinstance(given.name, UnsetType) else given.name
+        if given.material not in number:
+            raise unknown(
+                "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
+            )
+        material = number[given.material]
+        geometry: Mesh | Stream | Literal["sphere", "plane"]
+        subdivisions = 4
+        match given:
+            case description.Sphere():
+                geometry, matrix, subdivisions = "sphere", _sphere(given, here), given.subdivisions
+            case description.Plane():
+                geometry, matrix = "plane", _plane(given, here)
+            case description.Stream():
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], meshes.get(index))
+            case description.Patches(streamed=True):
+                surface = patch_surface(given, here, camera, _world(given, here)[:3], textures)
+                matrix = IDENTITY
+                geometry = _stream(given, here, folder, surfaces[material], surface)
+            case description.Patches():
+                matrix = _world(given, here)[:3]
+                mesh = patch_surface(given, here, camera, matrix, textures).mesh()
+                geometry = _finished(mesh, False, given.flip_normals != transform.mirrors(matrix))
+                _check_extent(placed(geometry.vertices, matrix), here)
+                geometry = with_area(geometry, matrix, shape_name, here)
+            case _:
+                matrix = _world(given, here)[:3]
+                textured = surfaces[material].needs_uv
+                geometry = _mesh(
+                    given, here, folder, textured, transform.mirrors(matrix), _mesh_of(meshes.get(index)), known
+                )
+                _check_extent(placed(geometry.vertices, matrix), here)
+                geometry = with_area(geometry, matrix, shape_name, here)
+        moved = motion.motion_of(given.motion, matrix[None], here.field("motion"))
+        if moved is not None:
+            matrix = moved.at(camera.shutter[0])[0]
+        shape = Shape(
+            shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
+        )
+        shapes.append(lights.emission(given.emission, here.field("emission"), file.unit, shape, surfaces[material]))
+
+    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, file.unit)
+    assets.add(file.assets, place.field("assets"))
+    return Scene(
+        name=name if isinstance(file.name, UnsetType) else file.name,
+        camera=camera,
+        shapes=Shapes([*shapes, *assets.shapes]),
+        materials=tuple(assets.materials),
+        source=place.source,
+        textures=tuple(assets.textures),
+        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up, file.unit), *assets.lights),
+        ambient=light(file.ambient, place.field("ambient")),
+        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder, file.unit),
+        exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
+        unit=file.unit,
+    )
+
+
+def _camera(file: SceneFile) -> Camera:
+    given = file.camera
+    camera = Camera(
+        position=np.array(given.position, np.float64),
+        target=np.array(given.target, np.float64),
+        up=np.array(given.up, np.float64),
+        fov=_FOV,
+        resolution=file.film.resolution,
+        shutter=given.shutter,
+        motion=motion.camera_keys(given),
+    )
+    match given:
+        case description.Orthographic():
+            return replace(camera, projection="orthographic", height=given.height)
+        case description.Panorama():
+            return replace(camera, projection="panorama")
+    focus = None if isinstance(given.focus_distance, UnsetType) else given.focus_distance
+    return replace(camera, fov=float(given.fov), aperture_radius=given.aperture_radius, focus_distance=focus)
+
+
+def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
+    """The file's materials, and the grey default where a shape uses it and the file does not define it."""
+    given = dict(file.materials)
+    if any(shape.material == DEFAULT_MATERIAL for shape in file.shapes):
+        given.setdefault(DEFAULT_MATERIAL, description.Diffuse())
+    return given
+
+
+def _world(given: AnyShape, place: Place) -> Float64:
+    """(4, 4): world_from_shape."""
+    return transform.world_from_shape(given.transform, place.field("transform"))
+
+
+def _sphere(given: description.Sphere, place: Place) -> Float64:
+    """(3, 4) world_from_unit, its determinant negative where the front is inside."""
+    unit_to_shape = np.column_stack([given.radius * np.identity(3), given.center])
+    matrix = unit_to_shape
+    if given.transform:
+        world = _world(given, place)
+        matrix = world[:3, :3] @ unit_to_shape
+        matrix[:, 3] += world[:3, 3]
+    _check_extent(np.abs(matrix[:, 3]) + np.linalg.norm(matrix[:, :3], axis=1), place)
+    thinnest = np.linalg.svd(matrix[:, :3], compute_uv=False)[2]
+    if not thinnest >= SMALLEST:
+        raise place.error(
+            f"is only {thinnest:.3g} scene units thick, where 32 bit numbers end ({SMALLEST:g}).",
+            "Check its radius and transform, or choose a smaller unit of length.",
+        )
+    return turned(matrix) if transform.mirrors(matrix) != given.flip_normals else matrix
+
+
+def _plane(given: description.Plane, place: Place) -> Float64:
+    """(3, 4) world_from_plane; u, v and the normal are right-handed, so that textures read well from the front."""
+    normal = unit(given.normal, place.field("normal"), "normal = [0, 1, 0]")
+    if isinstance(given.u, UnsetType):
+        along = np.array([0.0, 1.0, 0.0] if abs(normal[0]) > 0.9 else [1.0, 0.0, 0.0])
+        along = along - (along @ normal) * normal
+        along /= np.linalg.norm(along)
+    else:
+        along = np.array(given.u, np.float64)
+        length = np.linalg.norm(along)
+        along = along - (along @ normal) * normal
+        if not np.linalg.norm(along) > 1e-6 * length:
+            raise place.field("u").wrong(
+                given.u,
+                f"a direction in the plane, not along its normal {shown(given.normal)}",
+                "It is the way in which the texture coordinate u grows.",
+            )
+    across = np.cross(normal, along)
+    world = _world(given, place)
+    linear = world[:3, :3]
+    point = linear @ given.point + world[:3, 3]
+    _check_extent(np.abs(point), place)
+    normal = np.linalg.inv(linear).T @ normal
+    normal /= np.linalg.norm(normal)
+    u, v = linear @ along, linear @ across
+    u -= (u @ normal) * normal  # rounding
+    v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
+    if given.flip_normals:
+        normal = -normal
+    v = v_length * np.cross(normal, u / np.linalg.norm(u))
+    return np.column_stack([u, v, normal, point])
+
+
+def _stream(
+    given: description.Stream | description.Patches,
+    place: Place,
+    folder: Path,
+    material: Material,
+    ready: Mesh | Chunks | None,
+) -> Stream:
+    if not isinstance(given.emission, UnsetType):
+        raise place.field("emission").error(
+            "makes a stream a light, but light points are drawn from triangles in memory.",
+            "Make the parts that shine a mesh, or several.",
+        )
+    if material.needs_uv or material.alpha != "opaque":
+        raise place.field("material").error(
+            f'names "{material.name}", which has textures or a brush, or lets light through; a stream\'s triangles '
+            "have no texture coordinates.",
+            "Give it a plain, opaque material.",
+        )
+    file = UNSET if isinstance(given, description.Patches) else given.file
+    if ready is None and isinstance(file, UnsetType):
+        raise place.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
+    if ready is not None and not isinstance(file, UnsetType):
+        raise place.error("has stream and file, but a stream is one of them.", "Leave one away.")
+    chunks = NpyTriangles.open(folder / str(file), place.field("file")) if ready is None else ready
+    matrix = _world(given, place)[:3]
+    return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), place)  # type: ignore[arg-type]
+
+
+def _mesh_of(ready: Mesh | Chunks | None) -> Mesh | None:
+    assert ready is None or isinstance(ready, Mesh), "a stream is a shape of its own type"
+    return ready
+
+
+def _mesh(
+    given: description.Quad | description.Box | description.Mesh,
+    place: Place,
+    folder: Path,
+    textured: bool,
+    mirrored: bool,
+    ready: Mesh | None,
+    known: dict[tuple[object, bool, bool], Mesh],
+) -> Mesh:
+    """The mesh of a shape, with texture coordinates where it is `textured`, ready for its transform.
+
+    mirrored : the transform exchanges fronts and backs
+    ready    : the mesh itself, where it is there already
+    known    : what was made before of files and of ready meshes, by path or mesh, `textured` and whether it was
+               turned: so shapes of one file are instances of one mesh
+    """
+    reverse = given.flip_normals != mirrored
+    match given:
+        case description.Quad():
+            _check_quad(np.array(given.corners), place.field("corners"))
+            mesh = tessellate.quad_mesh(given.corners)
+        case description.Box():
+            mesh = tessellate.box_mesh(*_box_corners(given, place))
+        case description.Mesh() if ready is not None:
+            if (ready, textured, reverse) not in known:
+                known[ready, textured, reverse] = _finished(ready, textured, reverse)
+            return known[ready, textured, reverse]
+        case description.Mesh(file=str(name)) if _only_a_file(given):
+            path = folder / name
+            if (path, False, False) not in known:  # so a file is read, and warned of, once
+                known[path, False, False] = _finished(read_mesh(path, place.field("file")), False, False)
+            if (path, textured, reverse) not in known:
+                known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)
+            return known[path, textured, reverse]
+        case _:
+            mesh = _inline_mesh(given, place)
+    return _finished(mesh, textured, reverse)
+
+
+def _finished(mesh: Mesh, textured: bool, reverse: bool) -> Mesh:
+    mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+    if textured and mesh.uv is None:
+        mesh = tessellate.with_projected_uv(mesh)
+    return mesh.turned() if reverse else mesh
+
+
+def _check_extent(coordinates: Float64, place: Place) -> None:
+    if not np.all(np.abs(coordinates) <= LARGEST):
+        raise place.error(
+            f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+            "Check its transform and coordinates, or choose a larger unit of length.",
+        )
+
+
+def _check_quad(corners: Float64, place: Place) -> None:
+    """corners: (4, 3). Raises SceneError for one that is not planar or not convex."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    diameter = max(np.linalg.norm(corners[2] - corners[0]), np.linalg.norm(corners[3] - corners[1]))
+    normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+    if not np.linalg.norm(normal) > FLAT * diameter**2:
+        raise place.error(
+            "has no area: its corners lie on a line, coincide, or are listed crosswise.",
+            "List four corners around the outline.",
+        )
+    normal /= np.linalg.norm(normal)
+    # The normal is perpendicular to both diagonals, so the two diagonals lie in parallel planes.
+    height = abs(normal @ (corners[1] - corners[0]))
+    if height > _PLANAR * diameter:
+        raise place.error(
+            f"is not planar: its diagonals pass each other at a distance of {height:.3g}.",
+            "Mend a corner, or write two triangles as a mesh: vertices = [...], faces = [[0, 1, 2, 3]].",
+        )
+    turns = np.cross(np.roll(edges, 1, axis=0), edges) @ normal
+    bad = np.flatnonzero(turns <= FLAT * diameter**2)
+    if len(bad):
+        raise place.error(
+            f"is not convex: the outline does not turn the same way at corner {bad[0]} as at the others.",
+            "List the corners around the outline, not crosswise; split an outline with a dent into several shapes.",
+        )
+
+
+def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64]:
+    fields = {"min": given.min, "max": given.max, "center": given.center, "size": given.size}
+    pairs = {name: value for name, value in fields.items() if not isinstance(value, UnsetType)}
+    if set(pairs) == {"min", "max"}:
+        lower, upper = np.array(pairs["min"]), np.array(pairs["max"])
+        for axis in range(3):
+            if not lower[axis] < upper[axis]:
+                raise (
+                    place.field("min")
+                    .item(axis)
+                    .wrong(
+                        lower[axis],
+                        f"below max[{axis}], which is {upper[axis]:g}",
+                        "Exchange min and max on this axis.",
+                    )
+                )
+        return lower, upper
+    if set(pairs) == {"center", "size"}:
+        center, size = np.array(pairs["center"]), np.array(pairs["size"])
+        for axis in range(3):
+            if not size[axis] > 0:
+                raise place.field("size").item(axis).wrong(size[axis], "above 0", "For a flat shape take a quad.")
+        return center - size / 2, center + size / 2
+    raise place.error(
+        f"has {', '.join(pairs) or 'no corners'}, but a box is `min` and `max`, or `center` and `size`.",
+        "For example: min = [0, 0, 0], max = [1, 2, 1].",
+    )
+
+
+def _only_a_file(given: description.Mesh) -> bool:
+    return all(isinstance(each, UnsetType) for each in (given.vertices, given.faces, given.uv))
+
+
+def _inline_mesh(given: description.Mesh, place: Place) -> Mesh:
+    if isinstance(given.file, UnsetType) and not (
+        isinstance(given.vertices, UnsetType) or isinstance(given.faces, UnsetType)
+    ):
+        mesh = inline_mesh(given.vertices, given.faces, place)
+        return mesh if isinstance(given.uv, UnsetType) else replace(mesh, uv=_inline_uv(given.uv, mesh, place))
+    fields = ("vertices", "faces", "uv", "file")
+    names = [name for name in fields if not isinstance(getattr(given, name), UnsetType)]
+    raise place.error(
+        f"has {' and '.join(names) or 'no geometry'}, but a mesh is `vertices` and `faces`, or `file`.",
+        'For example: file = "bunny.obj".',
+    )
+
+
+def _inline_uv(given: list[tuple[float, float]], mesh: Mesh, place: Place) -> Float64:
+    if len(given) != len(mesh.vertices):
+        raise place.field("uv").error(
+            f"has {len(given)} pairs, but the mesh has {len(mesh.vertices)} vertices.",
+            "List one pair [u, v] for each vertex, in the same order.",
+        )
+    return np.array(given, np.float64)

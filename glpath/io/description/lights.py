@@ -1,0 +1,177 @@
+"""The tables [[lights]] and [sky] of a scene file: light of what has no surface."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from glpath.film.units import Unit
+from glpath.io.description.vector import Vector
+
+MAX_ENVIRONMENT_PIXELS = 2**25
+Intensity = Annotated[
+    float | Vector,
+    Meta(
+        description="Intensity in W sr^-1, or cd where photometric (of a spot on its axis), 0 or more: one number "
+        "or [r, g, b], linear Rec. 709; with falloff none the irradiance in W m^-2 or lx at any distance."
+    ),
+]
+Flux = (
+    Annotated[
+        float | Vector,
+        Meta(
+            description="All that the light sends, in W, or lm where photometric, in place of the intensity: one "
+            "number or [r, g, b]; of a profile it then takes the form alone."
+        ),
+    ]
+    | UnsetType
+)
+OwnUnit = (
+    Annotated[
+        Unit,
+        Meta(
+            description="Of this light alone: radiometric (W, W sr^-1, W m^-2) or photometric (lm, cd, lx, "
+            "cd m^-2); that of the file without it. A light with a profile is photometric."
+        ),
+    ]
+    | UnsetType
+)
+Falloff = Annotated[
+    Literal["quadratic", "none"],
+    Meta(description="quadratic: by the square of the distance, as in nature; none: the same at any distance."),
+]
+
+
+class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all punctual lights have in common: points and parallel light, without extent."""
+
+    name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
+    unit: OwnUnit = UNSET
+
+
+class PointLight(Light, tag="point", kw_only=True):
+    """A point that shines in all directions alike, or as a photometric profile says."""
+
+    position: Annotated[Vector, Meta(description="Where the light is.")]
+    intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
+    falloff: Falloff = "quadratic"
+    profile: (
+        Annotated[
+            str,
+            Meta(
+                description="A photometric web, an IES LM-63 file (.ies) of type C, relative to this file's "
+                "folder: its candela are multiplied by `intensity`, which is then 1 by default."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    direction: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of a profile: where gamma is 0, of any length but zero; against the camera's `up` "
+                "without it."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    c0: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of a profile: towards C = 0, of any length, not along `direction`, to which it is "
+                "made perpendicular; x without it, or z where the light goes along x."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+
+
+class SpotLight(Light, tag="spot", kw_only=True):
+    """A point that shines into a cone."""
+
+    position: Annotated[Vector, Meta(description="Where the light is.")]
+    target: Annotated[Vector, Meta(description="A point on the axis of the cone.")]
+    intensity: Intensity | UnsetType = UNSET
+    flux: Flux = UNSET
+    cone: Annotated[
+        tuple[float, float],
+        Meta(
+            description="Two half angles in degrees, 0 to 180: full light within the first, none beyond the second."
+        ),
+    ] = (30.0, 40.0)
+    falloff: Falloff = "quadratic"
+
+
+class DirectionalLight(Light, tag="directional", kw_only=True):
+    """Parallel light from infinitely far, like the sun's."""
+
+    direction: Annotated[Vector, Meta(description="The way the light goes, of any length but zero.")]
+    irradiance: Annotated[
+        float | Vector,
+        Meta(
+            description="Irradiance in W m^-2, or lx where photometric, on a surface that faces the light, 0 or "
+            "more: one number or [r, g, b], linear Rec. 709."
+        ),
+    ]
+
+
+AnyLight = PointLight | SpotLight | DirectionalLight
+
+
+class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
+    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith; or an environment map."""
+
+    zenith: (
+        Annotated[
+            float | Vector,
+            Meta(
+                description="Radiance overhead in W sr^-1 m^-2, or cd m^-2 where photometric, 0 or more: one "
+                "number or [r, g, b]."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    horizon: (
+        Annotated[
+            float | Vector,
+            Meta(description="Radiance at the horizon and below, 0 or more; as at the zenith without it."),
+        ]
+        | UnsetType
+    ) = UNSET
+    up: (
+        Annotated[
+            Vector, Meta(description="Towards the zenith, of any length but zero; the camera's `up` without it.")
+        ]
+        | UnsetType
+    ) = UNSET
+    file: (
+        Annotated[
+            str,
+            Meta(
+                description="An environment map in place of zenith and horizon: an equirectangular picture, EXR, "
+                "HDR, PNG or JPEG, its first row up; a relative path starts at the folder of the scene file."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    scale: (
+        Annotated[
+            float,
+            Meta(ge=0, description="Of the map: what makes its values W sr^-1 m^-2, or cd m^-2; 1 without it."),
+        ]
+        | UnsetType
+    ) = UNSET
+    rotation: (
+        Annotated[
+            float,
+            Meta(
+                description="Of the map: degrees, counter-clockwise seen from above. At 0 its middle lies towards "
+                "+z where y is up, towards +x where z is."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    unit: OwnUnit = UNSET

@@ -1,0 +1,171 @@
+"""The tables [materials.NAME] and [textures.NAME] of a scene file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from glpath.io.description.vector import Vector
+
+MAX_TEXTURE_SIDE = 16384
+MAX_TEXTURE_PIXELS = 2**26
+
+
+class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all materials have in common."""
+
+    reflectance: (
+        Annotated[
+            float | Vector,
+            Meta(
+                description="Share of light reflected diffusely, 0 to 1: one number for grey or [r, g, b], linear "
+                "Rec. 709. Without it 0.5, or 1 where there is a texture, which it multiplies."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    texture: (
+        Annotated[str, Meta(description="Name of a texture of this file, [textures.NAME], for the reflectance.")]
+        | UnsetType
+    ) = UNSET
+    two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+    normal_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: a normal map, of tangent space.")]
+        | UnsetType
+    ) = UNSET
+    normal_scale: Annotated[float, Meta(description="Strength of the normal map: its x and y are multiplied.")] = (
+        1.0
+    )
+    emission_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file, which the emission of shapes is multiplied by.")
+        ]
+        | UnsetType
+    ) = UNSET
+    alpha: Annotated[
+        Literal["opaque", "mask", "blend"],
+        Meta(
+            description="What opacity does: nothing; all or nothing, from `cutoff` on; a share of the light. "
+            "Opacity is multiplied by the alpha of the texture."
+        ),
+    ] = "opaque"
+    cutoff: Annotated[float, Meta(ge=0, le=1, description="Of a mask: opacity below it is a hole.")] = 0.5
+    opacity: Annotated[float, Meta(ge=0, le=1, description="Share of light that the surface meets.")] = 1.0
+
+
+class Diffuse(Surface, tag="diffuse", kw_only=True):
+    """Lambertian reflection. A material without a type is of this one."""
+
+
+class Phong(Surface, tag="phong", kw_only=True):
+    """Lambertian reflection, Phong's highlight and a mirror, as of 1975."""
+
+    specular: Annotated[
+        float | Vector,
+        Meta(description="Strength of Phong's highlight, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    ] = 0.5
+    exponent: Annotated[
+        float, Meta(gt=0, le=1e6, description="Phong's exponent: the larger, the smaller the highlight.")
+    ] = 32.0
+    mirror: Annotated[
+        float | Vector,
+        Meta(description="Share of light mirrored, 0 to 1: one number or [r, g, b], linear Rec. 709."),
+    ] = 0.0
+
+
+_Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class Principled(Surface, tag="principled", kw_only=True):
+    """Metal, plastic, varnish and glass: the metallic-roughness surface of glTF 2.0."""
+
+    roughness: Annotated[
+        _Share, Meta(description="0 is a mirror, 1 all dull: the alpha of GGX's microfacets is its square.")
+    ] = 0.5
+    metallic: Annotated[
+        _Share, Meta(description="Share of metal, which has its reflectance for a colour and no diffuse base.")
+    ] = 0.0
+    anisotropy: Annotated[_Share, Meta(description="How much rougher it is along the brush than across.")] = 0.0
+    anisotropy_angle: Annotated[
+        float, Meta(description="Angle of the brush in degrees, from where u grows towards where v grows.")
+    ] = 0.0
+    ior: Annotated[
+        float, Meta(ge=1, le=10, description="Index of refraction: 1.33 water, 1.5 glass and plastic, 2.4 diamond.")
+    ] = 1.5
+    specular: Annotated[
+        _Share, Meta(description="Strength of what is not metal's reflection, 1 as its ior says.")
+    ] = 1.0
+    specular_color: Annotated[
+        float | Vector,
+        Meta(description="Its colour at normal incidence, 0 or more: one number or [r, g, b], linear Rec. 709."),
+    ] = 1.0
+    transmission: Annotated[
+        _Share, Meta(description="Share that is glass instead of a diffuse base: 1 is clear glass.")
+    ] = 0.0
+    thin: Annotated[
+        bool,
+        Meta(
+            description="true: glass is a pane, which does not refract. false: the surface of a solid that does, "
+            "which should be closed, with its fronts outward."
+        ),
+    ] = False
+    attenuation: Annotated[
+        float | Vector,
+        Meta(
+            description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
+        ),
+    ] = 0.0
+    clearcoat: Annotated[_Share, Meta(description="Share that is under a varnish.")] = 0.0
+    clearcoat_roughness: Annotated[_Share, Meta(description="The varnish's own roughness.")] = 0.0
+    surface_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: roughness is multiplied by its green, metallic by its "
+                "blue."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    transmission_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: transmission is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+
+
+AnyMaterial = Diffuse | Phong | Principled
+Repeats = Annotated[
+    float | tuple[float, float],
+    Meta(description="Repeats per unit of the texture coordinates: one number above 0, or [u, v]."),
+]
+
+
+class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=True, kw_only=True):
+    """Squares of two colours: one repeat is two by two of them."""
+
+    colors: Annotated[
+        tuple[float | Vector, float | Vector],
+        Meta(description="Two colours, each from 0 to 1: a number for grey or [r, g, b], linear Rec. 709."),
+    ] = (0.8, 0.2)
+    scale: Repeats = 1.0
+
+
+class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, kw_only=True):
+    """A picture: PNG and JPEG as sRGB, EXR as linear Rec. 709; what is no colour, as of a normal map, as it is."""
+
+    file: Annotated[
+        str, Meta(description="PNG, JPEG or EXR file; a relative path starts at the folder of the scene file.")
+    ]
+    scale: Repeats = 1.0
+    filter: Annotated[
+        Literal["linear", "nearest"],
+        Meta(description="linear blends neighbouring pixels where they are seen large, nearest shows squares."),
+    ] = "linear"
+    wrap: Annotated[
+        Literal["repeat", "clamp", "mirror"],
+        Meta(description="Beyond its edges: repeated, its last pixels, or mirrored."),
+    ] = "repeat"
+
+
+AnyTexture = Checker | Image

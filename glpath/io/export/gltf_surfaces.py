@@ -1,0 +1,281 @@
+"""A scene's materials and textures in glTF 2.0, each once, for `glpath.io.export.gltf`.
+
+A surface without microfacets is one of roughness 1 without reflection, which is Lambert's (KHR_materials_specular).
+
+Poor at:  textures of more than eight bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import encode_srgb
+from glpath.film.units import conversion
+from glpath.io.export.geometry import Notes, map_downwards
+from glpath.io.export.glb import Glb
+from glpath.scene.geometry import Float64, Shape
+from glpath.scene.material import Material, TextureSlot
+from glpath.scene.model import Scene
+
+_WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
+_NEAREST, _LINEAR, _MIPMAPPED = 9728, 9729, 9987
+# Reflection at normal incidence of the index 1.5, which the colour of KHR_materials_specular multiplies.
+_F0 = 0.04
+#: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, as of the scene.
+LightMap = tuple[NDArray[np.uint8], float]
+
+
+class Surfaces:
+    """The materials that shapes use, with their textures, each once, in a file.
+
+    scene : in triangles; file : that they go into; notes : of what they say otherwise
+    """
+
+    def __init__(self, scene: Scene, file: Glb, notes: Notes) -> None:
+        self.scene, self.file, self.notes = scene, file, notes
+        self._materials: dict[tuple[object, ...], int] = {}
+        self._names: set[str] = set()
+        self._textures: dict[tuple[int, bool, bool], int] = {}
+        self._light_textures: dict[int, int] = {}
+
+    def material(self, shape: Shape, light: LightMap | None) -> int:
+        """The number of a shape's material, which has its light."""
+        material = self.scene.materials[shape.material]
+        # The back of a solid's surface is its inside, whatever the material says.
+        two_sided = material.two_sided and (material.thin or material.transmission == 0)
+        if shape.emits and shape.emission_two_sided != two_sided:
+            two_sided = shape.emission_two_sided
+            text = (
+                "its back shines, so that it reflects, too"
+                if two_sided
+                else "it shines from its front alone, so its back is not there"
+            )
+            self.notes.add(text + ": both sides of a surface are alike in glTF", "shape", shape.name)
+        key = (shape.material, tuple(shape.emission), two_sided, None if light is None else id(light[0]))
+        if key not in self._materials:
+            self._materials[key] = len(self.file.materials)
+            self.file.materials.append(self._made(material, shape.emission, two_sided))
+            if light is not None:
+                self.file.materials[-1].extensions[self.file.use("MOZ_lightmap")] = self._light_map(light)
+            if material.name in self._names:
+                self.file.materials[-1].name += f" ({shape.name})"
+            self._names.add(material.name)
+        return self._materials[key]
+
+    def _made(self, material: Material, emission: Float64, two_sided: bool) -> Any:
+        import pygltflib as gltf
+
+        made = gltf.Material(name=material.name, doubleSided=two_sided, alphaMode=material.alpha.upper())
+        made.alphaCutoff = material.cutoff if material.alpha == "mask" else None
+        made.extensions = {}
+        opacity = 1.0 if material.alpha == "opaque" else material.opacity
+        if material.unlit:
+            self._unlit(made, material, emission, opacity)
+            return made
+        base, roughness, metallic = material.reflectance, 1.0, 0.0
+        if material.roughness is None:
+            base, roughness, metallic = self._without_microfacets(made, material)
+        else:
+            roughness, metallic = material.roughness, material.metallic
+            self._layers(made.extensions, material)
+        made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
+            baseColorFactor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],
+            roughnessFactor=roughness,
+            metallicFactor=metallic,
+            baseColorTexture=self._slot(material.texture, srgb=True, alpha=material.alpha != "opaque"),
+            metallicRoughnessTexture=self._slot(material.surface_texture),
+        )
+        if material.normal_texture is not None:
+            info = self._slot(material.normal_texture)
+            made.normalTexture = gltf.NormalMaterialTexture(
+                index=info.index, texCoord=info.texCoord, extensions=info.extensions, scale=material.normal_scale
+            )
+        self._emission(made, material, emission)
+        return made
+
+    def _unlit(self, made: Any, material: Material, emission: Float64, opacity: float) -> None:
+        import pygltflib as gltf
+
+        if emission.max() > 1:
+            self.notes.add("it is unlit, and no brighter than 1", "material", material.name)
+        made.extensions[self.file.use("KHR_materials_unlit")] = {}
+        made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
+            baseColorFactor=[*np.clip(emission, 0.0, 1.0).tolist(), opacity],
+            roughnessFactor=1.0,
+            metallicFactor=0.0,
+            baseColorTexture=self._slot(material.emission_texture or material.texture, srgb=True, alpha=True),
+        )
+
+    def _without_microfacets(self, made: Any, material: Material) -> tuple[Float64, float, float]:
+        """Base colour, roughness and metallic; with the extension that says what is reflected beside the base."""
+        mirror, highlight = material.mirror, 2.0 * material.specular / (material.exponent + 1.0)
+        if np.any(mirror > 0) and not np.any(highlight > 0) and not np.any(material.reflectance > 0):
+            self._note(material, "a mirror is smooth metal, which reflects all at grazing angles")
+            return mirror, 0.0, 1.0
+        reflected, roughness = np.zeros(3), 1.0
+        if np.any(mirror > 0):
+            reflected, roughness = mirror, 0.0
+            if np.any(highlight > 0):
+                self._note(material, "Phong's highlight beside a mirror is left out")
+        elif np.any(highlight > 0):
+            self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
+            # Of the same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
+            reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
+        # Alike from all sides: at normal incidence F0 times the colour times the weight, at grazing incidence the
+        # weight. The base has what is left, so that it is divided by that.
+        weight = float(reflected.max())
+        extension: dict[str, Any] = {"specularFactor": weight}
+        if weight > 0:
+            extension["specularColorFactor"] = (reflected / (weight * _F0)).tolist()
+        made.extensions[self.file.use("KHR_materials_specular")] = extension
+        base = material.reflectance / max(1.0 - weight, 1e-9)
+        if base.max() > 1 + 1e-9:
+            self._note(material, "it sends back more than it gets, which is cut")
+        return base, roughness, 0.0
+
+    def _layers(self, extensions: dict[str, Any], material: Material) -> None:
+        """What the extensions say of microfacets, where it is not what they say without."""
+        use = self.file.use
+        if material.ior != 1.5:
+            extensions[use("KHR_materials_ior")] = {"ior": material.ior}
+        if material.specular_weight != 1 or np.any(material.specular_colour != 1):
+            extensions[use("KHR_materials_specular")] = {
+                "specularFactor": material.specular_weight,
+                "specularColorFactor": material.specular_colour.tolist(),
+            }
+        if material.clearcoat > 0:
+            extensions[use("KHR_materials_clearcoat")] = {
+                "clearcoatFactor": material.clearcoat,
+                "clearcoatRoughnessFactor": material.clearcoat_roughness,
+            }
+        if material.anisotropy > 0:
+            extensions[use("KHR_materials_anisotropy")] = {
+                "anisotropyStrength": material.anisotropy,
+                "anisotropyRotation": math.radians(material.anisotropy_angle),
+            }
+        if material.transmission > 0:
+            glass: dict[str, Any] = {"transmissionFactor": material.transmission}
+            if material.transmission_texture is not None:
+                glass["transmissionTexture"] = _as_dictionary(self._slot(material.transmission_texture))
+            extensions[use("KHR_materials_transmission")] = glass
+            if not material.thin:
+                extensions[use("KHR_materials_volume")] = _volume(material)
+
+    def _emission(self, made: Any, material: Material, emission: Float64) -> None:
+        if not np.any(emission > 0):
+            return
+        slot = material.emission_texture
+        if slot is not None:
+            made.emissiveTexture = self._slot(slot, srgb=True)
+            emission = emission * self._brightest(slot.texture)
+        emission = conversion(self.scene.unit, "photometric") * emission
+        strength = max(float(emission.max()), 1.0)
+        made.emissiveFactor = (emission / strength).tolist()
+        if strength > 1:
+            made.extensions[self.file.use("KHR_materials_emissive_strength")] = {"emissiveStrength": strength}
+
+    def _note(self, material: Material, text: str) -> None:
+        self.notes.add(text, "material", material.name)
+
+    def _light_map(self, light: LightMap) -> dict[str, Any]:
+        import pygltflib as gltf
+
+        picture, range_ = light
+        if id(picture) not in self._light_textures:
+            sampler = gltf.Sampler(
+                magFilter=_LINEAR, minFilter=_LINEAR, wrapS=_WRAPS["clamp"], wrapT=_WRAPS["clamp"]
+            )
+            self._light_textures[id(picture)] = len(self.file.textures)
+            self.file.samplers.append(sampler)
+            image = self.file.add_image("light", picture)
+            self.file.textures.append(gltf.Texture(name="light", sampler=len(self.file.samplers) - 1, source=image))
+        return {"index": self._light_textures[id(picture)], "texCoord": 1, "intensity": range_}
+
+    # Textures
+
+    def _slot(self, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False) -> Any:
+        import pygltflib as gltf
+
+        if slot is None:
+            return None
+        texture = self.scene.textures[slot.texture]
+        info = gltf.TextureInfo(index=self._texture(slot.texture, srgb, alpha), texCoord=slot.uv_set)
+        matrix = map_downwards(slot.uv_transform, texture.scale)
+        if not np.array_equal(matrix, np.eye(3)):
+            transform, exact = _uv_transform(matrix)
+            if not exact:
+                self.notes.add("its coordinates are not sheared", "texture", texture.name)
+            info.extensions = {self.file.use("KHR_texture_transform"): transform}
+        return info
+
+    def _texture(self, number: int, srgb: bool, alpha: bool) -> int:
+        import pygltflib as gltf
+
+        texture = self.scene.textures[number]
+        key = (number, srgb, alpha and texture.image.shape[2] == 4)
+        if key not in self._textures:
+            filters = (_NEAREST, _NEAREST) if texture.filter == "nearest" else (_LINEAR, _MIPMAPPED)
+            sampler = gltf.Sampler(
+                magFilter=filters[0],
+                minFilter=filters[1],
+                wrapS=_WRAPS[texture.wrap[0]],
+                wrapT=_WRAPS[texture.wrap[1]],
+            )
+            if sampler not in self.file.samplers:
+                self.file.samplers.append(sampler)
+            self._textures[key] = len(self.file.textures)
+            image = self.file.add_image(texture.name, self._image(number, srgb)[..., : 4 if key[2] else 3])
+            self.file.textures.append(
+                gltf.Texture(name=texture.name, sampler=self.file.samplers.index(sampler), source=image)
+            )
+        return self._textures[key]
+
+    def _image(self, number: int, srgb: bool) -> NDArray[np.uint8]:
+        """Eight bits a channel, of sRGB for colours."""
+        texture = self.scene.textures[number]
+        if texture.image.dtype == np.uint8 and texture.srgb == srgb:
+            return np.asarray(texture.image, np.uint8)
+        values = texture.linear().astype(np.float64)
+        values[..., :3] /= self._brightest(number)
+        values = np.clip(values, 0.0, 1.0)
+        if srgb:
+            values[..., :3] = encode_srgb(values[..., :3])
+        return np.asarray(np.round(255.0 * values), np.uint8)
+
+    def _brightest(self, number: int) -> float:
+        """What a texture is divided by, so that it is at most one."""
+        image = self.scene.textures[number].image
+        return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)
+
+
+def _volume(material: Material) -> dict[str, Any]:
+    """The inside of a solid. Rasterizers go by the thickness, of 1 scene unit; glpath only asks whether it is 0."""
+    made: dict[str, Any] = {"thicknessFactor": 1.0}
+    densest = float(material.attenuation.max())
+    if densest > 0:
+        made["attenuationDistance"] = 1.0 / densest
+        made["attenuationColor"] = np.exp(-material.attenuation / densest).tolist()
+    return made
+
+
+def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
+    """KHR_texture_transform of a map (3, 3) of coordinates with v downwards, and whether it is all of the map."""
+    across, down = matrix[:2, 0], matrix[:2, 1]
+    angle = math.atan2(-across[1], across[0])
+    c, s = math.cos(angle), math.sin(angle)
+    scale = np.array([float(np.linalg.norm(across)), float(down @ (s, c))])
+    rebuilt = np.array([[c, s], [-s, c]]) * scale
+    made: dict[str, Any] = {"offset": matrix[:2, 2].tolist(), "scale": scale.tolist()}
+    if angle != 0:
+        made["rotation"] = angle
+    return made, bool(np.allclose(rebuilt, matrix[:2, :2], rtol=1e-6, atol=1e-9))
+
+
+def _as_dictionary(info: Any) -> dict[str, Any]:
+    """Of a texture within an extension."""
+    made = {"index": info.index, "texCoord": info.texCoord}
+    return made | ({"extensions": info.extensions} if info.extensions else {})

@@ -1,0 +1,289 @@
+"""A scene as Mitsuba 3 knows it: plugins by name with their parameters, nested, before any file or any Mitsuba.
+
+`described` makes the one translation that there is, the materials by `mitsuba_surfaces`: `mitsuba_xml` writes it to
+files, tests and benches hand it to Mitsuba in memory. Values are what Mitsuba's own dictionaries have
+(`mitsuba.load_dict`), but for:
+
+    {"type": "mesh", "mesh": Mesh, ...}          triangles, v of texture coordinates downwards
+    {"type": "bitmap", "image": (h, w, c) ...}   a texture, uint8 or float32; so has an "envmap" its image
+    (4, 4) float64                               a transform
+
+Depth:    Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. Russian roulette is on from
+          Mitsuba's default vertex, as its users have it; at depth 3 there is none.
+Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis "y".
+Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided". Its area
+          lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal
+          apart.
+Units:    the numbers of the scene, so that pictures are equal: W of a radiometric scene, cd and cd m^-2 of a
+          photometric one, for neither of which Mitsuba's RGB modes ask.
+Poor at:  what has no counterpart, which `MitsubaScene.differences` lists. Smooth normals are handed on, but the
+          light that they lose is not divided out, as it is here.
+Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from glpath.io.export.geometry import (
+    Notes,
+    at_opening,
+    face_normals,
+    in_triangles,
+    in_world,
+    mirrors,
+    v_downwards,
+    with_all_normals,
+)
+from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
+from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
+from glpath.scene.model import Environment, Light, Scene, Sky
+from glpath.scene.place import shown
+
+Sampler = Literal["independent", "multijitter"]
+
+#: The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from either
+#: side meets the side that faces it first.
+SIDE_OFFSET = 1e-5
+# Rows of the environment map that a sky with a gradient becomes.
+_SKY_ROWS = 1025
+
+
+@dataclass(frozen=True)
+class MitsubaScene:
+    """A scene for Mitsuba.
+
+    plugins     : {"type": "scene", ...}, see the module, relative to `origin`
+    differences : what it says otherwise than the scene, a sentence each, without a full stop
+    """
+
+    plugins: Plugin
+    differences: tuple[str, ...]
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def described(
+    scene: Scene, max_depth: int, *, sampler: Sampler = "multijitter", spp: int = 64, instances: bool = True
+) -> MitsubaScene:
+    """The scene in Mitsuba's plugins, in triangles.
+
+    instances : a mesh that stands in several places is kept once; False makes triangles of all, which take more
+                memory and less time to trace
+
+    Raises SceneError for what `path_traceable` refuses.
+    """
+    notes = Notes()
+    scene = at_opening(scene, notes).centred
+    x, y, z = scene.origin.tolist()
+    if scene.origin.any():  # Mitsuba counts in 32 bits, too, so no transform could hold it
+        notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
+    low, high = scene.bounds  # of what is not endless
+    scene = in_triangles(scene, notes)
+    if np.any(scene.ambient > 0):
+        notes.add("ambient light is left out")
+    names = Names()
+    surfaces = Surfaces(scene, notes, names)
+    shapes: Plugin = {}
+    for shape in scene.shapes:
+        shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * float(np.linalg.norm(high - low)))
+    emitters = {names.of(light.name): _emitter(light, 0.5 * (low + high), notes) for light in scene.lights}
+    if scene.sky is not None:
+        emitters[names.of("sky")] = _sky(scene.sky)
+    plugins = {
+        "type": "scene",
+        "integrator": integrator(max_depth, surfaces.integrator),
+        "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
+    }
+    return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
+
+
+def integrator(max_depth: int, plugin: str = "path") -> Plugin:
+    """Of paths with so many vertices."""
+    return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
+
+
+def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instances: bool, offset: float) -> Plugin:
+    assert isinstance(shape.geometry, Mesh)
+    material = scene.materials[shape.material]
+    coloured = shape.geometry.colours is not None
+    if shape.emits and _opacity_everywhere(scene, shape) is None:
+        surfaces.notes.add("it shines all over, whatever its alpha", "material", material.name)
+    if shape.emits and shape.emission_two_sided:
+        apart = in_world(shape).unshared()
+        step = offset * np.repeat(face_normals(apart), 3, axis=0)
+        front = replace(apart, vertices=apart.vertices + step)
+        back = replace(apart, vertices=apart.vertices - step).turned()
+        sides = (("front", front, True), ("back", back, material.two_sided))
+        return {
+            names.of(f"{shape.name}-{side}"): _mesh(
+                scene, shape, mesh, surfaces, surfaces.reference(shape.material, coloured, reflects)
+            )
+            for side, mesh, reflects in sides
+        }
+    bsdf = surfaces.reference(shape.material, coloured)
+    # Mitsuba's instances cannot shine.
+    if not instances or shape.emits or len(shape.world_from_object) == 1:
+        return {names.of(shape.name): _mesh(scene, shape, in_world(shape), surfaces, bsdf)}
+    made: Plugin = {}
+    for mirrored in (False, True):
+        maps = [m for m in shape.world_from_object if mirrors(m) == mirrored]
+        if not maps:
+            continue
+        mesh = shape.geometry.turned() if mirrored else shape.geometry
+        group = names.of(f"{shape.name}-group")
+        made[group] = {"type": "shapegroup", "shape": _mesh(scene, shape, mesh, surfaces, bsdf)}
+        for m in maps:
+            to_world = np.concatenate([m, [[0.0, 0.0, 0.0, 1.0]]])
+            reference = {"type": "ref", "id": group}
+            made[names.of(shape.name)] = {"type": "instance", "shapegroup": reference, "to_world": to_world}
+    return made
+
+
+def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plugin) -> Plugin:
+    material = scene.materials[shape.material]
+    mesh = with_all_normals(mesh)
+    slots = material.slots
+    second = {slot.uv_set for slot in slots.values()}
+    if second == {1}:
+        mesh = replace(mesh, uv=mesh.uv1)
+    elif 1 in second:
+        surfaces.notes.add("all its textures have the first texture coordinates", "material", material.name)
+    if mesh.uv is not None:
+        mesh = replace(mesh, uv=v_downwards(mesh.uv) if material.needs_uv else None)
+    if mesh.colours is not None:
+        mesh = replace(mesh, colours=mesh.colours * [*material.reflectance, 1.0])
+    made: Plugin = {"type": "mesh", "name": shape.name, "mesh": mesh, "bsdf": bsdf}
+    if mesh.normals is None:
+        made["face_normals"] = True
+    interior = surfaces.medium(shape.material)
+    if interior is not None:
+        made["interior"] = interior
+    if shape.emits:
+        made["emitter"] = {"type": "area", "radiance": _radiance(scene, shape, surfaces.notes)}
+    return made
+
+
+def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
+    slot = scene.materials[shape.material].emission_texture
+    opacity = _opacity_everywhere(scene, shape)
+    # Of what a mask lets through, Mitsuba takes the light all the same.
+    emission = shape.emission if opacity is None else shape.emission * opacity
+    if slot is None:
+        return rgb(emission)
+    texture = scene.textures[slot.texture]
+    return bitmap(texture, slot, texture.linear()[..., :3] * emission, raw=False, note=notes.add)
+
+
+def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
+    """The opacity that a shape has all over; None where it differs from place to place."""
+    material = scene.materials[shape.material]
+    if material.alpha == "opaque":
+        return 1.0
+    slot = material.texture
+    assert isinstance(shape.geometry, Mesh)
+    colours = shape.geometry.colours
+    if slot is not None and scene.textures[slot.texture].linear().shape[2] == 4:
+        return None
+    if colours is not None and np.any(colours[:, 3] != 1):
+        return None
+    return float(material.opacity >= material.cutoff) if material.alpha == "mask" else material.opacity
+
+
+def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
+    if light.kind == "directional":
+        return {"type": "directional", "direction": light.direction.tolist(), "irradiance": rgb(light.intensity)}
+    intensity = light.intensity
+    if light.falloff == "none":
+        distance = float(np.linalg.norm(light.position - middle))
+        notes.add(
+            "it falls off with the square of the distance, and is as bright in the middle of the scene",
+            "light",
+            light.name,
+        )
+        intensity = intensity * distance**2
+    if light.profile is not None:
+        notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
+        intensity = intensity * (light.profile.flux / (4 * np.pi))
+    if light.kind == "point":
+        return {"type": "point", "position": light.position.tolist(), "intensity": rgb(intensity)}
+    full, end = light.cone
+    if full < end:
+        notes.add("between its two cones it fades with the angle, not smoothly", "light", light.name)
+    if end >= 90:
+        notes.add("its cone ends at 89 degrees", "light", light.name)
+        end = 89.0
+    made = {"type": "spot", "intensity": rgb(intensity), "cutoff_angle": end, "beam_width": min(full, end * 0.9999)}
+    axis = light.direction
+    across = perpendicular(axis)
+    return made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
+
+
+def _sky(sky: Sky | Environment) -> Plugin:
+    if isinstance(sky, Environment):
+        middle, left, up = sky.frame
+        height, width = sky.image.shape[:2]
+        return _envmap(sky, (left, up, middle), (2 * height + 1, width))
+    if np.array_equal(sky.zenith, sky.horizon):
+        return {"type": "constant", "radiance": rgb(sky.zenith)}
+    across = perpendicular(sky.up)
+    return _envmap(sky, (across, sky.up, np.cross(across, sky.up)), (_SKY_ROWS, 4))
+
+
+def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
+    """The radiance in Mitsuba's directions: x, y up and z of `axes`.
+
+    Its first row is exactly above and its last exactly below, while columns have their middles in directions: of a
+    map of h rows, 2 h + 1 interpolate as its own do.
+    """
+    theta = np.linspace(0.0, np.pi, size[0])[:, None, None]
+    phi = 2.0 * np.pi * (np.arange(size[1]) + 0.5)[:, None] / size[1]
+    x, y, z = axes
+    directions = np.sin(theta) * (np.sin(phi) * x - np.cos(phi) * z) + np.cos(theta) * y
+    image = sky.radiance(directions).astype(np.float32)
+    return {"type": "envmap", "image": image, "name": "sky", "to_world": _frame(x, y, z, np.zeros(3))}
+
+
+def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
+    """(4, 4): world from a frame of these axes."""
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([x, y, z, origin], axis=1)
+    return matrix
+
+
+def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
+    camera = scene.camera.at()
+    low, high = scene.bounds
+    far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
+    width, height = camera.resolution
+    right, up, forward = camera.frame()
+    # Mitsuba's camera has its x to the left of the picture: row 0 is towards `up`, column 0 away from `right`.
+    view: Plugin = {"type": "perspective", "fov_axis": "y", "fov": float(camera.fov)}
+    scale = 1.0
+    if camera.projection == "orthographic":
+        view, scale = {"type": "orthographic"}, camera.extent[0]  # of an image that is 2 wide
+    elif camera.projection == "panorama":
+        notes.add("Mitsuba has no panorama: the camera is a perspective one of 90 degrees")
+        view["fov"] = 90.0
+    elif camera.aperture_radius > 0:
+        view |= {
+            "type": "thinlens",
+            "aperture_radius": float(camera.aperture_radius),
+            "focus_distance": camera.focus,
+        }
+    return view | {
+        "near_clip": 1e-4 * size,
+        "far_clip": far,
+        "to_world": _frame(-scale * right, scale * up, forward, camera.position),
+        "sampler": {"type": sampler, "sample_count": spp},
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+    }

@@ -1,0 +1,289 @@
+"""A scene's materials as Mitsuba's surfaces, each once, by name, for `glpath.io.export.mitsuba`.
+
+Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided".
+Poor at:  a dielectric over a diffuse base, which is another thing in every program; the notes say what differs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from glpath.io.export.geometry import Notes, map_downwards
+from glpath.scene.geometry import Float64
+from glpath.scene.material import SMOOTH, Material, Texture, TextureSlot
+from glpath.scene.model import Scene
+
+#: A plugin with its parameters, see `glpath.io.export.mitsuba`.
+Plugin = dict[str, Any]
+
+# Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
+_SPECULAR = 0.5
+
+
+class Names:
+    """Names that Mitsuba takes: no dots, none twice."""
+
+    def __init__(self) -> None:
+        self._used = {"type", "integrator", "sensor"}
+
+    def of(self, text: str) -> str:
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-") or "unnamed"
+        name, number = plain, 1
+        while name in self._used:
+            number += 1
+            name = f"{plain}-{number}"
+        self._used.add(name)
+        return name
+
+
+def rgb(values: Float64) -> Plugin:
+    """A colour, linear Rec. 709."""
+    return {"type": "rgb", "value": [float(v) for v in values]}
+
+
+def _diffuse(reflectance: Plugin) -> Plugin:
+    return {"type": "diffuse", "reflectance": reflectance}
+
+
+@dataclass
+class Surfaces:
+    """The materials that shapes use, each once. plugins: by name."""
+
+    scene: Scene
+    notes: Notes
+    names: Names
+    plugins: Plugin = field(default_factory=dict)
+    integrator: str = "path"
+    _known: dict[tuple[int, bool, bool], str] = field(default_factory=dict)
+
+    def reference(self, number: int, coloured: bool, side: bool | None = None) -> Plugin:
+        """A reference to a material as a shape has it.
+
+        coloured : by the shape's vertices
+        side     : None: as the material says; else of one side alone, True that which reflects
+        """
+        material = self.scene.materials[number]
+        if side is False:
+            material = Material(f"{material.name}-back", np.zeros(3), two_sided=False)
+            coloured = False
+        two_sided = side is None and material.two_sided and material.transmission == 0
+        key = (-1 if side is False else number, coloured, two_sided)
+        if key not in self._known:
+            name = self._known[key] = self.names.of(material.name)
+            self.plugins[name] = _Surface(self, material, coloured).plugin(two_sided)
+        return {"type": "ref", "id": self._known[key]}
+
+    def medium(self, number: int) -> Plugin | None:
+        """What is inside of a solid that takes from light; only volpath knows of it."""
+        material = self.scene.materials[number]
+        if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
+            return None
+        self.integrator = "volpath"
+        # As a colour it is at most one; and of what is quite clear in one channel volpath makes NaN.
+        densest = float(material.attenuation.max())
+        sigma_t = rgb(np.maximum(material.attenuation / densest, 1e-6))
+        return {"type": "homogeneous", "albedo": 0.0, "sigma_t": sigma_t, "scale": densest}
+
+
+@dataclass
+class _Surface:
+    """One material."""
+
+    owner: Surfaces
+    material: Material
+    coloured: bool
+
+    def plugin(self, two_sided: bool) -> Plugin:
+        material = self.material
+        made = self._opaque(two_sided) if material.transmission == 0 else self._with_glass()
+        opacity = self._opacity()
+        return made if opacity is None else {"type": "mask", "opacity": opacity, "bsdf": made}
+
+    def _note(self, text: str) -> None:
+        self.owner.notes.add(text, "material", self.material.name)
+
+    def _opaque(self, two_sided: bool) -> Plugin:
+        """All but glass."""
+        front = self._front()
+        return {"type": "twosided", "bsdf": front} if two_sided else front
+
+    def _front(self) -> Plugin:
+        material = self.material
+        if material.unlit:
+            return _diffuse(rgb(np.zeros(3)))
+        if material.roughness is None:
+            made = self._without_microfacets()
+        elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:
+            made = _diffuse(self._colour())  # nothing reflects over the base
+        else:
+            made = self._microfacets(material.roughness)
+        slot = material.normal_texture
+        if slot is None:
+            return made
+        image = 2.0 * self._texture(slot).linear()[..., :3] - 1.0
+        image = image * [material.normal_scale, material.normal_scale, 1.0]
+        image /= np.maximum(np.linalg.norm(image, axis=2, keepdims=True), 1e-9)
+        return {"type": "normalmap", "normalmap": self._bitmap(slot, 0.5 * image + 0.5, raw=True), "bsdf": made}
+
+    def _without_microfacets(self) -> Plugin:
+        material = self.material
+        # Mitsuba blends where ours are added, so that each is divided by its share.
+        lobes: list[tuple[float, Callable[[float], Plugin]]] = []
+        lobes.append((float(material.reflectance.max()), lambda scale: _diffuse(self._colour(scale))))
+        if np.any(material.mirror > 0):
+            lobes.append((float(material.mirror.max()), lambda scale: _mirror(material.mirror * scale)))
+        if np.any(material.specular > 0):
+            self._note("Phong's highlight is a lobe of microfacets (GGX) of about the same width and albedo")
+            albedo = 2.0 * material.specular / (material.exponent + 1.0)
+            alpha = float(np.sqrt(2.0 / (material.exponent + 2.0)))
+            lobes.append((float(albedo.max()), lambda scale: _mirror(albedo * scale, alpha)))
+        total = sum(weight for weight, _ in lobes)
+        if total > 1 + 1e-9:
+            self._note(f"it sends back up to {total:.3g} of the light; Mitsuba does not allow that, and has 1")
+        limited = min(total, 1.0)
+        return _blend([(weight, lobe(limited / weight)) for weight, lobe in lobes if weight > 0])
+
+    def _microfacets(self, roughness: float) -> Plugin:
+        """GGX over a base: Mitsuba's principled surface, which has Schlick's Fresnel and independent masking, too.
+
+        Its metal is the same. A dielectric over a diffuse base is another thing in every program.
+        """
+        material = self.material
+        made: Plugin = {"type": "principled", "base_color": self._colour(), "specular": _SPECULAR}
+        made["metallic"], made["roughness"] = material.metallic, roughness
+        slot = material.surface_texture
+        if slot is not None:
+            image = self._texture(slot).linear()
+            made["roughness"] = self._bitmap(slot, roughness * image[..., 1:2], raw=True)
+            made["metallic"] = self._bitmap(slot, material.metallic * image[..., 2:3], raw=True)
+        if material.metallic < 1 or slot is not None:
+            self._note(
+                "its base under microfacets is that of Mitsuba's principled surface, which loses nothing to what "
+                "they reflect and is lighter at grazing angles than Lambert's: rooms are up to a fifth lighter"
+            )
+            reflected, _ = material.dielectric
+            if reflected.mean() > 0.08:
+                self._note(
+                    f"of light from ahead it reflects 0.08, not {reflected.mean():.3g}, without becoming a metal"
+                )
+            made["specular"] = float(np.clip(reflected.mean() / 0.08, 0.0, 1.0))
+        if material.anisotropy > 0:
+            self._note("brushed metal is about as rough along the brush and across, at most ten to one")
+            across = max(roughness**2, SMOOTH)
+            along = across + (1.0 - across) * material.anisotropy**2
+            made["anisotropic"] = float(min((1.0 - across / along) / 0.9, 1.0))
+            made["roughness"] = float((along * across) ** 0.25)
+            if material.anisotropy_angle % 180:
+                self._note("the brush goes along u, whatever its angle")
+        if material.clearcoat > 0:
+            self._note(
+                "the varnish is that of Mitsuba's principled surface, a quarter as strong and of another lobe"
+            )
+            made["clearcoat"] = material.clearcoat
+            made["clearcoat_gloss"] = float(np.clip((0.1 - material.clearcoat_roughness**2) / 0.099, 0.0, 1.0))
+        return made
+
+    def _with_glass(self) -> Plugin:
+        material = self.material
+        glass = self._glass()
+        share = (1.0 - material.metallic) * material.transmission
+        slot = material.transmission_texture
+        if slot is None and share == 1:
+            return glass
+        weight: float | Plugin = share
+        if slot is not None:
+            weight = self._bitmap(slot, share * self._texture(slot).linear()[..., :1], raw=True)
+        self._note("glass and the rest of the surface are blended, reflections included")
+        return {"type": "blendbsdf", "weight": weight, "a": self._opaque(material.two_sided), "b": glass}
+
+    def _glass(self) -> Plugin:
+        material = self.material
+        alpha = (material.roughness or 0.0) ** 2
+        made: Plugin = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": self._colour()}
+        if material.thin:
+            # A pane of Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
+            reflected, grazing = material.dielectric
+            root = np.sqrt(reflected.mean() / (2.0 - reflected.mean()))
+            made["int_ior"] = float((1.0 + root) / (1.0 - root))
+            if grazing > 0 or alpha >= SMOOTH:
+                self._note(
+                    "its pane reflects as ours at normal incidence, with an index for that, and not as rough"
+                )
+            return {"type": "thindielectric", **made}
+        if alpha < SMOOTH:
+            return {"type": "dielectric", **made}
+        return {"type": "roughdielectric", "distribution": "ggx", "alpha": alpha, **made}
+
+    def _opacity(self) -> float | Plugin | None:
+        """None for what is opaque."""
+        material, slot = self.material, self.material.texture
+        if material.alpha == "opaque":
+            return None
+        if self.coloured:
+            self._note("the alpha of vertices is left out")
+        alpha = np.full((1, 1, 1), material.opacity)
+        if slot is not None and (image := self._texture(slot).linear()).shape[2] == 4:
+            alpha = material.opacity * image[..., 3:]
+        if material.alpha == "mask":
+            alpha = np.where(alpha >= material.cutoff, 1.0, 0.0)
+        if slot is None or alpha.size == 1:
+            return None if alpha.item() == 1 else float(alpha.item())
+        return self._bitmap(slot, alpha, raw=True)
+
+    def _colour(self, scale: float = 1.0) -> Plugin:
+        """Reflectance times the texture, or the vertices' colours; times `scale`."""
+        factor, slot = self.material.reflectance * scale, self.material.texture
+        if slot is None:
+            if self.coloured:  # the mesh has them with the reflectance
+                return {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
+            return rgb(factor)
+        if self.coloured:
+            self._note("the colours of vertices, which multiply its texture, are left out")
+        texture = self._texture(slot)
+        if texture.srgb and texture.image.dtype == np.uint8 and np.all(factor == 1):
+            return self._bitmap(slot, texture.image[..., :3], raw=False)
+        return self._bitmap(slot, texture.linear()[..., :3] * factor, raw=False)
+
+    def _texture(self, slot: TextureSlot) -> Texture:
+        return self.owner.scene.textures[slot.texture]
+
+    def _bitmap(self, slot: TextureSlot, image: Any, *, raw: bool) -> Plugin:
+        return bitmap(self._texture(slot), slot, image, raw=raw, note=self._note)
+
+
+def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: Callable[[str], None]) -> Plugin:
+    """An image where a slot looks up that of `texture`. raw: it is no colour."""
+    image = image if image.dtype == np.uint8 else np.asarray(image, np.float32)
+    made: Plugin = {"type": "bitmap", "image": np.ascontiguousarray(image), "name": texture.name, "raw": raw}
+    if texture.filter == "nearest":
+        made["filter_type"] = "nearest"
+    if texture.wrap[0] != texture.wrap[1]:
+        note(f'the texture "{texture.name}" goes on along v as along u: {texture.wrap[0]}')
+    if texture.wrap[0] != "repeat":
+        made["wrap_mode"] = texture.wrap[0]
+    matrix = map_downwards(slot.uv_transform, texture.scale)
+    if not np.array_equal(matrix, np.eye(3)):
+        made["to_uv"] = np.eye(4)
+        made["to_uv"][:2, :2], made["to_uv"][:2, 3] = matrix[:2, :2], matrix[:2, 2]
+    return made
+
+
+def _mirror(reflectance: Float64, alpha: float = 0.0) -> Plugin:
+    made: Plugin = {"type": "conductor", "material": "none", "specular_reflectance": rgb(reflectance)}
+    return made if alpha == 0 else made | {"type": "roughconductor", "distribution": "ggx", "alpha": alpha}
+
+
+def _blend(parts: Sequence[tuple[float, Plugin]]) -> Plugin:
+    """By their weights; black without any."""
+    if not parts:
+        return _diffuse(rgb(np.zeros(3)))
+    total, made = parts[0]
+    for weight, plugin in parts[1:]:
+        total += weight
+        made = {"type": "blendbsdf", "weight": weight / total, "a": made, "b": plugin}
+    return made

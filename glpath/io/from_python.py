@@ -1,0 +1,181 @@
+"""Scenes that are made in Python: dictionaries with arrays, meshes and scenes of trimesh.
+
+What such a scene does not say is filled in, and a SceneWarning says what: a camera that sees everything, and light
+from all around. trimesh is not imported here: who hands in one of its objects has done so. Its meshes have the
+materials that they bring, unless they are given others.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from glpath.errors import UsageError, warn
+from glpath.film.units import conversion
+from glpath.io.completed import completed
+from glpath.io.from_trimesh import Surfaces, lights
+from glpath.io.gltf.surfaces import Surface
+from glpath.io.load import scene_of
+from glpath.io.meshes import mesh_of_trimesh
+from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
+from glpath.scene.place import Place, PythonPlace, shown
+
+if TYPE_CHECKING:
+    import trimesh
+
+    AnyScene: TypeAlias = str | Path | Scene | Mapping[str, Any] | trimesh.Trimesh | trimesh.Scene
+else:
+    AnyScene = Any
+
+_NO_CAMERA = {"position": [0.0, 0.0, 1.0], "target": [0.0, 0.0, 0.0]}
+
+
+def is_made_in_python(scene: object) -> bool:
+    """Whether it is a dictionary or an object of trimesh."""
+    return isinstance(scene, Mapping) or _of_trimesh(scene, "Trimesh") or _of_trimesh(scene, "Scene")
+
+
+def scene_from_python(scene: Any) -> Scene:
+    """The scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
+    if _of_trimesh(scene, "Trimesh"):
+        scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
+    elif _of_trimesh(scene, "Scene"):
+        found, others = lights(scene)
+        return _complete(_dictionary(scene, others), PythonPlace("scene"), Path(), found)
+    return _complete(scene, PythonPlace("scene"), Path())
+
+
+def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
+    """See `Scene.add`."""
+    table = {**({"mesh": shape} if _of_trimesh(shape, "Trimesh") or isinstance(shape, Mesh) else shape), **fields}
+    names = [each.name for each in scene.materials]
+    if isinstance(material, str) and material not in names:
+        raise UsageError(
+            f"Scene.add: material = {shown(material)}, but the scene has {', '.join(names) or 'none'}.",
+            "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
+        )
+    data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}
+    if isinstance(material, Mapping):
+        data["materials"] = {"new": material}
+        table["material"] = "new"
+    part = _scene_with_looks(data, PythonPlace("shape"), Path(), "shape")
+    (new,) = part.shapes
+    if new.motion is not None:
+        new = replace(new, world_from_object=new.motion.at(scene.camera.shutter[0]))
+    name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
+    if isinstance(material, str):
+        number, materials = names.index(material), scene.materials
+    else:
+        number = len(scene.materials)
+        moved = moved_textures(part.materials[new.material], len(scene.textures))
+        materials = (*scene.materials, replace(moved, name=f"{name}"))
+    return replace(
+        scene,
+        shapes=Shapes((*scene.shapes, replace(new, name=name, material=number))),
+        materials=materials,
+        textures=(*scene.textures, *part.textures),
+    )
+
+
+shapes_are_built_by(added)
+
+
+def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Sequence[Light] = ()) -> Scene:
+    """The scene with a camera and a light, with a warning of what had to be added."""
+    scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
+    scene = replace(scene, lights=(*scene.lights, *lights))
+    return completed(scene, has_camera="camera" in data)
+
+
+# --- trimesh ---
+
+
+def _of_trimesh(value: object, kind: str) -> bool:
+    module = sys.modules.get("trimesh")
+    return module is not None and isinstance(value, getattr(module, kind, ()))
+
+
+def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
+    """The scene format's form of a `trimesh.Scene`: an instance for each node, its camera where it has one.
+
+    others : what of it is not used beside what is found here
+    """
+    shapes: list[dict[str, Any]] = []
+    dropped = set(others)
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not _of_trimesh(geometry, "Trimesh"):
+            dropped.add(f"{type(geometry).__name__} {shown(str(name))}")
+            continue
+        shapes.append(
+            {"mesh": geometry, "name": str(node), "transform": [{"matrix": np.asarray(transform).tolist()}]}
+        )
+    if dropped:
+        warn(f"scene: dropped {', '.join(sorted(dropped))}.")
+    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh's materials and lights are glTF's
+    if scene.has_camera:
+        to_world, camera = np.asarray(scene.camera_transform), scene.camera
+        eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
+        data["camera"] = {"position": eye, "target": eye + forward, "up": up, "fov": float(camera.fov[1])}
+        data["film"] = {"resolution": [int(each) for each in camera.resolution]}
+    return data
+
+
+def _scene_with_looks(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
+    """The scene of a dictionary, where meshes of trimesh that are given no material have their own."""
+    shapes = data.get("shapes", [])
+    if not isinstance(shapes, list | tuple):
+        return scene_of(data, place, folder, name)
+    surfaces = Surfaces()
+    made: dict[int, tuple[Mesh, Surface | None]] = {}  # by identity: instances share a mesh
+    looks: dict[int, Surface] = {}
+    tables = []
+    for index, shape in enumerate(shapes):
+        table = shape
+        if isinstance(shape, Mapping) and _of_trimesh(shape.get("mesh"), "Trimesh") and "material" not in shape:
+            given = shape["mesh"]
+            if id(given) not in made:
+                here = place.field("shapes").item(index).field("mesh")
+                made[id(given)] = surfaces.of(given, mesh_of_trimesh(given, here))
+            mesh, surface = made[id(given)]
+            table = {**shape, "mesh": mesh}
+            if surface is not None:
+                looks[index] = surface
+        tables.append(table)
+    scene = scene_of({**data, "shapes": tables}, place, folder, name)
+    return _with_looks(scene, looks, surfaces.textures)
+
+
+def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture]) -> Scene:
+    """The scene whose shapes of some numbers have other surfaces, with the light that these send."""
+    if not looks:
+        return scene
+    given = list(dict.fromkeys(map(id, looks.values())))
+    by_id = {id(surface): surface for surface in looks.values()}
+    materials = [moved_textures(by_id[each].material, len(scene.textures)) for each in given]
+    used = [shape.material for index, shape in enumerate(scene.shapes) if index not in looks]
+    kept = [index for index, m in enumerate(scene.materials) if m.name != "default" or index in used]
+    number = {old: new for new, old in enumerate(kept)}
+    shapes = []
+    for index, shape in enumerate(scene.shapes):
+        if index not in looks:
+            shapes.append(replace(shape, material=number[shape.material]))
+            continue
+        surface = looks[index]
+        shape = replace(shape, material=len(kept) + given.index(id(surface)))
+        if not shape.emits and surface.emission.any():
+            emission = conversion("photometric", scene.unit) * surface.emission  # glTF's material
+            shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
+        shapes.append(shape)
+    return replace(
+        scene,
+        shapes=Shapes(shapes),
+        materials=(*(scene.materials[index] for index in kept), *materials),
+        textures=(*scene.textures, *textures),
+    )

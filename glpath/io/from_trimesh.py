@@ -1,0 +1,176 @@
+"""Materials, colours and lights of trimesh's objects. trimesh is not imported here: who has one has done so.
+
+Its colours of 8 bits are sRGB's, but for those of `PBRMaterial` and what comes with it, which are linear as glTF's
+are. What a `PBRMaterial` does not say is glTF's default: of metal, and all rough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import decode_srgb
+from glpath.io import phong
+from glpath.io.gltf.surfaces import Surface
+from glpath.io.pictures import pixels_of
+from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
+
+_ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
+#: The colour of trimesh's materials that say none.
+_UNSAID = (102, 102, 102)
+
+
+def coloured(mesh: Mesh, given: Any) -> Mesh:
+    """`mesh` with the colours of vertices or faces that `given` of trimesh has; itself where it has none.
+
+    mesh : with the vertices and faces of `given`
+    """
+    kind = getattr(given.visual, "kind", None)
+    if kind == "face" and len(given.visual.face_colors) == len(mesh.faces):
+        apart = mesh.unshared()
+        return replace(apart, colours=np.repeat(_rgba(given.visual.face_colors, srgb=True), 3, axis=0))
+    colours = given.visual.vertex_colors if kind == "vertex" else None
+    if kind == "texture":
+        colours = (getattr(given.visual, "vertex_attributes", None) or {}).get("color")
+    if colours is None or len(colours) != len(mesh.vertices) or np.shape(colours)[1] not in (3, 4):
+        return mesh
+    return replace(mesh, colours=_rgba(colours, srgb=kind == "vertex"))
+
+
+def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
+    """A mesh of colours alone with its surface: where they are all one it is the surface's."""
+    assert mesh.colours is not None
+    first = mesh.colours[0]
+    if np.all(mesh.colours == first):
+        opacity = float(first[3])
+        plain = Material("colour", first[:3].copy(), opacity=opacity, alpha="blend" if opacity < 1 else "opaque")
+        return replace(mesh, colours=None), Surface(plain, np.zeros(3))
+    alpha: Literal["blend", "opaque"] = "blend" if np.any(mesh.colours[:, 3] < 1) else "opaque"
+    return mesh, Surface(Material("colours", np.ones(3), alpha=alpha), np.zeros(3))
+
+
+def _rgba(colours: Any, *, srgb: bool) -> Float64:
+    """(n, 4) in [0, 1], linear Rec. 709 and alpha, of numbers of any type."""
+    stored = np.asarray(colours)
+    values = stored / np.iinfo(stored.dtype).max if stored.dtype.kind in "iu" else stored.astype(np.float64)
+    values = phong.share(values)
+    if srgb:
+        values[:, :3] = decode_srgb(values[:, :3])
+    return values if values.shape[1] == 4 else np.column_stack([values, np.ones(len(values))])
+
+
+@dataclass
+class Surfaces:
+    """Those of meshes of trimesh, and their textures, each made once."""
+
+    textures: list[Texture] = field(default_factory=list)
+    _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)
+    _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
+    _alive: list[Any] = field(default_factory=list)  # so that no two have one id
+
+    def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
+        """`mesh`, made of `given` of trimesh, with the colours of that, and its surface; None where it has none."""
+        mesh = coloured(mesh, given)
+        material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
+        if material is None:
+            return (mesh, None) if mesh.colours is None else surface_of_colours(mesh)
+        key = (id(material), mesh.uv is not None, mesh.colours is not None)
+        if key not in self._surfaces:
+            self._alive.append(material)
+            make = self._metallic_roughness if hasattr(material, "baseColorFactor") else self._phong
+            surface = make(material, mesh.colours is not None)
+            if mesh.uv is None:
+                plain = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
+                surface = replace(surface, material=plain)
+            self._surfaces[key] = surface
+        return mesh, self._surfaces[key]
+
+    def _metallic_roughness(self, given: Any, with_colours: bool) -> Surface:
+        base = np.ones(4) if given.baseColorFactor is None else np.ravel(_rgba([given.baseColorFactor], srgb=False))
+        emission = np.zeros(3) if given.emissiveFactor is None else np.maximum(given.emissiveFactor, 0.0)
+        alpha = _ALPHA.get(str(given.alphaMode), "opaque")
+        material = Material(
+            str(given.name),
+            base[:3],
+            two_sided=bool(given.doubleSided),
+            texture=self._slot(given.baseColorTexture, srgb=True),
+            roughness=_share(given.roughnessFactor),
+            metallic=_share(given.metallicFactor),
+            opacity=1.0 if alpha == "opaque" else float(base[3]),
+            alpha=alpha,
+            cutoff=0.5 if given.alphaCutoff is None else float(given.alphaCutoff),
+            surface_texture=self._slot(given.metallicRoughnessTexture, srgb=False),
+            normal_texture=self._slot(given.normalTexture, srgb=False),
+            emission_texture=self._slot(given.emissiveTexture, srgb=True) if emission.any() else None,
+        )
+        return Surface(material, np.asarray(emission, np.float64)[:3])
+
+    def _phong(self, given: Any, with_colours: bool) -> Surface:
+        """Of a `SimpleMaterial`; any other of trimesh's has a main colour."""
+        texture = self._slot(getattr(given, "image", None), srgb=True)
+        diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
+        base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)
+        if tuple(diffuse[:3]) == _UNSAID:
+            base = np.full(3, 1.0 if texture is not None or with_colours else 0.5)
+        specular = np.zeros(3)
+        exponent = getattr(given, "glossiness", None)
+        if exponent is not None and getattr(given, "specular", None) is not None:
+            specular = decode_srgb(phong.share(np.asarray(given.specular)[:3] / 255))
+        material = Material(
+            str(given.name),
+            texture=texture,
+            opacity=opacity,
+            alpha="blend" if opacity < 1 else "opaque",
+            **phong.layers(base, texture is not None, specular, float(exponent or 0.0)),
+        )
+        return Surface(material, np.zeros(3))
+
+    def _slot(self, image: Any, *, srgb: bool) -> TextureSlot | None:
+        if image is None:
+            return None
+        key = (id(image), srgb)
+        if key not in self._numbers:
+            self._alive.append(image)
+            pixels: NDArray[np.uint8] = pixels_of(image)
+            number = len(self.textures)
+            self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
+            self._numbers[key] = number
+        return TextureSlot(self._numbers[key])
+
+
+def _share(value: Any) -> float:
+    """1 where glTF's default is meant."""
+    return 1.0 if value is None else float(phong.share(value))
+
+
+def lights(scene: Any) -> tuple[list[Light], list[str]]:
+    """Those that a `trimesh.Scene` was given, in cd and lx as those of glTF; and names of others.
+
+    They look along -z of their nodes.
+    """
+    found, others = [], []
+    for given in getattr(scene, "_lights", None) or ():
+        kind = {"PointLight": "point", "SpotLight": "spot", "DirectionalLight": "directional"}.get(
+            type(given).__name__
+        )
+        if kind is None or given.name not in scene.graph:
+            others.append(f"{type(given).__name__} {given.name}")
+            continue
+        world = np.asarray(scene.graph[given.name][0], np.float64)
+        cone = (30.0, 40.0)
+        if kind == "spot":
+            cone = tuple(float(np.degrees(angle)) for angle in (given.innerConeAngle, given.outerConeAngle))  # type: ignore[assignment]
+        found.append(
+            Light(
+                str(given.name),
+                kind,  # type: ignore[arg-type]
+                given.intensity * np.asarray(given.color, np.float64)[:3] / 255,
+                world[:3, 3],
+                -world[:3, 2] / np.linalg.norm(world[:3, 2]),
+                cone,
+            )
+        )
+    return found, others

@@ -1,0 +1,156 @@
+"""Accessors: typed arrays in buffers, decoded with numpy.
+
+Source: glTF 2.0, 3.6.2 (strides, padding of matrices, sparse values) and 3.11 (normalised integers as numbers).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io.gltf import limits
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.table import Table
+from glpath.io.values import LARGEST
+from glpath.scene.model import Float64
+from glpath.scene.place import Place
+
+_COMPONENTS: dict[int, np.dtype[Any]] = {
+    5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"), 5123: np.dtype("<u2"),
+    5125: np.dtype("<u4"), 5126: np.dtype("<f4"),
+}  # fmt: skip
+_INDICES = {kind: _COMPONENTS[kind] for kind in (5121, 5123, 5125)}
+#: Rows and columns; columns of matrices begin at multiples of four bytes.
+_TYPES = {
+    "SCALAR": (1, 1), "VEC2": (2, 1), "VEC3": (3, 1), "VEC4": (4, 1), "MAT2": (2, 2), "MAT3": (3, 3), "MAT4": (4, 4)
+}  # fmt: skip
+
+
+@dataclass
+class Accessors:
+    """Those of a document, each decoded once."""
+
+    document: Document
+    _stored: dict[int, NDArray[Any]] = field(default_factory=dict)
+    _floats: dict[int, Float64] = field(default_factory=dict)
+
+    def floats(self, index: int, widths: tuple[int, ...], place: Place) -> Float64:
+        """(N, k) float64, all finite, normalised integers in [-1, 1] or [0, 1]; not to be written to.
+
+        widths : the k that are allowed
+        place  : where it is used
+
+        A matrix has its columns one after the other.
+        """
+        if index not in self._floats:
+            table = self.document.all("accessors")[index]
+            stored = self._array(index)
+            self.document.take(8 * stored.size, table.place)
+            values = stored.astype(np.float64)
+            if table.flag("normalized") and stored.dtype.kind != "f":
+                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+            values.flags.writeable = False
+            self._floats[index] = values
+        values = self._floats[index]
+        self._check_width(values, widths, index, place)
+        bad = ~(np.abs(values) <= LARGEST)
+        if bad.any():
+            row, column = np.argwhere(bad)[0]
+            raise (
+                place.item(int(row))
+                .item(int(column))
+                .wrong(float(values[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+            )
+        return values
+
+    def integers(self, index: int, width: int, place: Place) -> NDArray[np.int64]:
+        """(N, width) int64 of unsigned integers."""
+        stored = self._array(index)
+        if stored.dtype.kind != "u":
+            raise place.error(
+                f"names accessors[{index}] of {stored.dtype.name} values, but must be unsigned integers.",
+                "Export the file anew.",
+            )
+        self._check_width(stored, (width,), index, place)
+        self.document.take(8 * stored.size, place)
+        return stored.astype(np.int64)
+
+    def _check_width(self, values: NDArray[Any], widths: tuple[int, ...], index: int, place: Place) -> None:
+        if values.shape[1] not in widths:
+            raise place.error(
+                f"names accessors[{index}] with {values.shape[1]} numbers an element, but must have "
+                f"{' or '.join(str(width) for width in widths)}.",
+                "Export the file anew.",
+            )
+
+    def _array(self, index: int) -> NDArray[Any]:
+        """(N, k) of the stored type."""
+        if index not in self._stored:
+            self._stored[index] = self._read(self.document.all("accessors")[index])
+        return self._stored[index]
+
+    def _read(self, table: Table) -> NDArray[Any]:
+        kind: np.dtype[Any] = table.required_choice("componentType", _COMPONENTS)
+        rows, columns = table.required_choice("type", _TYPES)
+        count = table.required("count", 1)
+        views = self.document.all("bufferViews")
+        view = table.index("bufferView", views, "buffer views")
+        sparse = table.table("sparse") if "sparse" in table else None
+        if view is None:
+            if count > limits.MAX_ZEROS:
+                raise table.place.field("count").error(
+                    f"is {count:,}, but an accessor without a buffer view has at most {limits.MAX_ZEROS:,} zeros.",
+                    "The file was written wrongly, or to take up memory.",
+                )
+            self.document.take(count * rows * columns * kind.itemsize, table.place)
+            values = np.zeros((count, rows * columns), kind)
+        else:
+            values = self._elements(table, views[view], view, count, kind, rows, columns)
+        return values if sparse is None else self._with_sparse(values, sparse, rows, columns)
+
+    def _elements(
+        self, table: Table, view: Table, index: int, count: int, kind: np.dtype[Any], rows: int, columns: int
+    ) -> NDArray[Any]:
+        """(count, rows * columns) of a buffer view, a copy."""
+        data = self.document.view(index)
+        offset = table.integer("byteOffset", 0)
+        column = rows * kind.itemsize if columns == 1 else -(-rows * kind.itemsize // 4) * 4
+        size = column * columns if columns == 1 else column * (columns - 1) + rows * kind.itemsize
+        stride = view.integer("byteStride", column * columns, 1, 2**16)
+        if stride < size:
+            raise view.place.field("byteStride").error(
+                f"is {stride}, but an element of {table.place.path} has {size} bytes.", "Export the file anew."
+            )
+        end = offset + stride * (count - 1) + size
+        if end > len(data):
+            raise table.place.field("count").error(
+                f"is {count:,}, and so reaches to byte {end:,}, but bufferViews[{index}] has {len(data):,}.",
+                "The file is cut off, or was written wrongly.",
+            )
+        self.document.take(count * rows * columns * kind.itemsize, table.place)
+        # Not by strides of the view: an offset may be odd, and numpy reads what is not aligned by bytes.
+        strided = np.ndarray((count, columns, rows), kind, data, offset, (stride, column, kind.itemsize))
+        return np.array(strided).reshape(count, rows * columns)
+
+    def _with_sparse(self, values: NDArray[Any], sparse: Table, rows: int, columns: int) -> NDArray[Any]:
+        """With some elements replaced."""
+        count = sparse.required("count", 1, len(values))
+        views = self.document.all("bufferViews")
+        of_indices, of_values = sparse.table("indices"), sparse.table("values")
+        kind = of_indices.required_choice("componentType", _INDICES)
+        where, what = (
+            self._elements(each, Table({}, each.place), each.required_index("bufferView", views, "buffer views"),
+                           count, dtype, high, wide)
+            for each, dtype, high, wide in ((of_indices, kind, 1, 1), (of_values, values.dtype, rows, columns))
+        )  # fmt: skip
+        numbers = where[:, 0].astype(np.int64)
+        if numbers.max() >= len(values):
+            bad = int(np.argmax(numbers >= len(values)))
+            raise of_indices.place.item(bad).error(
+                f"is {numbers[bad]}, but the accessor has {len(values):,} elements.", "Export the file anew."
+            )
+        values[numbers] = what
+        return values

@@ -1,0 +1,130 @@
+"""Animations: the pose of all nodes at a time.
+
+All animations of a file run at once, each held before its first and after its last key; where two of them move the
+same thing, the later one does.
+
+Source: glTF 2.0, 3.11 and appendix C (interpolation).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.errors import UsageError
+from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.table import Table
+from glpath.scene.model import Float64
+
+_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
+# While a shutter is open: a turn of a hundred degrees between two of them would still be less than half a turn.
+_EVEN_TIMES, _MOST_KEYS = 17, 64
+_PATHS = {name: name for name in _WIDTHS}
+_INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
+
+
+def poses_at(document: Document, accessors: Accessors, time: float | None) -> dict[int, dict[str, Float64]]:
+    """What the animations say of nodes, by the number of the node; nothing without a time, in seconds."""
+    animations = document.all("animations")
+    poses: dict[int, dict[str, Float64]] = {}
+    if time is None:
+        if len(animations):
+            document.notes.add(
+                f"Animations ({len(animations)}): the model is shown at rest, or at a time in seconds."
+            )
+        return poses
+    if not np.isfinite(time):
+        raise UsageError(f"time is {time}; must be a finite number of seconds.")
+    if not len(animations):
+        document.notes.add("The time that was asked for: the file has no animations.")
+    moved: dict[tuple[int, str], int] = {}
+    for number, animation in enumerate(animations):
+        samplers = animation.tables("samplers")
+        for channel in animation.tables("channels"):
+            target = channel.table("target")
+            if target.text("path") == "pointer":
+                continue  # KHR_animation_pointer, which is noted where extensions are
+            node = target.index("node", document.all("nodes"), "nodes")
+            path = target.choice("path", _PATHS, "")
+            if node is None or not path:
+                continue
+            if path != "weights" and "matrix" in document.all("nodes")[node]:
+                document.notes.add("Animations of nodes that have a matrix: such a node does not move.")
+                continue
+            if moved.setdefault((node, path), number) != number:
+                document.notes.add("Animations of a node that another animation moves as well: the later one does.")
+            sampler = samplers[channel.required_index("sampler", samplers, "samplers")]
+            poses.setdefault(node, {})[path] = _value(sampler, path, accessors, time)
+    return poses
+
+
+def shutter_times(document: Document, accessors: Accessors, opened: float, closed: float) -> Float64:
+    """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
+
+    Keys beyond `_MOST_KEYS` are left out.
+    """
+    keys: list[Float64] = []
+    for animation in document.all("animations"):
+        for sampler in animation.tables("samplers"):
+            every, at = accessors.document.all("accessors"), sampler.place.field("input")
+            times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
+            keys.append(times[(times > opened) & (times < closed)][:_MOST_KEYS])
+    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MOST_KEYS]
+    return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
+
+
+def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64:
+    """(k,) of a sampler at a time."""
+    every = accessors.document.all("accessors")
+    at = sampler.place.field("input")
+    times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
+    if np.any(np.diff(times) <= 0):
+        raise at.item(int(np.argmax(np.diff(times) <= 0)) + 1).error(
+            "is not after the key before it.", "Keys are in order."
+        )
+    place = sampler.place.field("output")
+    values = accessors.floats(sampler.required_index("output", every, "accessors"), (_WIDTHS[path],), place)
+    interpolation = sampler.choice("interpolation", _INTERPOLATIONS, "LINEAR")
+    parts = 3 if interpolation == "CUBICSPLINE" else 1
+    each, rest = divmod(len(values), parts * len(times))
+    if rest or not each or (path != "weights" and each != 1):
+        raise place.error(
+            f"has {len(values):,} values for {len(times):,} keys of {interpolation}, which does not divide.",
+            "Export the file anew.",
+        )
+    keys = values.reshape(len(times), parts, -1)
+    right = int(np.searchsorted(times, time, side="right"))
+    if right in (0, len(times)) or interpolation == "STEP":
+        found = keys[max(right - 1, 0), 1 if parts == 3 else 0]
+        return _unit(found) if path == "rotation" else found
+    before, after = keys[right - 1], keys[right]
+    step = times[right] - times[right - 1]
+    t = (time - times[right - 1]) / step
+    if interpolation == "LINEAR":
+        if path == "rotation":
+            return slerp(_unit(before[0]), _unit(after[0]), t)
+        return np.asarray((1 - t) * before[0] + t * after[0])
+    # Hermite's basis; a key holds its tangent before it, its value, its tangent after it.
+    found = (
+        (2 * t**3 - 3 * t**2 + 1) * before[1]
+        + step * (t**3 - 2 * t**2 + t) * before[2]
+        + (3 * t**2 - 2 * t**3) * after[1]
+        + step * (t**3 - t**2) * after[0]
+    )
+    return _unit(found) if path == "rotation" else np.asarray(found)
+
+
+def slerp(a: Float64, b: Float64, t: float) -> Float64:
+    """(4,) between two unit quaternions, the shorter way round [Shoemake 1985]."""
+    cosine = float(a @ b)
+    b, cosine = (b, cosine) if cosine >= 0 else (-b, -cosine)
+    if cosine > 1 - 1e-12:
+        return _unit((1 - t) * a + t * b)
+    angle = np.arccos(cosine)
+    return np.asarray((np.sin((1 - t) * angle) * a + np.sin(t * angle) * b) / np.sin(angle))
+
+
+def _unit(quaternion: Float64) -> Float64:
+    """Of length 1; zero stays, which the node that has it refuses."""
+    length = np.linalg.norm(quaternion)
+    return np.asarray(quaternion / length if length > 0 else quaternion)

@@ -1,0 +1,87 @@
+"""Compressed buffers, meshes and textures, by libraries of the extra `gltf`: meshopt, DracoPy and opengl_basisu.
+
+Where a file holds the same data uncompressed, that is taken, and none of them is needed.
+
+Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io.gltf.table import Table
+from glpath.scene.place import Place
+
+#: The extension and its successor, which are alike to the decoder.
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+DRACO = "KHR_draco_mesh_compression"
+BASISU = "KHR_texture_basisu"
+
+
+def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
+    """The bytes of a buffer view that is compressed as `table` says."""
+    decoder = _library("meshopt", extension, table.place)
+    mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
+    filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
+    chosen = table.choice("filter", filters, "NONE")
+    count, stride = table.required("count", 1), table.required("byteStride", 1, 256)
+    try:
+        rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
+    except Exception as error:  # whatever the library finds wrong
+        raise _broken(table.place, error) from error
+    return memoryview(np.ascontiguousarray(rows).tobytes())
+
+
+def draco(data: memoryview, place: Place) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
+    """Indices (F, 3) of a Draco mesh, and its attributes (V, k) by their unique ids."""
+    library = _library("DracoPy", DRACO, place)
+    try:
+        mesh = library.decode(bytes(data))
+        faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
+        return faces, {int(a["unique_id"]): np.asarray(a["data"]) for a in mesh.attributes}
+    except Exception as error:  # whatever the library finds wrong
+        raise _broken(place, error) from error
+
+
+def ktx2(data: bytes, place: Place) -> NDArray[np.uint8]:
+    """(h, w, 3) or (h, w, 4) uint8: the largest level of a KTX 2 texture, row 0 at the top."""
+    library = _library("opengl_basisu", BASISU, place)
+    try:
+        texture = library.open(data)
+        pixels = np.array(texture.transcode("rgba8").data, np.uint8)
+    except Exception as error:  # whatever the library finds wrong
+        if type(error).__name__ == "UnsupportedError":
+            raise place.error(
+                f"is a texture that {BASISU} does not allow: {error}",
+                "Write it anew as Basis Universal (toktx --encode uastc), or as PNG or JPEG.",
+            ) from error
+        raise _broken(place, error) from error
+    return pixels if texture.has_alpha else pixels[..., :3]
+
+
+def available(module: str) -> bool:
+    try:
+        importlib.import_module(module)
+    except ImportError:
+        return False
+    return True
+
+
+def _library(module: str, extension: str, place: Place) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise place.error(
+            f"is compressed ({extension}), which needs the package {module}.",
+            'Install it: pip install "glpath[gltf]". Or export the file without compression.',
+        ) from error
+
+
+def _broken(place: Place, error: Exception) -> Exception:
+    return place.error(
+        f"cannot be decompressed: {type(error).__name__}: {error}.", "The file is cut off, or was written wrongly."
+    )

@@ -1,0 +1,350 @@
+"""The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
+
+The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
+an error names its place. pygltflib would make dataclasses of it, but takes values of any type for them, drops what
+it does not know, and opens whatever a URI names; it stays with what is written.
+
+Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import msgspec
+
+from glpath.io.convert import decode_json
+from glpath.io.gltf import compression, limits
+from glpath.io.gltf.table import Table, Tables, printable
+from glpath.io.values import nearby_files
+from glpath.scene.place import Place, shown
+from glpath.system.files import open_file
+
+SUFFIXES = (".gltf", ".glb")
+#: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
+KNOWN_EXTENSIONS = (
+    "EXT_lights_ies",
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_node_visibility",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
+)
+#: Those of which a part of the look is lost, with what that is. They may be required: a picture can be made.
+UNUSED_EXTENSIONS = {
+    "EXT_lights_image_based": "light from an image all around",
+    "KHR_animation_pointer": "animations of other things than nodes",
+    "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
+    "KHR_materials_dispersion": "dispersion of glass",
+    "KHR_materials_iridescence": "iridescence",
+    "KHR_materials_sheen": "sheen of cloth",
+    "KHR_materials_variants": "variants of materials, other than the first",
+    "KHR_materials_volume_scatter": "light that is scattered inside of solids",
+}
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+
+
+@dataclass
+class Notes:
+    """What the file holds that is not used, each text once, in the order in which it was found."""
+
+    texts: dict[str, None] = field(default_factory=dict)
+
+    def add(self, text: str) -> None:
+        self.texts[text] = None
+
+
+@dataclass
+class Document:
+    """An open glTF file.
+
+    root   : the JSON
+    folder : where its relative paths start, and which they do not leave
+    binary : the BIN chunk of a .glb
+    stored : bytes read so far, of the file itself and of those beside it
+    """
+
+    root: Table
+    place: Place
+    folder: Path
+    binary: bytes | None
+    stored: int = 0
+    notes: Notes = field(default_factory=Notes)
+    _buffers: dict[int, bytes] = field(default_factory=dict)
+    _views: dict[int, memoryview] = field(default_factory=dict)
+    _lists: dict[str, Tables] = field(default_factory=dict)
+    _decoded: int = 0
+
+    def all(self, name: str) -> Tables:
+        """One of the lists of the root: nodes, meshes, ..."""
+        if name not in self._lists:
+            self._lists[name] = self.root.tables(name)
+        return self._lists[name]
+
+    def take(self, size: int, place: Place) -> None:
+        """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
+        self._decoded += size
+        most = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
+        most = min(most, limits.MAX_DECODED_BYTES)
+        if self._decoded > most:
+            raise place.error(
+                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
+                f"{self.stored:,} bytes may unfold to {most:,}.",
+                "Simplify the model, or split it into several files.",
+            )
+
+    def buffer(self, index: int) -> bytes:
+        if index not in self._buffers:
+            self._buffers[index] = self._read_buffer(index)
+        return self._buffers[index]
+
+    def _read_buffer(self, index: int) -> bytes:
+        table = self.all("buffers")[index]
+        length = table.required("byteLength", 1, limits.MAX_FILE_BYTES)
+        uri = table.text("uri")
+        if uri is not None:
+            data = self.resolve(uri, table.place.field("uri"))
+        elif index == 0 and self.binary is not None:
+            data = self.binary
+        else:
+            raise table.place.error(
+                "has no `uri`, and the file has no binary chunk for it.",
+                "A .glb holds one buffer, the first; every other one names a file or holds its data.",
+            )
+        if len(data) < length:
+            raise table.place.field("byteLength").error(
+                f"is {length:,}, but the data has {len(data):,} bytes.",
+                "The file is cut off, or was written wrongly.",
+            )
+        return data
+
+    def view(self, index: int) -> memoryview:
+        """The bytes of a buffer view, decompressed where it has to be."""
+        if index not in self._views:
+            self._views[index] = self._read_view(self.all("bufferViews")[index])
+        return self._views[index]
+
+    def _read_view(self, table: Table) -> memoryview:
+        for name in compression.MESHOPT:
+            packed = table.extension(name)
+            if packed is not None:
+                fallback = self._fallback(table)
+                if fallback is not None:
+                    return fallback
+                self.take(packed.required("count") * packed.required("byteStride", 1, 256), packed.place)
+                return compression.meshopt(packed, self._slice(packed), name)
+        return self._slice(table)
+
+    def _fallback(self, table: Table) -> memoryview | None:
+        """The uncompressed bytes of a compressed view, where the file has them."""
+        buffers = self.all("buffers")
+        index = table.required_index("buffer", buffers, "buffers")
+        buffer = buffers[index]
+        fallback = any(buffer.extension(name) is not None for name in compression.MESHOPT)
+        if "uri" not in buffer and (fallback or index > 0 or self.binary is None):
+            return None
+        return self._slice(table)
+
+    def _slice(self, table: Table) -> memoryview:
+        index = table.required_index("buffer", self.all("buffers"), "buffers")
+        data = self.buffer(index)
+        offset, length = table.integer("byteOffset", 0), table.required("byteLength", 1)
+        if offset + length > len(data):
+            raise table.place.error(
+                f"reaches from byte {offset:,} to {offset + length:,}, but buffers[{index}] has {len(data):,}.",
+                "The file is cut off, or was written wrongly.",
+            )
+        return memoryview(data)[offset : offset + length]
+
+    def resolve(self, uri: str, place: Place) -> bytes:
+        """What a URI holds or names: data, or a file in the folder of the model. Raises SceneError."""
+        if uri[:5].lower() == "data:":
+            return _data(uri, place)
+        scheme = _SCHEME.match(uri)
+        if scheme:
+            raise place.error(
+                f"is a URL of the scheme {scheme[1]}, but must be data: or the name of a file beside the model.",
+                "Nothing is fetched from elsewhere: put the file into the model's folder.",
+            )
+        try:
+            name = unquote_to_bytes(uri).decode("utf-8")
+        except UnicodeError as error:
+            raise place.wrong(uri, "a file name in UTF-8") from error
+        return self._beside(name, place)
+
+    def _beside(self, name: str, place: Place) -> bytes:
+        outside = place.error(
+            f"names {shown(name)}, which is outside the folder of the model, {self.folder}.",
+            "Relative names of files in the folder, or in folders in it, are allowed.",
+        )
+        if not name or "\0" in name or name.startswith(("/", "\\")):
+            raise outside
+        path = self.folder / name
+        try:
+            # With links followed: a link may lead outside.
+            if not path.resolve().is_relative_to(self.folder.resolve()):
+                raise outside
+            if not os.path.isfile(path):
+                there = "is not a file" if os.path.exists(path) else "does not exist"
+                raise place.error(
+                    f"names {shown(name)}, which {there} in {self.folder}.",
+                    nearby_files("Files", path, {path.suffix.lower()}),
+                )
+            content = read_file(path, place)
+            self.stored += len(content)
+            return content
+        except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
+            raise place.error(f"names {shown(name)}, which cannot be read: {type(error).__name__}.") from error
+
+
+def read_document(path: Path) -> Document:
+    """Open a .gltf or .glb. Raises SceneError for one that is missing, broken or needs what is unknown here."""
+    place = Place(str(path))
+    if not os.path.isfile(path):
+        raise place.error(
+            "is not a file." if os.path.exists(path) else "does not exist.", nearby_files("Models", path, SUFFIXES)
+        )
+    content = read_file(path, place)
+    text, binary = _chunks(content, place) if content[:4] == b"glTF" else (content, None)
+    root = Table(_decoded(text, place), place)
+    document = Document(root, place, path.parent, binary, len(content))
+    _check_version(root)
+    _check_extensions(document)
+    for name, most in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
+        if len(document.all(name)) > most:
+            raise place.field(name).error(f"has {len(document.all(name)):,} entries; at most {most:,} are read.")
+    return document
+
+
+def read_file(path: Path, place: Place) -> bytes:
+    """The bytes of a file, unless they are too many. Raises SceneError."""
+    try:
+        with open_file(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > limits.MAX_FILE_BYTES:
+                raise place.error(f"is a file of {size:,} bytes; at most {limits.MAX_FILE_BYTES:,} are read.")
+            return file.read()
+    except OSError as error:
+        raise place.error(f"cannot be read: {error.strerror or error}.") from error
+
+
+def _chunks(content: bytes, place: Place) -> tuple[bytes, bytes | None]:
+    """The JSON and the binary chunk of a .glb."""
+    broken = "The file is cut off, or was written wrongly."
+    if len(content) < 20:
+        raise place.error(f"is a .glb of {len(content)} bytes, less than its header has.", broken)
+    version, length = (int.from_bytes(content[at : at + 4], "little") for at in (4, 8))
+    if version != 2:
+        raise place.error(
+            f"is a .glb of version {version}, but version 2 is read.", "Convert it, e.g. by opening it in Blender."
+        )
+    if length > len(content):
+        raise place.error(f"says that it has {length:,} bytes, but has {len(content):,}.", broken)
+    found: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = (int.from_bytes(content[i : i + 4], "little") for i in (at, at + 4))
+        if at + 8 + size > length:
+            raise place.error(
+                f"has a chunk at byte {at:,} that says it has {size:,} bytes, but {length - at - 8:,} are left.",
+                broken,
+            )
+        if not found and kind != _JSON:
+            raise place.error("is a .glb whose first chunk is not JSON.", broken)
+        found.setdefault(kind, content[at + 8 : at + 8 + size])
+        at += 8 + size
+    if _JSON not in found:
+        raise place.error("is a .glb without JSON.", broken)
+    return found[_JSON], found.get(_BIN)
+
+
+def _decoded(text: bytes, place: Place) -> dict[str, Any]:
+    """The JSON as plain values, neither too many nor too deep."""
+    values = text.count(b",") + text.count(b"[") + text.count(b"{")
+    if values > limits.MAX_JSON_VALUES:
+        raise place.error(
+            f"holds JSON of more than {limits.MAX_JSON_VALUES:,} values.", "Put large data into buffers."
+        )
+    if text[:3] == b"\xef\xbb\xbf":
+        text = text[3:]
+    deep = f"holds JSON nested more than {limits.MAX_JSON_DEPTH} deep."
+    try:
+        root: dict[str, Any] = decode_json(text.rstrip(b"\0"), dict[str, Any])
+    except RecursionError:
+        raise place.error(deep) from None
+    except (msgspec.DecodeError, UnicodeError) as error:
+        raise place.error(
+            f"cannot be read as glTF: {error}.", "It is neither JSON nor a .glb, or is cut off."
+        ) from error
+    level: list[Any] = [root]
+    for _ in range(limits.MAX_JSON_DEPTH):
+        inside = [value.values() if isinstance(value, dict) else value for value in level]
+        level = [child for values in inside for child in values if isinstance(child, dict | list)]
+        if not level:
+            return root
+    raise place.error(deep)
+
+
+def _check_version(root: Table) -> None:
+    asset = root.table("asset")
+    version, least = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
+    if not version.startswith("2.") or not least.startswith("2.0"):
+        needed = version if not version.startswith("2.") else least
+        raise asset.place.field("version").error(
+            f"is {needed!r}, but glTF 2.0 is read.", "Convert the file, e.g. by opening it in Blender."
+        )
+
+
+def _check_extensions(document: Document) -> None:
+    root = document.root
+    required, used = root.texts("extensionsRequired"), root.texts("extensionsUsed")
+    unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
+    if unknown:
+        raise root.place.field("extensionsRequired").error(
+            f"names {', '.join(map(printable, unknown[:20]))}, not known here.",
+            "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
+        )
+    names = dict.fromkeys([*used, *required])
+    others = sorted(
+        printable(name) for name in names if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS
+    )
+    if others:
+        document.notes.add(f"The extension{'s' * (len(others) > 1)} {', '.join(others[:20])}.")
+    for name in names:
+        if name in UNUSED_EXTENSIONS:
+            document.notes.add(f"{UNUSED_EXTENSIONS[name][0].upper()}{UNUSED_EXTENSIONS[name][1:]} ({name}).")
+
+
+def _data(uri: str, place: Place) -> bytes:
+    """What a data: URI holds."""
+    head, comma, body = uri[5:].partition(",")
+    if not comma:
+        raise place.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")
+    try:
+        if not head.lower().endswith(";base64"):
+            return unquote_to_bytes(body)
+        return base64.b64decode(unquote_to_bytes(body) if "%" in body else body, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise place.error(f"is a data: URI that is not base64: {error}.") from error

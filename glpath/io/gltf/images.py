@@ -1,0 +1,127 @@
+"""Images: PNG, JPEG and WebP by Pillow, KTX 2 by a library of the extra `gltf`.
+
+The size is read from the header before anything is decoded. As glTF says, colour profiles, gamma and rotation tags
+in them are not followed. Pillow reads PNG of 16 bits a channel with 8, but for grey ones.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io.gltf import compression
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
+from glpath.io.gltf.table import Table
+from glpath.scene.place import Place
+
+KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
+_FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
+_OTHERS = {
+    b"GIF8": "GIF",
+    b"BM": "BMP",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"DDS ": "DDS",
+    b"\x76\x2f\x31\x01": "EXR",
+}
+
+
+def read_image(document: Document, table: Table) -> NDArray[Any]:
+    """(h, w, 3) or, with alpha, (h, w, 4) uint8, row 0 at the top; uint16 for grey PNG of 16 bits.
+
+    Raises SceneError for an image that is missing, broken, too large or of another format.
+    """
+    data = _stored(document, table)
+    kind = _format(data)
+    if kind is None:
+        found = next((name for magic, name in _OTHERS.items() if data.startswith(magic)), "of no format known here")
+        raise table.place.error(
+            f"is {found}, but must be PNG, JPEG, WebP or KTX 2.", "Convert it, and export the file anew."
+        )
+    try:
+        width, height = _size(data, kind)
+    except Exception as error:  # Pillow raises whatever its parsers run into
+        raise _broken(table.place, error) from error
+    if not (
+        0 < width <= MAX_TEXTURE_SIDE and 0 < height <= MAX_TEXTURE_SIDE and width * height <= MAX_TEXTURE_PIXELS
+    ):
+        raise table.place.error(
+            f"has {width:,} x {height:,} pixels, but a texture has at most {MAX_TEXTURE_SIDE:,} a side and "
+            f"{MAX_TEXTURE_PIXELS:,} in all.",
+            "Make the image smaller.",
+        )
+    document.take(4 * width * height, table.place)
+    if kind == "KTX2":
+        return compression.ktx2(data, table.place)
+    try:
+        return _pixels(data, kind)
+    except Exception as error:  # as above
+        raise _broken(table.place, error) from error
+
+
+def _stored(document: Document, table: Table) -> bytes:
+    uri = table.text("uri")
+    if uri is not None:
+        return document.resolve(uri, table.place.field("uri"))
+    return bytes(document.view(table.required_index("bufferView", document.all("bufferViews"), "buffer views")))
+
+
+def _format(data: bytes) -> str | None:
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        return "WEBP"
+    return next((name for magic, name in _FORMATS.items() if data.startswith(magic)), None)
+
+
+def _size(data: bytes, kind: str) -> tuple[int, int]:
+    """Width and height, from the header."""
+    if kind == "KTX2":
+        width, height = struct.unpack_from("<II", data, 20)
+        return width, height
+    if kind == "WEBP":
+        return _webp_size(data)
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    with (PngImageFile if kind == "PNG" else JpegImageFile)(io.BytesIO(data)) as opened:
+        return opened.size
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Of the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
+    chunk = data[12:16]
+    if chunk == b"VP8X":
+        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
+    if chunk == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    if chunk == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    raise ValueError(f"its first chunk is {chunk!r}")
+
+
+def _pixels(data: bytes, kind: str) -> NDArray[Any]:
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.WebPImagePlugin import WebPImageFile
+
+    opener: Any = {"PNG": PngImageFile, "JPEG": JpegImageFile, "WEBP": WebPImageFile}[kind]
+    with opener(io.BytesIO(data)) as opened:
+        if opened.mode.startswith("I"):  # grey of 16 bits
+            grey = np.asarray(opened).astype(np.uint16)
+            return np.repeat(grey[..., None], 3, axis=2)
+        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+
+
+def _broken(place: Place, error: Exception) -> Exception:
+    return place.error(
+        f"is an image that cannot be read: {type(error).__name__}: {error}.",
+        "Open it in another program to see whether it is whole, and write it anew.",
+    )

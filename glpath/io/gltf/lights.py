@@ -1,0 +1,148 @@
+"""Punctual lights and cameras of nodes. Both look along -z of their node.
+
+Candela and lux are kept as they are: the unit of a model is photometric, of its surfaces that send light, too.
+
+Source: KHR_lights_punctual; EXT_lights_ies; glTF 2.0, 3.10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from glpath.io.gltf import profiles
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.table import Table
+from glpath.io.values import LARGEST
+from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.model import Float64, Light, LightKind
+
+_KINDS: dict[str, LightKind] = {"point": "point", "spot": "spot", "directional": "directional"}
+_PROJECTIONS = {"perspective": True, "orthographic": False}
+
+
+@dataclass(frozen=True)
+class ModelCamera:
+    """A camera of a model, without a resolution.
+
+    position, target, up : (3,) float64, scene units; the target is at distance 1
+    fov                  : of a perspective one: vertical field of view, degrees
+    aspect               : width over height of the image that it is meant for; None: any
+    projection, height, motion : as of `glpath.scene.Camera`
+    """
+
+    name: str
+    position: Float64
+    target: Float64
+    up: Float64
+    fov: float
+    aspect: float | None = None
+    projection: Projection = "perspective"
+    height: float = 1.0
+    motion: tuple[CameraKey, ...] = ()
+
+    def through(self, times: Float64, others: Sequence[ModelCamera]) -> ModelCamera:
+        """The camera with the places where it is at some times, (K,) seconds, where these differ."""
+        first = others[0]
+        if all(np.array_equal(first.position, c.position) and _looks_alike(first, c) for c in others):
+            return self
+        keys = zip(times, others, strict=True)
+        return replace(self, motion=tuple(CameraKey(float(t), c.position, c.target, c.up) for t, c in keys))
+
+
+def _looks_alike(a: ModelCamera, b: ModelCamera) -> bool:
+    return np.array_equal(a.target, b.target) and np.array_equal(a.up, b.up)
+
+
+def light_of(
+    document: Document, node: Table, world: Float64, factor: float, webs: profiles.Profiles
+) -> Light | None:
+    """The light of a node, None where it has none."""
+    extension = node.extension("KHR_lights_punctual")
+    profiled = node.extension(profiles.NAME)
+    if profiled is not None:
+        if extension is not None:
+            document.notes.add(
+                "KHR_lights_punctual of nodes with EXT_lights_ies: they are one lamp, which is the latter's."
+            )
+        return _profiled(node, profiled, world, factor, webs)
+    if extension is None:
+        return None
+    every = (document.root.extension("KHR_lights_punctual") or Table({}, document.place)).tables("lights")
+    table = every[extension.required_index("light", every, "lights")]
+    kind = table.required_choice("type", _KINDS)
+    name = node.name(table.name(f"light-{node.place.path.rpartition('[')[2].rstrip(']')}"))
+    colour = table.numbers("color", (1, 1, 1), 0.0)
+    intensity = factor * table.number("intensity", 1.0, 0.0) * colour
+    position, direction = world[:3, 3], _along(node, world, 2)
+    if "range" in table:
+        document.notes.add("The range of lights: light falls off with the square of the distance, without end.")
+    if kind == "point":
+        return Light(name, kind, intensity, position)
+    if kind == "directional":
+        return Light(name, kind, intensity, direction=direction)
+    cone = table.table("spot")
+    inner, outer = (
+        cone.number("innerConeAngle", 0.0, 0.0, np.pi),
+        cone.number("outerConeAngle", np.pi / 4, 0.0, np.pi),
+    )
+    if not (inner <= outer and outer > 0):
+        raise cone.place.error(
+            f"has an innerConeAngle of {inner:g} and an outerConeAngle of {outer:g}, but the inner is at most the "
+            "outer, which is above 0.",
+            "Angles are in radians, from the axis.",
+        )
+    return Light(name, kind, intensity, position, direction, (float(np.degrees(inner)), float(np.degrees(outer))))
+
+
+def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
+    direction = _along(node, world, 2)
+    x = -_along(node, world, 0)
+    c0 = x - (x @ direction) * direction  # of a node that is sheared, too
+    if not np.linalg.norm(c0) > 0:
+        raise node.place.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
+    number = node.place.path.rpartition("[")[2].rstrip("]")
+    return Light(
+        node.name(f"light-{number}"),
+        "point",
+        factor * extension.number("multiplier", 1.0, 0.0) * extension.numbers("color", (1, 1, 1), 0.0),
+        world[:3, 3],
+        direction,
+        profile=webs.of(extension),
+        c0=c0 / np.linalg.norm(c0),
+    )
+
+
+def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
+    """The camera of a node; None where it has none."""
+    cameras = document.all("cameras")
+    index = node.index("camera", cameras, "cameras")
+    if index is None:
+        return None
+    table = cameras[index]
+    name, position = node.name(table.name(f"camera-{index}")), world[:3, 3]
+    frame = (position, position + _along(node, world, 2), -_along(node, world, 1))
+    if not table.required_choice("type", _PROJECTIONS):
+        view = table.table("orthographic")
+        x, y = (view.number(key, 0.0, -LARGEST, LARGEST) for key in ("xmag", "ymag"))
+        if not (x and y):
+            raise view.place.error(f"has an xmag of {x:g} and a ymag of {y:g}, but none may be 0.", "")
+        aspect = abs(x / y)
+        return ModelCamera(name, *frame, 40.0, aspect, "orthographic", 2.0 * abs(y))
+    view = table.table("perspective")
+    fov = float(np.degrees(view.number("yfov", 0.0)))
+    if not 0 < fov < 180:
+        raise view.place.field("yfov").wrong(view.values.get("yfov"), "above 0 and below pi", "It is in radians.")
+    aspect = view.number("aspectRatio", 0.0, 0.0, LARGEST) if "aspectRatio" in view else None
+    return ModelCamera(name, *frame, fov, aspect or None)
+
+
+def _along(node: Table, world: Float64, axis: int) -> Float64:
+    """(3,) unit: where an axis of the node points, reversed."""
+    column = world[:3, axis]
+    length = np.linalg.norm(column)
+    if not length > 0:
+        raise node.place.error("is scaled to nothing, but a light or camera needs a direction.", "Check its scale.")
+    return np.asarray(-column / length)

@@ -1,0 +1,459 @@
+"""glTF 2.0 models: `read_gltf`.
+
+What is not used of a file is said in `Model.notes`; what must not be in one (paths that leave its folder, lengths
+that lie, nodes in a circle) is a SceneError that names the place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.film.units import Unit
+from glpath.io.gltf import limits
+from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.animation import poses_at, shutter_times
+from glpath.io.gltf.document import Document, read_document
+from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
+from glpath.io.gltf.nodes import Nodes, Pose, instances
+from glpath.io.gltf.primitives import Primitives, Skin, is_open, skin_of
+from glpath.io.gltf.profiles import Profiles
+from glpath.io.gltf.surfaces import Surfaces
+from glpath.io.gltf.table import Table
+from glpath.io.precision import step_at, warn_of_steps
+from glpath.io.values import LARGEST
+from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
+from glpath.scene.motion import Motion
+from glpath.scene.place import shown
+
+# Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
+_FLAT = 1e-9
+# Faces above which it is not asked whether a mesh is closed.
+_LONG_TEST = 2**20
+# Meshes that a note names.
+_NAMES = 20
+# Fields by which a node makes a mesh its own, or has more than one.
+_OF_ITS_OWN = {"skin", "weights", "extensions"}
+_MIRRORED = " (mirrored)"
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file holds, as glpath's own data.
+
+    source    : the file
+    name      : of its scene, or of the file
+    shapes    : one for each primitive, with all its instances
+    lights    : punctual ones
+    cameras   : all of the scene
+    camera    : the one that was asked for, else the first; None where there is none
+    shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
+    notes     : what the file holds that is not used, each said once
+    unit      : of its light; None where the format has none
+    """
+
+    source: str
+    name: str
+    shapes: tuple[Shape, ...]
+    materials: tuple[Material, ...]
+    textures: tuple[Texture, ...]
+    lights: tuple[Light, ...]
+    cameras: tuple[ModelCamera, ...]
+    camera: ModelCamera | None
+    notes: tuple[str, ...]
+    shutter: tuple[float, float] = (0.0, 0.0)
+    unit: Unit | None = None
+
+
+def read_gltf(
+    path: Path,
+    *,
+    time: float | None = None,
+    shutter: float = 0.0,
+    camera: str | int | None = None,
+    light_factor: float = 1.0,
+    unit: Unit = "photometric",
+) -> Model:
+    """Read a .gltf or .glb.
+
+    time         : seconds into its animations; None shows it at rest
+    shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
+    camera       : name or number of one of its cameras, for `Model.camera`
+    light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
+                   Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
+                   back its watts
+    unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
+                   "radiometric", as programs write them whose light is in watts
+
+    Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
+    a camera that it does not have and numbers that are not finite.
+    """
+    path = Path(path)
+    if not (np.isfinite(light_factor) and light_factor >= 0):
+        raise UsageError(f"light_factor is {light_factor}; must be a finite number, at least 0.")
+    document = read_document(path)
+    accessors = Accessors(document)
+    poses = poses_at(document, accessors, time)
+    nodes = Nodes.of(document, poses)
+    surfaces = Surfaces(document)
+    path_of = None
+    if time is not None and shutter > 0:
+        times = shutter_times(document, accessors, time, time + shutter)
+        every = [poses_at(document, accessors, float(t)) for t in times]
+        path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
+    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
+    shapes = made.all()
+    if shapes:
+        warn_of_steps(document.place, made.step, made.low, made.high)
+    profiles = Profiles(document)
+    written = nodes.tables.values
+    extended = [i for i in nodes.drawn if "extensions" in written[i]]
+    lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor, profiles) for i in extended]
+    found = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
+    cameras = tuple(each for each in found if each is not None)
+    if path_of is not None:
+        if any(light is not None and path_of.of(i) is not None for light, i in zip(lights, extended, strict=True)):
+            document.notes.add("Lights that move while the shutter is open: they are where it opens.")
+        if made.bent:
+            names = ", ".join(made.bent[:_NAMES]) + (" ..." if len(made.bent) > _NAMES else "")
+            document.notes.add(
+                f"Skins and morph targets that move while the shutter is open: as it opens is {names}."
+            )
+    scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
+    return Model(
+        source=document.place.source,
+        name=scenes[chosen].name(path.stem) if len(scenes) else path.stem,
+        shapes=tuple(shapes),
+        materials=tuple(surface.material for surface in surfaces.surfaces),
+        textures=tuple(surfaces.textures),
+        lights=tuple(light for light in lights if light is not None),
+        cameras=cameras,
+        camera=_chosen(cameras, camera, document),
+        notes=tuple(document.notes.texts),
+        shutter=(0.0, 0.0) if time is None else (time, time + shutter),
+        unit=unit,
+    )
+
+
+@dataclass(frozen=True)
+class NodePaths:
+    """Where nodes are while the shutter is open.
+
+    times : (K,) seconds
+    world : (K, N, 4, 4) of each node at each time
+    poses : of each time, of animated nodes what their animations say
+    """
+
+    times: Float64
+    world: Float64
+    poses: list[dict[int, dict[str, Float64]]]
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """(N,) whether each node moves."""
+        return np.asarray(np.any(self.world != self.world[0], axis=(0, 2, 3)))
+
+    def of(self, node: int) -> Float64 | None:
+        """(K, 3, 4) of a node; None where it stands still."""
+        return self.world[:, node, :3] if self.moving[node] else None
+
+    def bend(self, node: int, joints: Sequence[int]) -> bool:
+        """Whether a node's mesh changes its form: by weights of its morph targets, or by joints of its skin."""
+        if any(self.of(joint) is not None for joint in joints):
+            return True
+        weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
+        return any(not np.array_equal(weights[0], each) for each in weights)
+
+
+def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | None) -> ModelCamera | None:
+    table = nodes.tables[index]
+    found = camera_of(document, table, nodes.world[index])
+    if found is None or paths is None or paths.of(index) is None:
+        return found
+    others = [camera_of(document, table, world[index]) for world in paths.world]
+    return found.through(paths.times, [each for each in others if each is not None])
+
+
+def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: Document) -> ModelCamera | None:
+    if wanted is None:
+        return cameras[0] if cameras else None
+    if isinstance(wanted, int) and 0 <= wanted < len(cameras):
+        return cameras[wanted]
+    for each in cameras:
+        if each.name == wanted:
+            return each
+    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
+    raise UsageError(f"{document.place} camera {shown(wanted)} was asked for, but the file has {listed}.")
+
+
+@dataclass
+class _Group:
+    """Instances of one mesh of one primitive, until all are found.
+
+    maps  : (N, 3, 4) each
+    nodes : that each have one instance more, after `maps`
+    """
+
+    name: str
+    mesh: Mesh
+    surface: int
+    maps: list[Float64]
+    motion: Motion | None = None
+    nodes: list[int] = field(default_factory=list)
+
+    def place_nodes(self, world: Float64) -> None:
+        """Have the instances of `nodes` among `maps`."""
+        if self.nodes:
+            self.maps.append(world[self.nodes, :3])
+            self.nodes = []
+
+
+@dataclass
+class _Part:
+    """A primitive of a mesh that is as the file has it: without a skin, and morphed as the mesh itself says.
+
+    name  : what is added to the mesh's
+    nodes : where it is placed
+    """
+
+    name: str
+    primitive: Table
+    mesh: Mesh
+    surface: int
+    nodes: list[int] = field(default_factory=list)
+
+
+class _Shapes:
+    """Makes the shapes of a document."""
+
+    def __init__(
+        self,
+        document: Document,
+        accessors: Accessors,
+        nodes: Nodes,
+        poses: dict[int, dict[str, Float64]],
+        surfaces: Surfaces,
+        paths: NodePaths | None = None,
+    ) -> None:
+        self.paths = paths
+        self.document, self.accessors, self.nodes = document, accessors, nodes
+        self.poses: dict[int, dict[str, Float64]] = poses
+        self.surfaces = surfaces
+        self.primitives = Primitives(accessors)
+        self.skins: dict[int, Skin] = {}
+        self.turned: dict[Mesh, Mesh] = {}
+        self.groups: dict[tuple[Mesh, int, int], _Group] = {}
+        self.parts: dict[int, list[_Part]] = {}  # by the number of the mesh
+        determinant, size = _stretch(nodes.world[:, :3, :3])
+        self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
+        self._mirrored = (determinant < 0).tolist()
+        self.triangles = 0
+        #: How far numbers of 32 bits are apart where the vertices are, and the box around all, world space.
+        self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
+        #: Names of meshes that change their form while the shutter is open.
+        self.bent: list[str] = []
+
+    def all(self) -> list[Shape]:
+        for index in self.nodes.drawn:
+            number = self._plain_mesh(index)
+            if number is None:
+                self._add_node(index)
+            else:
+                self._add_plain(index, number)
+        for parts in self.parts.values():
+            for part in parts:
+                self._check_extent(part.mesh, self.nodes.world[part.nodes, :3], part.primitive)
+        shapes = []
+        for group in self.groups.values():
+            group.place_nodes(self.nodes.world)
+            surface = self.surfaces.surfaces[group.surface]
+            shapes.append(
+                Shape(
+                    group.name,
+                    group.mesh,
+                    group.surface,
+                    np.concatenate(group.maps),
+                    surface.emission,
+                    surface.material.two_sided,
+                    motion=group.motion,
+                )
+            )
+        self._note_single_sided()
+        return shapes
+
+    def _plain_mesh(self, index: int) -> int | None:
+        """The number of a node's mesh, where nothing but where it stands is the node's own; most nodes are so."""
+        values = self.nodes.tables.values[index]
+        if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
+            return None
+        if self.paths is not None and (self.paths.moving[index] or self.paths.bend(index, [])):
+            return None
+        number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
+        return number
+
+    def _add_plain(self, index: int, number: int) -> None:
+        if number not in self.parts:
+            self.parts[number] = self._parts(number)
+        for part in self.parts[number]:
+            if self._flat[index]:
+                self.document.notes.add("Meshes that are scaled to nothing.")
+                continue
+            self._count(len(part.mesh.faces), part.primitive)
+            part.nodes.append(index)
+            geometry = self._turned(part.mesh) if self._mirrored[index] else part.mesh
+            key = (geometry, part.surface, -1)
+            if key not in self.groups:
+                name = self.document.all("meshes")[number].name(self.nodes.tables[index].name(f"mesh-{number}"))
+                suffix = _MIRRORED if self._mirrored[index] else ""
+                self.groups[key] = _Group(f"{name}{part.name}{suffix}", geometry, part.surface, [])
+            self.groups[key].nodes.append(index)
+
+    def _parts(self, number: int) -> list[_Part]:
+        mesh = self.document.all("meshes")[number]
+        primitives = mesh.tables("primitives")
+        weights = mesh.any_numbers("weights")
+        parts = []
+        for i, primitive in enumerate(primitives):
+            surface, uv_sets = self._surface(primitive)
+            made = self.primitives.mesh(primitive, weights, uv_sets)
+            if made is not None:
+                parts.append(_Part("" if len(primitives) == 1 else f"-{i}", primitive, made, surface))
+        return parts
+
+    def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
+        """Of a primitive, and the texture coordinates that it asks for."""
+        material = primitive.index("material", self.document.all("materials"), "materials")
+        surface = self.surfaces.number(material)
+        slots = self.surfaces.surfaces[surface].material.slots.values()
+        return surface, frozenset(slot.uv_set for slot in slots)
+
+    def _turned(self, mesh: Mesh) -> Mesh:
+        if mesh not in self.turned:
+            self.turned[mesh] = mesh.turned()
+        return self.turned[mesh]
+
+    def _count(self, triangles: int, primitive: Table) -> None:
+        self.triangles += triangles
+        if self.triangles > limits.MAX_TRIANGLES:
+            raise primitive.place.error(
+                f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
+                f"{limits.MAX_TRIANGLES:,} are read.",
+                "Simplify the model.",
+            )
+
+    def _add_node(self, index: int) -> None:
+        node = self.nodes.tables[index]
+        meshes = self.document.all("meshes")
+        number = node.index("mesh", meshes, "meshes")
+        if number is None:
+            return
+        mesh, world = meshes[number], self.nodes.world[index]
+        weights = self._weights(node, mesh, self.poses.get(index, {}))
+        skin = self._skin(node)
+        primitives = mesh.tables("primitives")
+        name = mesh.name(node.name(f"mesh-{number}"))
+        if self.paths is not None and self.paths.bend(index, self._joints(node)):
+            self.bent.append(name)
+        # A skin's joints stand in the world, and where its node does is of no meaning.
+        maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
+        for i, primitive in enumerate(primitives):
+            part = name if len(primitives) == 1 else f"{name}-{i}"
+            surface, uv_sets = self._surface(primitive)
+            if skin is None:
+                made = self.primitives.mesh(primitive, weights, uv_sets)
+            else:
+                made = self.primitives.skinned(primitive, weights, uv_sets, skin)
+            if made is not None:
+                self._place(part, made, surface, maps, primitive, index)
+
+    def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
+        """(M,) of the morph targets: animated, the node's, or the mesh's."""
+        if "weights" in pose:
+            return pose["weights"]
+        return node.any_numbers("weights") if "weights" in node else mesh.any_numbers("weights")
+
+    def _skin(self, node: Table) -> Skin | None:
+        skins = self.document.all("skins")
+        index = node.index("skin", skins, "skins")
+        if index is None:
+            return None
+        if index not in self.skins:
+            self.skins[index] = skin_of(skins[index], self.nodes.world, self.accessors)
+        return self.skins[index]
+
+    def _joints(self, node: Table) -> list[int]:
+        """Nodes that are the joints of a node's skin."""
+        skins = self.document.all("skins")
+        index = node.index("skin", skins, "skins")
+        return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
+
+    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
+        """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
+        determinant, size = _stretch(maps[:, :, :3])
+        flat = ~(np.abs(determinant) > _FLAT * size)
+        if flat.any():
+            self.document.notes.add("Meshes that are scaled to nothing.")
+        mirrored = determinant < 0
+        self._count(len(mesh.faces) * int(np.count_nonzero(~flat)), primitive)
+        self._check_extent(mesh, maps[~flat], primitive)
+        for chosen, suffix in ((~flat & ~mirrored, ""), (~flat & mirrored, _MIRRORED)):
+            if not chosen.any():
+                continue
+            geometry = self._turned(mesh) if suffix else mesh
+            path = None if self.paths is None else self.paths.of(node)
+            if path is not None and "skin" in self.nodes.tables[node]:
+                path = None  # its joints say where it is
+            # What moves is a shape of its own, as its instances all go one way.
+            key = (geometry, surface, -1 if path is None else node)
+            if key not in self.groups:
+                self.groups[key] = _Group(name + suffix, geometry, surface, [])
+            self.groups[key].place_nodes(self.nodes.world)
+            self.groups[key].maps.append(maps[chosen])
+            if path is not None:
+                assert self.paths is not None, "asked above"
+                local = instances(self.nodes.tables[node], np.eye(4), self.accessors)
+                placed = local[chosen]
+                if (before := self.groups[key].motion) is not None:
+                    placed = np.concatenate([before.placed, placed])
+                self.groups[key].motion = Motion(self.paths.times, path, placed)
+
+    def _check_extent(self, mesh: Mesh, maps: Float64, primitive: Table) -> None:
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+        extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
+        if not np.all(np.abs(centre) + extent <= LARGEST):
+            raise primitive.place.error(
+                f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                "Check the transforms of its nodes.",
+            )
+        if len(maps):
+            self.step = max(self.step, step_at(low, high) * float(np.linalg.norm(maps[:, :, :3], axis=1).max()))
+            self.low = np.minimum(self.low, (centre - extent).min(axis=0))
+            self.high = np.maximum(self.high, (centre + extent).max(axis=0))
+
+    def _note_single_sided(self) -> None:
+        seen = (
+            group
+            for group in self.groups.values()
+            if not self.surfaces.surfaces[group.surface].material.two_sided and len(group.mesh.faces) <= _LONG_TEST
+        )
+        if any(is_open(group.mesh) for group in seen):
+            self.document.notes.add(
+                "Culling of backs: materials that are not doubleSided are black from behind and block light, where "
+                "viewers do not draw them."
+            )
+
+
+def _stretch(linear: Float64) -> tuple[Float64, Float64]:
+    """(N,) determinants of maps (N, 3, 3), and their like for maps that are as thick as they are long."""
+    x, y, z = (linear[:, row] for row in range(3))
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    determinant = np.sum(x * cofactors[:, 0], axis=1)
+    norms = [np.linalg.norm(each.reshape(-1, 9), axis=1) for each in (cofactors, linear)]
+    return np.asarray(determinant), np.asarray(norms[0] * norms[1])

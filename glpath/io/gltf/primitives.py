@@ -1,0 +1,292 @@
+"""Meshes: primitives with their attributes, morph targets and skins.
+
+Texture coordinates are turned over, as glTF's v runs downwards from the image's first row and ours upwards to it.
+TANGENT is not read: normal maps follow the gradient of the texture coordinates. A mesh without NORMAL is flat.
+
+Source: glTF 2.0, 3.7; KHR_mesh_quantization; KHR_draco_mesh_compression.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io.gltf import compression
+from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.table import Table, Tables
+from glpath.scene.geometry import unit_normals
+from glpath.scene.model import Float64, Mesh
+from glpath.scene.tessellate import without_area
+
+_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines", 4: "triangles", 5: "strip", 6: "fan"}
+#: Those of an attribute that are read, and how many numbers each may have.
+_WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
+_MAX_JOINT_SETS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """What moves the vertices of a mesh.
+
+    world_from_mesh : (J, 4, 4), for each joint
+    """
+
+    world_from_mesh: Float64
+
+
+@dataclass
+class Primitives:
+    """The primitives of a document as meshes, each made once for each pose of it."""
+
+    accessors: Accessors
+    _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
+
+    def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
+        """One primitive, morphed; None for points, lines, and triangles of which none has an area.
+
+        morph   : (M,) weights of its morph targets
+        uv_sets : those that its material asks for; zeros where it has none
+        """
+        # By what it says, not by its place: meshes of several materials often share their arrays.
+        says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
+        key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
+        if key not in self._made:
+            attributes = self._attributes(primitive, morph)
+            self._made[key] = None if attributes is None else self._mesh(primitive, attributes, uv_sets)
+        return self._made[key]
+
+    def skinned(self, primitive: Table, morph: Float64, uv_sets: frozenset[int], skin: Skin) -> Mesh | None:
+        """One primitive, morphed and skinned: its vertices are in the world. None as `mesh`."""
+        attributes = self._attributes(primitive, morph)
+        if attributes is None:
+            return None
+        maps = self._vertex_maps(primitive, skin, len(attributes["POSITION"]))
+        linear = maps[:, :, :3]
+        attributes["POSITION"] = np.einsum("nij,nj->ni", linear, attributes["POSITION"]) + maps[:, :, 3]
+        cofactors = np.stack([np.cross(linear[:, (i + 1) % 3], linear[:, (i + 2) % 3]) for i in range(3)], axis=1)
+        mirrored = bool(np.median(np.einsum("ni,ni->n", linear[:, 0], cofactors[:, 0])) < 0)
+        if "NORMAL" in attributes:
+            attributes["NORMAL"] = np.einsum("nij,nj->ni", cofactors, attributes["NORMAL"])
+        mesh = self._mesh(primitive, attributes, uv_sets)
+        return mesh.turned() if mesh is not None and mirrored else mesh
+
+    def _attributes(self, primitive: Table, morph: Float64) -> dict[str, NDArray[Any]] | None:
+        """Attributes by their names, morphed, and "faces" (F, 3) int64."""
+        document = self.accessors.document
+        mode = primitive.choice("mode", _MODES, "triangles")
+        if mode in ("points", "lines"):
+            document.notes.add("Points and lines: only triangles are drawn.")
+            return None
+        packed = self._unpacked(primitive)
+        found = packed if packed is not None else self._plain(primitive)
+        if "POSITION" not in found:
+            document.notes.add("Meshes without POSITION: nothing is drawn of them.")
+            return None
+        count = len(found["POSITION"])
+        for name, values in found.items():
+            if name != "faces" and len(values) != count:
+                raise (
+                    primitive.place.field("attributes")
+                    .field(name)
+                    .error(f"has {len(values):,} elements, but POSITION has {count:,}.", "Export the file anew.")
+                )
+        if packed is None:
+            found["faces"] = self._faces(primitive, mode, count)
+        elif np.any((found["faces"] < 0) | (found["faces"] >= count)):
+            raise primitive.place.error(f"has Draco data that names vertices beyond its {count:,}.")
+        self._morphed(found, primitive.tables("targets"), morph)
+        return found
+
+    def _plain(self, primitive: Table) -> dict[str, NDArray[Any]]:
+        attributes = primitive.table("attributes")
+        every = self.accessors.document.all("accessors")
+        found = {}
+        for name, widths in _WIDTHS.items():
+            index = attributes.index(name, every, "accessors")
+            if index is not None:
+                found[name] = self.accessors.floats(index, widths, attributes.place.field(name))
+        for name in attributes.values:
+            if name.startswith("TEXCOORD_") and name not in _WIDTHS:
+                self.accessors.document.notes.add("Texture coordinates beyond TEXCOORD_1.")
+            if name.startswith("COLOR_") and name not in _WIDTHS:
+                self.accessors.document.notes.add("Vertex colours beyond COLOR_0.")
+        return found
+
+    def _unpacked(self, primitive: Table) -> dict[str, NDArray[Any]] | None:
+        """What Draco packed, with "faces"; None where the file has the same as accessors."""
+        extension = primitive.extension(compression.DRACO)
+        if extension is None:
+            return None
+        document, attributes = self.accessors.document, primitive.table("attributes")
+        every = document.all("accessors")
+        position = attributes.index("POSITION", every, "accessors")
+        if position is not None and "bufferView" in every[position]:
+            return None
+        view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
+        faces, by_id = compression.draco(document.view(view), extension.place)
+        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()), extension.place)
+        ids, found = extension.table("attributes"), {}
+        for name, widths in _WIDTHS.items():
+            number = ids.integer(name)
+            if number is None:
+                continue
+            place = ids.place.field(name)
+            if number not in by_id:
+                raise place.error(f"is {number}, but the Draco data has {', '.join(map(str, by_id)) or 'none'}.")
+            stored = np.atleast_2d(by_id[number].T).T
+            values = stored.astype(np.float64)
+            if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):
+                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+            if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
+                raise place.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
+            found[name] = values
+        return {**found, "faces": faces}
+
+    def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
+        """(F, 3) numbers of vertices."""
+        every, place = self.accessors.document.all("accessors"), primitive.place.field("indices")
+        index = primitive.index("indices", every, "accessors")
+        if index is None:
+            order = np.arange(count)
+        else:
+            order = self.accessors.integers(index, 1, place)[:, 0]
+            if order.max() >= count:
+                at = int(np.argmax(order >= count))
+                raise place.item(at).error(
+                    f"names vertex {order[at]}, but POSITION has {count:,} elements (0 to {count - 1}).",
+                    "The file was written wrongly: export it anew.",
+                )
+        if mode == "triangles":
+            if len(order) % 3:
+                self.accessors.document.notes.add("Vertices after the last whole triangle of a mesh.")
+            return order[: len(order) // 3 * 3].reshape(-1, 3)
+        if len(order) < 3:
+            return np.zeros((0, 3), np.int64)
+        i = np.arange(len(order) - 2)
+        odd = i % 2
+        corners = (i, i + 1 + odd, i + 2 - odd) if mode == "strip" else (i + 1, i + 2, np.zeros_like(i))
+        return order[np.stack(corners, axis=1)]
+
+    def _morphed(self, found: dict[str, NDArray[Any]], targets: Tables, morph: Float64) -> None:
+        """Add the morph targets with their weights, in place."""
+        every = self.accessors.document.all("accessors")
+        changed = set()
+        for target, weight in zip(targets, morph, strict=False):
+            for name in found.keys() & target.values.keys() if weight else ():
+                place = target.place.field(name)
+                index = target.index(name, every, "accessors")
+                assert index is not None, "its name is among the keys"
+                offsets = self.accessors.floats(index, _WIDTHS[name], place)
+                if offsets.shape != found[name].shape:
+                    raise place.error(
+                        f"is of {offsets.shape[0]:,} x {offsets.shape[1]} numbers, but the mesh has "
+                        f"{found[name].shape[0]:,} x {found[name].shape[1]}.",
+                        "Export the file anew.",
+                    )
+                found[name] = found[name] + weight * offsets
+                changed.add(name)
+
+    def _mesh(self, primitive: Table, found: dict[str, NDArray[Any]], uv_sets: frozenset[int]) -> Mesh | None:
+        document, place = self.accessors.document, primitive.place
+        vertices, faces = found["POSITION"], found["faces"]
+        document.take(16 * len(vertices) * 12 + 24 * len(faces), place)
+        uv: list[Float64 | None] = []
+        for number in (0, 1):
+            given = found.get(f"TEXCOORD_{number}")
+            if given is None and number in uv_sets:
+                document.notes.add("Textures of meshes without texture coordinates: each shows one of its texels.")
+                given = np.zeros((len(vertices), 2))
+            uv.append(None if given is None else np.stack([given[:, 0], 1.0 - given[:, 1]], axis=1))
+        colours = found.get("COLOR_0")
+        if colours is not None:
+            colours = np.clip(colours, 0.0, 1.0)
+            if colours.shape[1] == 3:
+                colours = np.concatenate([colours, np.ones((len(colours), 1))], axis=1)
+        mesh = Mesh(
+            np.ascontiguousarray(vertices, np.float64),
+            faces.astype(np.int32),
+            uv[0],
+            unit_normals(found["NORMAL"]) if "NORMAL" in found else None,
+            uv[1],
+            colours,
+        )
+        flat = without_area(mesh.vertices[mesh.faces]) if len(mesh.faces) else np.zeros(0, np.bool_)
+        if flat.all():
+            document.notes.add("Meshes of which no triangle has an area.")
+            return None
+        if flat.any() and primitive.values.get("mode", 4) != 5:  # strips are joined by such triangles
+            document.notes.add("Triangles without an area.")
+        return mesh.without_faces(flat)
+
+    def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
+        """(V, 3, 4) world from mesh: the mean of the joints' by the weights."""
+        attributes = primitive.table("attributes")
+        every = self.accessors.document.all("accessors")
+        joints, weights = [], []
+        for number in range(_MAX_JOINT_SETS):
+            names = [f"JOINTS_{number}", f"WEIGHTS_{number}"]
+            first, second = (attributes.index(name, every, "accessors") for name in names)
+            if first is None or second is None:
+                break
+            joints.append(self.accessors.integers(first, 4, attributes.place.field(names[0])))
+            weights.append(self.accessors.floats(second, (4,), attributes.place.field(names[1])))
+        if not joints:
+            raise attributes.place.error(
+                "has no JOINTS_0 and WEIGHTS_0, but its node has a skin.", "Export the file anew."
+            )
+        joint, weight = np.concatenate(joints, axis=1), np.maximum(np.concatenate(weights, axis=1), 0.0)
+        if len(joint) != count or len(weight) != count:
+            raise attributes.place.field("JOINTS_0").error(
+                f"has {len(joint):,} elements, WEIGHTS_0 {len(weight):,}, but POSITION has {count:,}."
+            )
+        beyond = (joint >= len(skin.world_from_mesh)) & (weight > 0)
+        if beyond.any():
+            row, column = np.argwhere(beyond)[0]
+            raise (
+                attributes.place.field("JOINTS_0")
+                .item(int(row))
+                .error(
+                    f"names joint {joint[row, column]}, but the skin has {len(skin.world_from_mesh)}.",
+                    "Export the file anew.",
+                )
+            )
+        joint = np.where(weight > 0, joint, 0)
+        total = weight.sum(axis=1, keepdims=True)
+        weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), np.eye(1, weight.shape[1]))
+        self.accessors.document.take(96 * count, primitive.place)
+        maps = np.zeros((count, 3, 4))
+        for column in range(joint.shape[1]):
+            maps += weight[:, column, None, None] * skin.world_from_mesh[joint[:, column], :3]
+        return maps
+
+
+def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
+    """A skin of the document, its joints where they stand."""
+    joints = table.indices("joints", range(len(nodes_world)), "nodes")
+    if not joints:
+        raise table.place.field("joints").error(
+            "is empty, but a skin has at least one joint.", "Export the file anew."
+        )
+    world = np.stack([nodes_world[joint] for joint in joints])
+    index = table.index("inverseBindMatrices", accessors.document.all("accessors"), "accessors")
+    if index is not None:
+        place = table.place.field("inverseBindMatrices")
+        inverse = accessors.floats(index, (16,), place)
+        if len(inverse) < len(joints):
+            raise place.error(
+                f"has {len(inverse)} matrices, but the skin has {len(joints)} joints.", "Export the file anew."
+            )
+        world = world @ inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+    return Skin(world)
+
+
+def is_open(mesh: Mesh) -> bool:
+    """Whether some edge has a triangle on one side alone, so that backs can be seen; by positions."""
+    points = np.ascontiguousarray(mesh.vertices + 0.0)  # no -0
+    _, number = np.unique(points.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
+    a = number[mesh.faces].astype(np.int64)
+    b, count = np.roll(a, -1, axis=1), len(points)
+    return not np.array_equal(np.sort((a * count + b).ravel()), np.sort((b * count + a).ravel()))

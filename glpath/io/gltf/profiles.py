@@ -1,0 +1,48 @@
+"""Photometric profiles of a document: EXT_lights_ies.
+
+Untransformed, gamma = 0 is along -z and C = 0 along +x; C goes the way that turns x to y.
+
+Source: EXT_lights_ies.
+"""
+
+from __future__ import annotations
+
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.table import Table
+from glpath.io.ies import MAX_BYTES, parse_ies
+from glpath.scene.profile import LightProfile
+
+NAME = "EXT_lights_ies"
+
+
+class Profiles:
+    """Those of a document, each read once, when a lamp has it."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._found: dict[int, LightProfile] = {}
+
+    def of(self, extension: Table) -> LightProfile:
+        """What a node's extension names. Raises SceneError."""
+        root = self._document.root.extension(NAME)
+        every = (root or Table({}, self._document.place)).tables("lights")
+        index = extension.required_index("light", every, "lights")
+        if index not in self._found:
+            self._found[index] = self._read(every[index])
+        return self._found[index]
+
+    def _read(self, table: Table) -> LightProfile:
+        uri = table.text("uri")
+        if uri is not None:
+            place = table.place.field("uri")
+            data, name = self._document.resolve(uri, place), "data" if uri[:5].lower() == "data:" else uri
+        else:
+            place = table.place.field("bufferView")
+            views = self._document.all("bufferViews")
+            number = table.required_index("bufferView", views, "buffer views")
+            data, name = bytes(self._document.view(number)), f"bufferViews[{number}]"
+        if len(data) > MAX_BYTES:
+            raise place.error(f"has {len(data):,} bytes; a photometric file has at most {MAX_BYTES:,}.")
+        profile = parse_ies(data, name, place)
+        self._document.take(profile.candela.nbytes, place)
+        return profile

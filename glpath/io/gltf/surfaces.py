@@ -1,0 +1,351 @@
+"""Materials and their textures.
+
+A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. Here it is black and
+blocks light (`Material.two_sided`), as light must not pass a wall from one side alone; closed objects look alike.
+Light that surfaces send is taken as W sr^-1 m^-2, one to one for glTF's nits. Unlit surfaces send their colour, and
+so light others.
+
+Source: glTF 2.0, 3.8, 3.9 and appendix B; the KHR_materials extensions; KHR_texture_transform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import decode_srgb
+from glpath.io.gltf import compression, glossiness
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.images import read_image
+from glpath.io.gltf.table import Table
+from glpath.scene.material import Wrap
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
+
+_WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
+_ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+_STRENGTH = "KHR_materials_emissive_strength"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A material, and what glTF says of its light, which glpath's shapes have.
+
+    emission : (3,) radiance W sr^-1 m^-2; where the material is two-sided, of both sides
+    """
+
+    material: Material
+    emission: Float64
+
+
+@dataclass(frozen=True)
+class _LookUp:
+    """Which image of the document a texture shows, and where; see `Texture` and `TextureSlot`."""
+
+    source: int
+    wrap: tuple[Wrap, Wrap]
+    filter: Literal["linear", "nearest"]
+    uv_set: Literal[0, 1]
+    matrix: Float64
+
+
+@dataclass
+class Surfaces:
+    """Those of a document that shapes use, and their textures."""
+
+    document: Document
+    surfaces: list[Surface] = field(default_factory=list)
+    textures: list[Texture] = field(default_factory=list)
+    _numbers: dict[int | None, int] = field(default_factory=dict)
+    _texture_numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _images: dict[int, NDArray[Any]] = field(default_factory=dict)
+    _names: set[str] = field(default_factory=set)
+
+    def number(self, index: int | None) -> int:
+        """The place in `surfaces` of a material of the document; None is glTF's default."""
+        if index not in self._numbers:
+            table = Table({}, self.document.place.field("materials"))
+            if index is not None:
+                table = self.document.all("materials")[index]
+            name = table.name("default" if index is None else f"material-{index}")
+            if name in self._names:
+                name = f"{name}-{index}"
+            self._names.add(name)
+            self.surfaces.append(self._surface(table, name))
+            self._numbers[index] = len(self.surfaces) - 1
+        return self._numbers[index]
+
+    def _surface(self, table: Table, name: str) -> Surface:
+        pbr = table.table("pbrMetallicRoughness")
+        base = self._shares(pbr, "baseColorFactor", (1, 1, 1, 1))
+        alpha = table.choice("alphaMode", _ALPHA, "opaque")
+        texture = self._slot(pbr, "baseColorTexture", srgb=True)
+        two_sided = table.flag("doubleSided")
+        common: dict[str, Any] = {
+            "name": name,
+            "two_sided": two_sided,
+            "opacity": 1.0 if alpha == "opaque" else float(base[3]),
+            "alpha": alpha,
+            "cutoff": table.number("alphaCutoff", 0.5, 0.0),
+            "roughness": 1.0,
+        }
+        if table.extension("KHR_materials_unlit") is not None:
+            # The texture is its alpha; there is no light that its colour reflects.
+            return Surface(
+                Material(
+                    reflectance=np.zeros(3),
+                    unlit=True,
+                    texture=None if alpha == "opaque" else texture,
+                    emission_texture=texture,
+                    **common,
+                ),
+                base[:3],
+            )
+        if "occlusionTexture" in table:
+            self.document.notes.add("Occlusion textures: what they stand for is computed.")
+        common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
+        glossy = table.extension("KHR_materials_pbrSpecularGlossiness")
+        if glossy is not None:
+            return self._specular_glossiness(table, glossy, common)
+        normal = table.table("normalTexture")
+        material = Material(
+            reflectance=base[:3],
+            texture=texture,
+            metallic=self._share(pbr, "metallicFactor", 1.0),
+            surface_texture=self._slot(pbr, "metallicRoughnessTexture", srgb=False),
+            normal_texture=self._slot(table, "normalTexture", srgb=False),
+            normal_scale=normal.number("scale", 1.0),
+            **self._emission_texture(table),
+            **self._layers(table),
+            **common,
+        )
+        return Surface(material, self._emission(table))
+
+    def _specular_glossiness(self, table: Table, glossy: Table, common: dict[str, Any]) -> Surface:
+        """The older model, of a diffuse colour and one of the reflection at normal incidence."""
+        diffuse = self._shares(glossy, "diffuseFactor", (1, 1, 1, 1))
+        specular = self._shares(glossy, "specularFactor", (1, 1, 1))
+        gloss = self._share(glossy, "glossinessFactor", 1.0)
+        common["opacity"] = 1.0 if common["alpha"] == "opaque" else float(diffuse[3])
+        fields: dict[str, Any] | None = None
+        if "specularGlossinessTexture" in glossy:
+            fields = self._of_metal_and_roughness(glossy, diffuse[:3], specular, gloss)
+            if fields is None:
+                self._unused(glossy, "specularGlossinessTexture")
+        if fields is None:
+            common["roughness"] = 1.0 - gloss
+            fields = {
+                "reflectance": diffuse[:3],
+                "texture": self._slot(glossy, "diffuseTexture", srgb=True),
+                "specular_colour": specular / glossiness.F0,
+            }
+        material = Material(
+            normal_texture=self._slot(table, "normalTexture", srgb=False),
+            normal_scale=table.table("normalTexture").number("scale", 1.0),
+            **fields,
+            **self._emission_texture(table),
+            **common,
+        )
+        return Surface(material, self._emission(table))
+
+    def _of_metal_and_roughness(
+        self, glossy: Table, diffuse: Float64, specular: Float64, gloss: float
+    ) -> dict[str, Any] | None:
+        """The fields of a material whose textures of the older model are converted texel by texel.
+
+        None where the two are not looked up alike, so that no texel of one has a texel of the other.
+        """
+        second = self._look_up(glossy, "specularGlossinessTexture")
+        first = self._look_up(glossy, "diffuseTexture") if "diffuseTexture" in glossy else second
+        if first is None or second is None:
+            return None
+        if (first.wrap, first.uv_set) != (second.wrap, second.uv_set) or np.any(first.matrix != second.matrix):
+            return None
+        key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
+        if key not in self._texture_numbers:
+            colours = _of_size(self._linear(first.source), self._linear(second.source))
+            if "diffuseTexture" not in glossy:
+                colours[0] = np.ones_like(colours[0][..., :3])
+            colours[0][..., :3] *= diffuse
+            shiny = colours[1][..., 3] if colours[1].shape[2] == 4 else np.ones(colours[1].shape[:2])
+            self.document.take(16 * shiny.size, glossy.place)
+            images = glossiness.metal_and_roughness(colours[0], colours[1][..., :3] * specular, gloss * shiny)
+            name = self.document.all("images")[second.source].name(f"image-{second.source}")
+            self._texture_numbers[key] = len(self.textures)
+            for image, srgb in zip(images, (True, False), strict=True):
+                self.textures.append(Texture(name, image, (1.0, 1.0), first.filter, srgb, first.wrap))
+        number = self._texture_numbers[key]
+        return {
+            "reflectance": np.ones(3),
+            "metallic": 1.0,
+            "texture": TextureSlot(number, first.uv_set, first.matrix),
+            "surface_texture": TextureSlot(number + 1, first.uv_set, first.matrix),
+        }
+
+    def _emission(self, table: Table) -> Float64:
+        """(3,) radiance of a lit material."""
+        factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
+        return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
+
+    def _emission_texture(self, table: Table) -> dict[str, Any]:
+        """Of surfaces that send light: the factor is 0 by default, and then so is the product."""
+        if not table.numbers("emissiveFactor", (0, 0, 0), 0.0).any():
+            return {}
+        return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
+
+    def _layers(self, table: Table) -> dict[str, Any]:
+        """What the extensions say, as fields of the material."""
+        fields: dict[str, Any] = {}
+        ior = table.extension("KHR_materials_ior")
+        if ior is not None:
+            index = ior.number("ior", 1.5, 0.0)
+            if 0 < index < 1:
+                raise ior.place.field("ior").wrong(index, "0 or at least 1", "Water has 1.33, window glass 1.5.")
+            fields["ior"] = index or 1.5
+        specular = table.extension("KHR_materials_specular")
+        if specular is not None:
+            fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
+            fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
+            self._unused(specular, "specularTexture", "specularColorTexture")
+        if ior is not None and ior.number("ior", 1.5) == 0:
+            # 0 stands for a reflection that the colour alone decides.
+            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
+        coat = table.extension("KHR_materials_clearcoat")
+        if coat is not None:
+            fields["clearcoat"] = self._share(coat, "clearcoatFactor", 0.0)
+            fields["clearcoat_roughness"] = self._share(coat, "clearcoatRoughnessFactor", 0.0)
+            self._unused(coat, "clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture")
+        brushed = table.extension("KHR_materials_anisotropy")
+        if brushed is not None:
+            fields["anisotropy"] = self._share(brushed, "anisotropyStrength", 0.0)
+            # Counter-clockwise from u to v, as seen with v upwards, which ours is.
+            fields["anisotropy_angle"] = float(np.degrees(brushed.number("anisotropyRotation", 0.0)))
+            self._unused(brushed, "anisotropyTexture")
+        glass = table.extension("KHR_materials_transmission")
+        if glass is not None:
+            fields["transmission"] = self._share(glass, "transmissionFactor", 0.0)
+            fields["transmission_texture"] = self._slot(glass, "transmissionTexture", srgb=False)
+        volume = table.extension("KHR_materials_volume")
+        if volume is not None and volume.number("thicknessFactor", 0.0, 0.0) > 0:
+            fields["thin"] = False
+            colour = self._shares(volume, "attenuationColor", (1, 1, 1))
+            distance = volume.number("attenuationDistance", np.inf, 0.0, np.inf)
+            if not distance > 0:
+                raise volume.place.field("attenuationDistance").wrong(distance, "above 0")
+            # Not of 0, of which the logarithm is infinite: a thousand decades in one distance are as black.
+            fields["attenuation"] = -np.log(np.maximum(colour, 1e-300)) / distance + 0.0
+            self._unused(volume, "thicknessTexture")
+        return fields
+
+    def _unused(self, table: Table, *names: str) -> None:
+        for name in names:
+            if name in table:
+                self.document.notes.add(f"{name}: the factor holds for the whole surface.")
+
+    def _share(self, table: Table, name: str, default: float) -> float:
+        return float(self._clipped(np.array(table.number(name, default))))
+
+    def _shares(self, table: Table, name: str, default: tuple[float, ...]) -> Float64:
+        return self._clipped(table.numbers(name, default))
+
+    def _clipped(self, values: Float64) -> Float64:
+        if np.any((values < 0) | (values > 1)):
+            self.document.notes.add("Factors of materials below 0 or above 1: they are clipped.")
+        return np.clip(values, 0.0, 1.0)
+
+    def _slot(self, owner: Table, name: str, *, srgb: bool) -> TextureSlot | None:
+        """The texture of that name, and how it is looked up."""
+        found = self._look_up(owner, name) if name in owner else None
+        return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
+
+    def _look_up(self, owner: Table, name: str) -> _LookUp | None:
+        """Which image, and how; None where there are no such texture coordinates."""
+        info = owner.table(name)
+        textures = self.document.all("textures")
+        texture = textures[info.required_index("index", textures, "textures")]
+        transform = info.extension("KHR_texture_transform")
+        uv_set = info.integer("texCoord", 0)
+        if transform is not None:
+            uv_set = transform.integer("texCoord", uv_set)
+        if uv_set not in (0, 1):
+            self.document.notes.add("Textures whose texCoord is above 1.")
+            return None
+        samplers = self.document.all("samplers")
+        index = texture.index("sampler", samplers, "samplers")
+        sampler = Table({}, texture.place) if index is None else samplers[index]
+        return _LookUp(
+            self._source(texture),
+            (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat")),
+            sampler.choice("magFilter", _FILTERS, "linear"),
+            1 if uv_set else 0,
+            np.eye(2, 3) if transform is None else _uv_transform(transform),
+        )
+
+    def _texture(self, found: _LookUp, srgb: bool) -> int:
+        """The place in `textures` of a texture of the document, of one colour space."""
+        key = (found.source, found.wrap, found.filter, srgb)
+        if key not in self._texture_numbers:
+            image = self._image(found.source)
+            if image.dtype == np.uint16:
+                stored = image / np.float64(65535)
+                image = (decode_srgb(stored) if srgb else stored).astype(np.float32)
+            name = self.document.all("images")[found.source].name(f"image-{found.source}")
+            self.textures.append(Texture(name, image, (1.0, 1.0), found.filter, srgb, found.wrap))
+            self._texture_numbers[key] = len(self.textures) - 1
+        return self._texture_numbers[key]
+
+    def _image(self, source: int) -> NDArray[Any]:
+        """(h, w, 3) or (h, w, 4) as it is stored."""
+        if source not in self._images:
+            self._images[source] = read_image(self.document, self.document.all("images")[source])
+        return self._images[source]
+
+    def _linear(self, source: int) -> Float64:
+        """The same of colours in sRGB as linear numbers in [0, 1]."""
+        image = self._image(source)
+        stored = image / np.float64(np.iinfo(image.dtype).max)
+        stored[..., :3] = decode_srgb(stored[..., :3])
+        return stored
+
+    def _source(self, table: Table) -> int:
+        """The number of the image: a compressed one where it can be read, else the plain one."""
+        images = self.document.all("images")
+        plain = table.index("source", images, "images")
+        webp = table.extension("EXT_texture_webp")
+        if webp is not None:
+            return webp.required_index("source", images, "images")
+        basisu = table.extension(compression.BASISU)
+        if basisu is not None and (plain is None or compression.available("opengl_basisu")):
+            return basisu.required_index("source", images, "images")
+        if plain is None:
+            raise table.place.error(
+                "has no `source` that can be read.", "Export the file with textures of PNG, JPEG, WebP or KTX 2."
+            )
+        return plain
+
+
+def _of_size(*images: Float64) -> list[Float64]:
+    """Copies of images, of the largest's size, by their nearest texels."""
+    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
+    return [
+        image[np.arange(height) * image.shape[0] // height][:, np.arange(width) * image.shape[1] // width]
+        for image in images
+    ]
+
+
+def _uv_transform(table: Table) -> Float64:
+    """(2, 3): KHR_texture_transform with v upwards.
+
+    The extension's text turns coordinates counter-clockwise as one sees the image, with v downwards, and so do
+    viewers; its GLSL turns them the other way round [KhronosGroup/glTF issue 1563].
+    """
+    angle = table.number("rotation", 0.0)
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.eye(3)
+    matrix[:2, :2] = np.array([[c, s], [-s, c]]) * table.numbers("scale", (1, 1))
+    matrix[:2, 2] = table.numbers("offset", (0, 0))
+    over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # v to 1 - v and back
+    return np.asarray((over @ matrix @ over)[:2])

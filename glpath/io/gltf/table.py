@@ -1,0 +1,218 @@
+"""Objects of a glTF file's JSON, each with its place, and their values checked when they are asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io.gltf.limits import MAX_NAME
+from glpath.io.values import LARGEST
+from glpath.scene.model import Float64
+from glpath.scene.place import Place
+
+Choice = TypeVar("Choice")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A JSON object and where it stands. Everything asked of it raises SceneError for a value of another kind."""
+
+    values: dict[str, Any]
+    place: Place
+
+    @classmethod
+    def of(cls, value: object, place: Place) -> Table:
+        if not isinstance(value, dict):
+            raise place.wrong(value, "an object", "Export the file anew.")
+        return cls(value, place)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def table(self, name: str) -> Table:
+        """The object of that name; an empty one where there is none."""
+        return Table.of(self.values.get(name, {}), self.place.field(name))
+
+    def tables(self, name: str) -> Tables:
+        """The list of objects of that name; an empty one where there is none."""
+        return Tables(self._list(name), self.place.field(name))
+
+    def extension(self, name: str) -> Table | None:
+        if "extensions" not in self.values:
+            return None
+        extensions = self.table("extensions")
+        return extensions.table(name) if name in extensions else None
+
+    def text(self, name: str) -> str | None:
+        value = self.values.get(name)
+        if value is not None and not isinstance(value, str):
+            raise self.place.field(name).wrong(value, "a text")
+        return value
+
+    def texts(self, name: str) -> list[str]:
+        values = self._list(name)
+        for i, value in enumerate(values):
+            if not isinstance(value, str):
+                raise self.place.field(name).item(i).wrong(value, "a text")
+        return values
+
+    def name(self, otherwise: str) -> str:
+        """The object's own `name`, of letters that can be shown."""
+        return printable(self.text("name") or "") or otherwise
+
+    def flag(self, name: str, default: bool = False) -> bool:
+        value = self.values.get(name, default)
+        if not isinstance(value, bool):
+            raise self.place.field(name).wrong(value, "true or false")
+        return value
+
+    @overload
+    def integer(self, name: str, default: int, low: int = 0, high: int = 2**53) -> int: ...
+    @overload
+    def integer(self, name: str, default: None = None, low: int = 0, high: int = 2**53) -> int | None: ...
+    def integer(self, name: str, default: int | None = None, low: int = 0, high: int = 2**53) -> int | None:
+        """A whole number from `low` to `high`."""
+        if name not in self.values:
+            return default
+        return _integer(self.values[name], self.place.field(name), low, high)
+
+    def required(self, name: str, low: int = 0, high: int = 2**53) -> int:
+        """A whole number that has to be there."""
+        return _integer(self._present(name), self.place.field(name), low, high)
+
+    def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
+        """What the value stands for."""
+        return self.required_choice(name, allowed) if name in self.values else default
+
+    def required_choice(self, name: str, allowed: Mapping[Any, Choice]) -> Choice:
+        """What the value stands for, which has to be there."""
+        value = self._present(name)
+        if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in allowed:
+            raise self.place.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
+        return allowed[value]
+
+    def index(self, name: str, of: Sequence[Any], what: str) -> int | None:
+        """A number of an element of `of`; None where there is none. `what` they are, in the plural."""
+        if name not in self.values:
+            return None
+        value = self.values[name]
+        if type(value) is int and 0 <= value < len(of):
+            return value
+        return _index(value, self.place.field(name), len(of), what)
+
+    def required_index(self, name: str, of: Sequence[Any], what: str) -> int:
+        return _index(self._present(name), self.place.field(name), len(of), what)
+
+    def indices(self, name: str, of: Sequence[Any], what: str) -> list[int]:
+        values = self._list(name)
+        if set(map(type, values)) <= {int} and min(values, default=0) >= 0 and max(values, default=-1) < len(of):
+            return list(values)
+        place = self.place.field(name)
+        return [_index(value, place.item(i), len(of), what) for i, value in enumerate(values)]
+
+    def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
+        if name not in self.values:
+            return default
+        return _number(self.values[name], self.place.field(name), low, high)
+
+    def numbers(self, name: str, default: Sequence[float], low: float = -LARGEST, high: float = LARGEST) -> Float64:
+        """(n,) float64, as many as `default` has."""
+        if name not in self.values:
+            return np.array(default, np.float64)
+        value, place = self.values[name], self.place.field(name)
+        if not isinstance(value, list) or len(value) != len(default):
+            raise place.wrong(value, f"a list of {len(default)} numbers")
+        return np.array([_number(each, place.item(i), low, high) for i, each in enumerate(value)])
+
+    def any_numbers(self, name: str) -> Float64:
+        """(n,) float64, however many there are."""
+        value, place = self._list(name), self.place.field(name)
+        return np.array(
+            [_number(each, place.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64
+        )
+
+    def _present(self, name: str) -> Any:
+        if name not in self.values:
+            raise self.place.error(f"has no `{name}`, which it needs.", "Export the file anew.")
+        return self.values[name]
+
+    def _list(self, name: str) -> list[Any]:
+        value = self.values.get(name, [])
+        if not isinstance(value, list):
+            raise self.place.field(name).wrong(value, "a list")
+        return value
+
+
+@dataclass(frozen=True)
+class Tables(Sequence[Table]):
+    """A list of JSON objects and where it stands."""
+
+    values: list[Any]
+    place: Place
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, index: Any) -> Any:  # as Sequence declares it: also for slices, which are not asked for
+        return Table.of(self.values[index], self.place.item(index))
+
+    def __iter__(self) -> Iterator[Table]:
+        return (self[i] for i in range(len(self)))
+
+    def having(self, name: str) -> NDArray[np.int64]:
+        """Numbers of the objects that have a field. Raises SceneError for what is no object."""
+        for i, value in enumerate(self.values):
+            if type(value) is not dict:
+                Table.of(value, self.place.item(i))
+        return np.array([i for i, value in enumerate(self.values) if name in value], np.int64)
+
+    def numbers(self, name: str, rows: NDArray[np.int64], count: int) -> Float64:
+        """(len(rows), count) float64: what `Table.numbers` gives for a field of these objects, all at once."""
+        values = [self.values[i][name] for i in rows.tolist()]
+        if set(map(type, values)) <= {list} and set(map(len, values)) <= {count}:
+            flat = [*chain.from_iterable(values)]
+            # A whole number may be longer than any float.
+            if set(map(type, flat)) <= {int, float} and all(-LARGEST <= value <= LARGEST for value in flat):
+                return np.array(flat, np.float64).reshape(-1, count)
+        return np.array([self[i].numbers(name, [0.0] * count) for i in rows.tolist()]).reshape(-1, count)
+
+
+def printable(text: str) -> str:
+    """A name from the file without what could be no letter: line ends, commands to terminals, endless length."""
+    return "".join(c for c in text[: 4 * MAX_NAME] if c.isprintable())[:MAX_NAME].strip()
+
+
+def _integer(value: object, place: Place, low: int, high: int) -> int:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)  # JSON knows one kind of number
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise place.wrong(
+            value, f"a whole number from {low} to {high}" if high < 2**53 else f"a whole number, at least {low}"
+        )
+    return value
+
+
+def _index(value: object, place: Place, count: int, what: str) -> int:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise place.wrong(value, f"a number of one of the {what}")
+    if not 0 <= value < count:
+        among = f"{count} {what} (0 to {count - 1})" if count else f"no {what}"
+        raise place.error(f"is {value}, but the file has {among}.", "Export the file anew.")
+    return value
+
+
+def _number(value: object, place: Place, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        allowed = "a finite number" if (low, high) == (-LARGEST, LARGEST) else f"a number from {low:g} to {high:g}"
+        if high == math.inf or (high == LARGEST and low > -LARGEST):
+            allowed = f"a number, at least {low:g}"
+        raise place.wrong(value, allowed)
+    return float(value)

@@ -1,0 +1,243 @@
+"""Photometric files, IES LM-63 of 1986, 1991, 1995, 2002 and 2019: type C, as nearly all luminaires have.
+
+    IESNA:LM-63-2002
+    [TEST] ...                 lines of text, in files of before 1991 without brackets
+    TILT=NONE
+    1 1000 1.0 3 1 1 2 0 0 0   lamps, lumens, multiplier, angles of gamma and of C, type, unit, and three lengths
+    1.0 1.0 50                 ballast factor, ballast lamp factor (or kept for the future), watts
+    0 45 90                    gamma
+    0                          C: 0 alone, or to 90, 180 or 360: the rest follows by symmetry
+    1000 700 0                 candela, gamma by gamma, for each C
+
+Taken are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not: it is
+a point. Numbers may be parted by commas, and break lines anywhere.
+
+Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look like.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from glpath.errors import warn
+from glpath.io.values import LARGEST, nearby_files
+from glpath.scene.model import Float64
+from glpath.scene.place import Place
+from glpath.scene.profile import LightProfile
+
+SUFFIXES = (".ies",)
+#: Bytes of a file, and angles of each kind: steps of a twentieth of a degree.
+MAX_BYTES, MAX_ANGLES = 16 << 20, 7201
+#: Values of a profile: in the file, and on its regular grid.
+MAX_VALUES = 1 << 20
+# The finest steps of the regular grid, parts of a degree; angles of files are multiples of such.
+_PARTS = 100
+_TYPES = {"1": "C", "2": "B", "3": "A"}
+# First and last angle of C.
+_SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
+
+
+def read_ies(path: Path, place: Place) -> LightProfile:
+    """The profile of a file that a scene names at `place`. Raises SceneError, with the line; warns of a TILT."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise place.error(f"names {path}, but a photometric web is a file that ends in {', '.join(SUFFIXES)}.")
+    if not os.path.isfile(path):
+        raise place.error(
+            f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
+            nearby_files("Photometric files", path, SUFFIXES),
+        )
+    size = os.path.getsize(path)
+    if size > MAX_BYTES:
+        raise place.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise place.error(f"names {path}, which cannot be read ({error.strerror}).") from error
+    return parse_ies(data, path, place)
+
+
+def parse_ies(data: bytes, path: Path | str, place: Place) -> LightProfile:
+    """The same of what is in a file, at most MAX_BYTES; `path` is what errors call it."""
+    return _Reader(data.decode("latin-1"), path, place).profile()
+
+
+class _Reader:
+    """The numbers of a file, one after another, with the line of each."""
+
+    def __init__(self, text: str, path: Path | str, place: Place) -> None:
+        self._path, self._place = path, place
+        self._lines = text.splitlines()
+        self._line = 0  # of the last number, from 1
+        self._numbers: list[tuple[str, int]] = []
+        self._next = 0
+
+    def profile(self) -> LightProfile:
+        tilt = self._tilt()
+        for number, line in enumerate(self._lines[self._line :], self._line + 1):
+            self._numbers += [(word, number) for word in line.replace(",", " ").split()]
+        if tilt == "INCLUDE":
+            self._skip_tilt()
+        self._number("the number of lamps")
+        self._number("the lumens of a lamp")
+        factor = self._factor("the candela multiplier")
+        rows, columns = self._count("gamma (vertical)", 2), self._count("C (horizontal)", 1)
+        if rows * columns > MAX_VALUES:
+            self._wrong(f"{rows} x {columns} candela are more than {MAX_VALUES:,}")
+        kind = self._word("the photometric type")
+        if kind != "1":
+            self._wrong(
+                f"photometry of type {_TYPES[kind]}" if kind in _TYPES else f"a photometric type of {kind[:20]!r}",
+                "Type C (1) is read; of A and B, programs for photometric files make one.",
+            )
+        if self._word("the unit") not in ("1", "2"):
+            self._wrong("a unit that is neither 1, feet, nor 2, metres")
+        for name in ("width", "length", "height"):
+            self._number(f"the {name} of the luminaire")
+        factor *= self._factor("the ballast factor") * self._factor("the ballast lamp factor")
+        self._number("the input watts")
+        gamma = self._angles("gamma", rows)
+        if not (gamma[0] >= 0 and gamma[-1] <= 180):
+            self._wrong(f"gamma from {gamma[0]:g} to {gamma[-1]:g}; type C has angles from 0 to 180")
+        c = self._angles("C", columns)
+        self._check_around(c)
+        candela = np.array([self._number("candela", 0.0) for _ in range(rows * columns)]).reshape(columns, rows)
+        if self._next < len(self._numbers):
+            self._line = self._numbers[self._next][1]
+            self._wrong(f"{len(self._numbers) - self._next} more words than its counts of angles promise")
+        candela = candela * factor
+        if candela.max() > LARGEST:
+            self._wrong(f"{candela.max():.3g} candela; at most {LARGEST:g} are taken")
+        return _on_regular_grid(*_all_around(c, candela), gamma)
+
+    # Parts of the file.
+
+    def _tilt(self) -> str:
+        tilt = ""
+        for number, line in enumerate(self._lines, 1):
+            self._line = number
+            if line.strip().upper().startswith("TILT="):
+                tilt = line.strip()[5:].strip().upper()
+                break
+        else:
+            self._wrong("no line TILT=NONE or TILT=INCLUDE", "Is it an IES LM-63 file?")
+        if tilt not in ("NONE", "INCLUDE"):
+            self._wrong(f"TILT={tilt[:60]}", "TILT=NONE and TILT=INCLUDE are read, and no file besides.")
+        return tilt
+
+    def _skip_tilt(self) -> None:
+        self._number("the lamp's place in the luminaire")
+        count = self._count("tilt", 1)
+        for _ in range(count):
+            self._number("an angle of tilt")
+        factors = [self._number("a factor of tilt", 0.0) for _ in range(count)]
+        if any(factor != 1 for factor in factors):
+            warn(
+                f"{self._place}: the light of {self._path} depends on how its lamp is tilted (TILT=INCLUDE); "
+                "it is taken as measured."
+            )
+
+    def _angles(self, what: str, count: int) -> Float64:
+        found = np.array([self._number(f"an angle of {what}") for _ in range(count)])
+        if np.any(np.diff(found) <= 0):
+            self._wrong(f"angles of {what} that do not ascend")
+        return found
+
+    def _check_around(self, c: Float64) -> None:
+        if len(c) == 1 and c[0] != 0:
+            self._wrong(f"a single angle of C, {c[0]:g}; of a luminaire that is alike all around it is 0")
+        if len(c) > 1 and (c[0], c[-1]) not in _SPANS:
+            self._wrong(f"C from {c[0]:g} to {c[-1]:g}; expected 0 alone, 0 to 90, 180 or 360, or 90 to 270")
+
+    # Words and numbers.
+
+    def _word(self, what: str) -> str:
+        if self._next >= len(self._numbers):
+            self._line = len(self._lines)
+            self._wrong(f"the end of the file where {what} is expected")
+        word, self._line = self._numbers[self._next]
+        self._next += 1
+        return word
+
+    def _number(self, what: str, least: float = -math.inf) -> float:
+        word = self._word(what)
+        try:
+            number = float(word)
+        except ValueError:
+            self._wrong(f"{word[:20]!r} where {what} is expected")
+        if not math.isfinite(number) or number < least:
+            self._wrong(f"{word[:20]} where {what} is expected{'' if least < 0 else ', 0 or more'}")
+        return number
+
+    def _factor(self, what: str) -> float:
+        number = self._number(what, 0.0)
+        if number == 0:
+            self._wrong(f"0 as {what}: no light")
+        return number
+
+    def _count(self, what: str, least: int) -> int:
+        number = self._number(f"the number of {what} angles")
+        if not (number.is_integer() and least <= number <= MAX_ANGLES):
+            self._wrong(f"{number:g} {what} angles; expected {least} to {MAX_ANGLES}")
+        # Each is a word of the file.
+        if number > len(self._numbers) - self._next:
+            self._wrong(f"{number:g} {what} angles, but only {len(self._numbers) - self._next} words follow")
+        return int(number)
+
+    def _wrong(self, found: str, remedy: str = "") -> NoReturn:
+        raise self._place.error(
+            f"names {self._path}, which cannot be used: line {self._line} has {found}.",
+            remedy or "Take a whole file of the maker's, or open it in a viewer of photometric files.",
+        )
+
+
+def _all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
+    """Angles of C from 0 to 360, both included, and their candela, by symmetry where half or less is there."""
+    if len(c) == 1:
+        return np.array([0.0, 360.0]), np.concatenate([candela, candela])
+    if c[0] == 90:  # alike on both sides of the plane through 90 and 270
+        c, candela = _mirrored(c, candela, 270.0)  # from 90 to 450
+        c, candela = c[:-1] % 360.0, candela[:-1]
+        order = np.argsort(c)
+        c, candela = c[order], candela[order]
+        if c[0] != 0:
+            share = (360.0 - c[-1]) / (360.0 - c[-1] + c[0])
+            c = np.insert(c, 0, 0.0)
+            candela = np.insert(candela, 0, (1 - share) * candela[-1] + share * candela[0], axis=0)
+        return np.append(c, 360.0), np.concatenate([candela, candela[:1]])
+    for end in (90.0, 180.0):
+        if c[-1] == end:
+            c, candela = _mirrored(c, candela, end)
+    return c, candela
+
+
+def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64]:
+    """On to the other side of an angle, the last one."""
+    return np.append(c, 2 * at - c[-2::-1]), np.concatenate([candela, candela[-2::-1]])
+
+
+def _on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
+    """The profile of angles that are as they are: exact where they are multiples of a hundredth of a degree, as far
+    as the grid may be so fine; else of finest steps."""
+    span = (float(gamma[0]), float(gamma[-1]))
+    rows = _steps(c, 360.0, 1440)
+    columns = _steps(gamma, span[1] - span[0], max(1, MAX_VALUES // rows - 1))
+    at = np.linspace(*span, columns + 1)
+    along = np.stack([np.interp(at, gamma, row) for row in candela])
+    around = np.arange(rows) * (360.0 / rows)
+    grid = np.stack([np.interp(around, c, column) for column in along.T], axis=1)
+    return LightProfile(np.ascontiguousarray(grid), span)
+
+
+def _steps(angles: Float64, span: float, most: int) -> int:
+    """Into how many equal parts a span of angles is divided, so that each of them is at an end of one."""
+    parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
+    if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):
+        steps = round(span * _PARTS) // int(np.gcd.reduce(parts))
+        if steps <= most:
+            return int(steps)
+    return most

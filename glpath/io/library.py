@@ -1,0 +1,247 @@
+"""Scenes by name: the files that ship with glpath, and scenes that a function makes from parameters.
+
+`load_scene` is the door for everything that takes a scene: a file, a name, or a `Scene` as it is.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import os
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from glpath.errors import SceneError, UsageError
+from glpath.io.convert import convert
+from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
+from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.load import read_scene_file, scene_from_dict
+from glpath.io.models import FORMATS as MODEL_FORMATS
+from glpath.io.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
+from glpath.io.other_files import refuse_other_file
+from glpath.io.shipped.office import office, office_premesh
+from glpath.io.shipped.parlour import parlour
+from glpath.io.shipped.room import room
+from glpath.io.shipped.stacked import stacked
+from glpath.io.shipped.teapot import teapot
+from glpath.io.shipped.terrain import terrain
+from glpath.scene import tessellate
+from glpath.scene.model import Scene
+from glpath.scene.place import Place, shown
+from glpath.system.files import shipped_folder
+
+_Made = TypeVar("_Made")
+#: Of the files that are scenes.
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
+
+
+def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
+    """The scene of a file, of a shipped name, or of what Python has.
+
+    Parameters
+    ----------
+    scene      : one of
+                 the path of a TOML file, or of a model: glTF (.glb, .gltf), OBJ with its MTL, PLY or STL. A path
+                 has a folder or such a suffix; `./furnace` is always a file;
+                 the name of a shipped scene (`shipped_scenes()`);
+                 a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
+                 and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
+                 a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
+                 and its lights and camera where it has them;
+                 a `Scene`, which is given back as it is.
+    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor` and
+                 `unit`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the
+                 parameter's type
+
+    What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
+    white sky; a SceneWarning says so, and one each what of a model is not used. The picture of a model's camera has
+    its aspect and 512 pixels on the longer side, any other 512 x 512.
+
+    Raises SceneError, which names the file, the place in it, what was found and what is allowed. Warns with
+    SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
+    """
+    if isinstance(scene, Scene):
+        return _without_parameters(scene, scene.name, parameters)
+    if is_made_in_python(scene):
+        made = scene_from_python(scene)
+        return _without_parameters(made, made.name, parameters)
+    if not isinstance(scene, str | os.PathLike):
+        raise SceneError(
+            f"load_scene: found {type(scene).__name__}, where a scene is needed.",
+            "A file or the name of a shipped scene, a Scene, a dictionary as TOML has it, or trimesh's.",
+        )
+    text = os.fspath(scene)
+    if isinstance(scene, str) and text in GENERATED:
+        return _made(GENERATED[text], Place(text), parameters or {})
+    path = Path(text)
+    if isinstance(scene, str) and text in _scene_files():
+        path = _scene_files()[text]
+    elif isinstance(scene, str) and not _looks_like_a_path(text):
+        raise _no_such_scene(text)
+    refuse_other_file(path)
+    if path.suffix.lower() in GLTF_FORMATS:
+        return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
+    if path.suffix.lower() in MODEL_FORMATS:
+        return _without_parameters(scene_of_model(read_model(path, Place(str(path)))), text, parameters)
+    return _made(_read_as_asked, Place(text), parameters or {}, path)
+
+
+def shipped_scenes() -> dict[str, str]:
+    """Name and one-line description of every scene that ships with glpath, by name."""
+    described = {
+        name: tomllib.loads(path.read_text("utf-8"))["description"] for name, path in _scene_files().items()
+    }
+    described |= {name: (make.__doc__ or "").splitlines()[0].rstrip(".") for name, make in GENERATED.items()}
+    return dict(sorted(described.items()))
+
+
+def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
+    """Default and description of each parameter of a generated scene, a glTF or a TOML file; empty for others."""
+    if name in GENERATED:
+        return _parameters_of(GENERATED[name])
+    if name.lower().endswith(GLTF_FORMATS):
+        return _parameters_of(read_gltf_as_asked)
+    is_toml = name in _scene_files() or name.lower().endswith(".toml")
+    return _parameters_of(_read_as_asked) if is_toml else {}
+
+
+def scene_cameras(name: str) -> tuple[str, ...]:
+    """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
+    return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def _read_as_asked(
+    path: Path,
+    *,
+    time: Annotated[
+        float, Meta(ge=0, description="seconds from 0, that the camera's shutter opens later than the file says")
+    ] = 0.0,
+) -> Scene:
+    """The scene of a TOML file by parameters that users give; see `load_scene`."""
+    return read_scene_file(path, time)
+
+
+def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]:
+    hints = get_type_hints(make, include_extras=True)
+    return {
+        key: (p.default, hints[key].__metadata__[0].description)
+        for key, p in inspect.signature(make).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
+
+
+def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
+    """`["radiance=2", "shape=sphere"]`, as `-D` gives them, as a dictionary. Raises UsageError."""
+    parameters = {}
+    for option in options:
+        key, equals, value = option.partition("=")
+        if not (key.strip() and equals):
+            raise UsageError(f"-D {option}: not of the form key=value.", "For example -D reflectance=0.8.")
+        parameters[key.strip()] = value.strip()
+    return parameters
+
+
+def furnace(
+    *,
+    reflectance: Annotated[
+        float, Meta(ge=0, le=1, description="a number from 0 to 1, the reflectance of the walls")
+    ] = 0.5,
+    radiance: Annotated[
+        float, Meta(ge=0, description="a number from 0, the radiance of the walls, W sr^-1 m^-2")
+    ] = 1.0,
+    shape: Annotated[Literal["box", "sphere"], Meta(description="box or sphere")] = "box",
+    subdivisions: Annotated[
+        int, Meta(ge=0, le=8, description="a whole number from 0 to 8, how often each triangle is split in four")
+    ] = 2,
+    resolution: Annotated[
+        int, Meta(ge=1, le=4096, description="a whole number from 1 to 4096, the pixels per side")
+    ] = 64,
+) -> Scene:
+    """Closed room that glows everywhere alike (white furnace test).
+
+    Every wall emits `radiance` to the inside and reflects `reflectance`, so that the radiance anywhere, in any
+    direction, is the geometric series radiance * (1 + reflectance + reflectance² + ...); with a maximum depth of d
+    the terms up to reflectance^d. The shape does not matter as long as it is closed. The camera is inside and
+    off-centre.
+    """
+    emission = {"radiance": radiance}
+    if shape == "sphere":
+        wall: dict[str, Any] = {"type": "sphere", "radius": 1.0, "subdivisions": subdivisions}
+    else:
+        vertices, faces = tessellate.box((-1, -1, -1), (1, 1, 1))
+        for _ in range(subdivisions):
+            vertices, faces = tessellate.subdivide(vertices, faces)
+        wall = {"type": "mesh", "vertices": vertices, "faces": faces}
+    return scene_from_dict(
+        {
+            "camera": {"position": [0.3, -0.2, 0.4], "target": [-0.5, 0.1, -0.6], "fov": 60},
+            "film": {"resolution": [resolution, resolution]},
+            "materials": {"wall": {"reflectance": reflectance}},
+            "shapes": [{**wall, "name": "wall", "material": "wall", "emission": emission, "flip_normals": True}],
+        },
+        source="furnace",
+    )
+
+
+GENERATED: dict[str, Callable[..., Scene]] = {
+    "furnace": furnace,
+    "office": office,
+    "office-premesh": office_premesh,
+    "parlour": parlour,
+    "room": room,
+    "stacked": stacked,
+    "teapot": teapot,
+    "terrain": terrain,
+}
+
+
+def _made(make: Callable[..., _Made], place: Place, parameters: Mapping[str, object], *given: Path) -> _Made:
+    """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
+    known = _parameters_of(make)
+    hints = get_type_hints(make, include_extras=True)
+    values = {}
+    for key, value in parameters.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            raise place.error(
+                f"has no parameter `{key}`. Allowed: " + ", ".join(f"{k}={v[0]}" for k, v in known.items()) + ".",
+                f"Did you mean `{near[0]}`?" if near else "",
+            )
+        try:
+            values[key] = convert(value, hints[key], strict=False)
+        except msgspec.ValidationError as error:
+            raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
+    return make(*given, **values)
+
+
+def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object] | None) -> Scene:
+    if parameters:
+        raise SceneError(
+            f"{name}: has no parameters, but was given {', '.join(parameters)}.",
+            f"Parameters (-D key=value) are for glTF files and generated scenes: {', '.join(sorted(GENERATED))}.",
+        )
+    return scene
+
+
+def _scene_files() -> dict[str, Path]:
+    folder = shipped_folder("scenes")
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
+
+
+def _looks_like_a_path(text: str) -> bool:
+    return text.lower().endswith(SCENE_SUFFIXES) or "/" in text or os.sep in text or os.path.isfile(text)
+
+
+def _no_such_scene(name: str) -> SceneError:
+    names = list(shipped_scenes())
+    near = difflib.get_close_matches(name, names, len(names), 0)
+    ordered = near + [other for other in names if other not in near]
+    return SceneError(
+        f"{shown(name)} is neither a shipped scene nor a file. Shipped: {', '.join(ordered)}.",
+        f"A file of your own has the suffix .toml or a folder, such as ./{name}.toml.",
+    )

@@ -1,0 +1,265 @@
+"""The light of a scene file: punctual lights, emission, ambient light, the sky and environment maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from msgspec import UnsetType
+
+from glpath.errors import warn
+from glpath.film.image import read_image
+from glpath.film.units import Unit, conversion
+from glpath.io import description
+from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
+from glpath.io.ies import read_ies
+from glpath.io.scene_pictures import stored_picture
+from glpath.io.values import LARGEST, light, unit
+from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Shape, Sky
+from glpath.scene.place import Place
+
+MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
+
+
+def lights(
+    given: Sequence[AnyLight], place: Place, folder: Path, camera_up: Float64, scene_unit: Unit
+) -> tuple[Light, ...]:
+    """Those of the file, in the unit of the scene. Raises SceneError.
+
+    place, folder : of their list; where relative paths start
+    """
+    profiles: dict[Path, LightProfile] = {}
+    made = (_light(each, index, place.item(index), folder, camera_up, profiles) for index, each in enumerate(given))
+    return tuple(
+        replace(
+            light, intensity=light.intensity * conversion(_unit_of(each, place.item(i), scene_unit), scene_unit)
+        )
+        for i, (light, each) in enumerate(zip(made, given, strict=True))
+    )
+
+
+def _unit_of(given: AnyLight, place: Place, scene_unit: Unit) -> Unit:
+    """The unit that a light's numbers are in. Raises SceneError for a profile in watts."""
+    if isinstance(given, description.PointLight) and not isinstance(given.profile, UnsetType):
+        if given.unit == "radiometric":
+            raise place.field("unit").error(
+                "is radiometric, but the candela of a profile are photometric.",
+                "Leave it out: the light is converted to the unit of the scene.",
+            )
+        return "photometric"
+    return scene_unit if isinstance(given.unit, UnsetType) else given.unit
+
+
+def _light(
+    given: AnyLight,
+    index: int,
+    place: Place,
+    folder: Path,
+    camera_up: Float64,
+    profiles: dict[Path, LightProfile],
+) -> Light:
+    name = f"{given.__struct_config__.tag}-{index}" if isinstance(given.name, UnsetType) else given.name
+    match given:
+        case description.PointLight():
+            position = np.array(given.position, np.float64)
+            if isinstance(given.profile, UnsetType):
+                return Light(
+                    name, "point", _plain_intensity(given, place), position=position, falloff=given.falloff
+                )
+            path = folder / given.profile
+            if path not in profiles:  # a file is read once, however many lamps it is of
+                profiles[path] = read_ies(path, place.field("profile"))
+            direction, c0 = _orientation(given, camera_up, place)
+            return Light(
+                name,
+                "point",
+                _times_candela(given, profiles[path], place),
+                position=position,
+                direction=direction,
+                falloff=given.falloff,
+                profile=profiles[path],
+                c0=c0,
+            )
+        case description.SpotLight():
+            position, target = np.array(given.position, np.float64), np.array(given.target, np.float64)
+            axis = target - position
+            length = np.linalg.norm(axis)
+            if not length > 1e-12 * np.linalg.norm(position):
+                raise place.field("target").error(
+                    "is the same point as position, so that the light shines nowhere.", "Move one of them."
+                )
+            cone = _cone(given.cone, place.field("cone"))
+            return Light(
+                name,
+                "spot",
+                # Between the two angles it fades evenly about the middle of their cosines.
+                _intensity(given, 2 * np.pi * (1 - float(np.cos(np.radians(cone)).mean())), place),
+                position=position,
+                direction=axis / length,
+                cone=cone,
+                falloff=given.falloff,
+            )
+        case description.DirectionalLight():
+            return Light(
+                name,
+                "directional",
+                light(given.irradiance, place.field("irradiance")),
+                direction=unit(given.direction, place.field("direction"), "direction = [0, -1, 0]"),
+            )
+
+
+def _plain_intensity(given: description.PointLight, place: Place) -> Float64:
+    """(3,) of a light without a profile."""
+    for name in ("direction", "c0"):
+        if not isinstance(getattr(given, name), UnsetType):
+            raise place.field(name).error(
+                "turns a profile, which the light does not have.", 'Add profile = "lamp.ies", or leave it out.'
+            )
+    return _intensity(given, 4 * np.pi, place)
+
+
+def _intensity(given: description.PointLight | description.SpotLight, angle: float, place: Place) -> Float64:
+    """(3,) of a light without a profile, by its intensity or by its flux.
+
+    angle : steradians, by which its flux is divided
+    """
+    if not isinstance(given.flux, UnsetType):
+        if not isinstance(given.intensity, UnsetType):
+            raise place.error("has intensity and flux, but a light has one of them.", "Leave one away.")
+        return _flux(given, place) / angle
+    if isinstance(given.intensity, UnsetType):
+        raise place.error(
+            "lacks the field `intensity`, which a light without a `profile` must have, or `flux`.",
+            "Intensity in W sr^-1, or cd where photometric, one number or [r, g, b]: intensity = 10.",
+        )
+    return light(given.intensity, place.field("intensity"))
+
+
+def _times_candela(given: description.PointLight, profile: LightProfile, place: Place) -> Float64:
+    """(3,): what the candela of a profile are multiplied by."""
+    if isinstance(given.flux, UnsetType):
+        return light(1.0 if isinstance(given.intensity, UnsetType) else given.intensity, place.field("intensity"))
+    if not isinstance(given.intensity, UnsetType):
+        raise place.error("has intensity and flux, but a light has one of them.", "Leave one away.")
+    if not profile.flux > 0:
+        raise place.field("flux").error("is of a profile that is dark.")
+    return _flux(given, place) / profile.flux
+
+
+def _flux(given: description.PointLight | description.SpotLight, place: Place) -> Float64:
+    """(3,), W or lm."""
+    if given.falloff == "none":
+        raise place.field("flux").error(
+            'is of a light whose falloff is "none", which has no flux.', "Give it an intensity."
+        )
+    return light(given.flux, place.field("flux"))  # type: ignore[arg-type]
+
+
+def _orientation(given: description.PointLight, camera_up: Float64, place: Place) -> tuple[Float64, Float64]:
+    """Where gamma is 0, and C at gamma 90: (3,) each, unit and perpendicular."""
+    down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
+    direction = unit(down, place.field("direction"), "direction = [0, -1, 0]")
+    if isinstance(given.c0, UnsetType):
+        # Not the axis that the light goes along.
+        towards = np.array([0.0, 0.0, 1.0] if abs(direction[0]) > 0.999 else [1.0, 0.0, 0.0])
+    else:
+        towards = unit(given.c0, place.field("c0"), "c0 = [1, 0, 0]")
+    across = towards - (towards @ direction) * direction
+    length = float(np.linalg.norm(across))
+    if length < 1e-6:
+        raise place.field("c0").error("goes along `direction`, so that C = 0 is nowhere.", "Turn it away from it.")
+    return direction, across / length
+
+
+def _cone(cone: tuple[float, float], place: Place) -> tuple[float, float]:
+    full, end = cone
+    if not (0 <= full <= end <= 180 and end > 0):
+        raise place.wrong(
+            list(cone),
+            "two angles from 0 to 180 degrees, the first not above the second, the second not 0",
+            "Half angles: full light within the first, none beyond the second. For example cone = [30, 40].",
+        )
+    return full, end
+
+
+def emission(
+    given: Emission | UnsetType, place: Place, scene_unit: Unit, shape: Shape, material: Material
+) -> Shape:
+    """The shape with the radiance of its description, in the unit of the scene. Raises SceneError."""
+    if isinstance(given, UnsetType):
+        return shape
+    factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
+    if isinstance(given.flux, UnsetType) == isinstance(given.radiance, UnsetType):
+        has = "lacks the field `radiance`" if isinstance(given.flux, UnsetType) else "has radiance and flux"
+        raise place.error(f"{has}, but an emission is one of `radiance` and `flux`.", "For example radiance = 10.")
+    if not isinstance(given.radiance, UnsetType):
+        radiance = light(given.radiance, place.field("radiance"))
+    elif material.emission_texture is not None or shape.primitive not in ("triangle", "sphere"):
+        what = "a material with an emission_texture" if material.emission_texture else f"a {shape.primitive}"
+        raise place.field("flux").error(f"is of {what}, for which it is not known.", "Give it a radiance.")
+    else:
+        area = _area_of(shape) * (2 if given.two_sided else 1)
+        radiance = light(given.flux, place.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
+    return replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
+
+
+def _area_of(shape: Shape) -> float:
+    """Scene units squared, of a mesh or of spheres, that may be ellipsoids."""
+    if isinstance(shape.geometry, Mesh):
+        corners = shape.geometry.vertices[shape.geometry.faces]
+        edges = (corners[:, 1:] - corners[:, :1]) @ shape.world_from_object[0, :, :3].T
+        return float(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
+    linear = shape.world_from_object[0, :, :3]
+    z, weight = np.polynomial.legendre.leggauss(64)
+    phi = 2 * np.pi * (np.arange(128) + 0.5) / 128
+    r = np.sqrt(1 - z * z)[:, None]
+    unit_sphere = np.stack([r * np.cos(phi), r * np.sin(phi), np.broadcast_to(z[:, None], (64, 128))], axis=-1)
+    stretch = abs(np.linalg.det(linear)) * np.linalg.norm(unit_sphere @ np.linalg.inv(linear), axis=-1)
+    return float(2 * np.pi * weight @ stretch.mean(axis=1))
+
+
+def sky(
+    given: description.Sky | UnsetType, camera_up: Float64, place: Place, folder: Path, scene_unit: Unit
+) -> Sky | Environment | None:
+    """The sky in the unit of the scene, or None where the file has none. Raises SceneError.
+
+    folder : where relative paths start
+    """
+    if isinstance(given, UnsetType):
+        return None
+    factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
+    up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, place.field("up"), "up = [0, 1, 0]")
+    others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
+    found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
+    if not isinstance(given.file, UnsetType) and not found:
+        scale = 1.0 if isinstance(given.scale, UnsetType) else given.scale
+        rotation = 0.0 if isinstance(given.rotation, UnsetType) else given.rotation
+        return _environment(folder / given.file, factor * scale, rotation, up, place)
+    if isinstance(given.zenith, UnsetType) or found:
+        names = ("zenith", "horizon", "file", "scale", "rotation")
+        has = [name for name in names if not isinstance(getattr(given, name), UnsetType)]
+        raise place.error(
+            f"has {' and '.join(has) or 'no radiance'}, but a sky is `zenith`, perhaps with `horizon`, or `file`, "
+            "perhaps with `scale` and `rotation`.",
+            'For example: zenith = [0.3, 0.5, 1.0], or file = "sky.hdr".',
+        )
+    zenith = light(given.zenith, place.field("zenith"))
+    horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, place.field("horizon"))
+    return Sky(factor * zenith, factor * horizon, up)
+
+
+def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
+    """The environment map of a file. Raises SceneError; warns of what it clips."""
+    place, sky = place.field("file"), place
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place, read_image)
+    negative = np.count_nonzero(stored < 0)
+    if negative:
+        warn(
+            f"{place}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
+            "they were taken for 0, as light cannot be negative."
+        )
+    if stored.max() * scale > LARGEST:
+        raise sky.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")
+    return Environment(np.maximum(stored, 0.0).astype(np.float32), up, rotation, scale)

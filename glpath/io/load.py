@@ -1,0 +1,370 @@
+"""A scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
+
+msgspec says what is wrong and where; here its errors get the words of the scene format: the place as
+`file: shapes[3].material`, what was found, what is allowed, and the description of the field as the remedy.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import operator
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import numpy as np
+from msgspec import inspect
+
+from glpath.errors import SceneError
+from glpath.io.build import build
+from glpath.io.completed import NO_CAMERA, is_aside
+from glpath.io.convert import convert
+from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile
+from glpath.io.meshes import MESH_KEYS, mesh_of_table
+from glpath.io.other_names import meant_by
+from glpath.io.streams import Chunks
+from glpath.io.values import LARGEST
+from glpath.scene.camera import framing
+from glpath.scene.model import Mesh, Scene
+from glpath.scene.place import Place, shown
+from glpath.system.files import read_bytes
+
+_WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
+_WORDS |= {"array": "a list", "object": "a table"}
+_DEEPEST = 100
+# A key of a hundred parts, `a.a.a...`: tomllib's time goes by their square.
+_DEEP_KEY = re.compile(
+    r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
+)
+_LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
+_RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
+
+
+def read_scene_file(path: Path, later: float = 0.0) -> Scene:
+    """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
+
+    later : seconds that the camera's shutter opens and closes later than the file says
+    """
+    place = Place(str(path))
+    # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
+    if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
+        raise place.error(
+            "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
+        )
+    try:
+        content = read_bytes(path)
+    except OSError as error:
+        raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
+    return scene_from_toml(content, place, path.parent, path.stem, later)
+
+
+def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
+    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` as of
+    `read_scene_file`. Raises SceneError."""
+    try:
+        # As text is read: an end of line is "\n".
+        text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise place.error(
+            f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."
+        ) from error
+    try:
+        if _DEEP_KEY.search(text):
+            raise RecursionError  # before tomllib takes minutes for it
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(error, text, place) from error
+    except RecursionError as error:
+        raise _too_deep(place) from error
+    except ValueError as error:  # of an integer of thousands of digits
+        raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
+    if "camera" not in data and is_aside("camera"):
+        _check_no_camera_is_needed(data, place)
+        camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
+        scene = scene_of({**data, "camera": camera}, place, folder, name, later)
+        return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
+    return scene_of(data, place, folder, name, later)
+
+
+def _check_no_camera_is_needed(data: Mapping[str, Any], place: Place) -> None:
+    """Raise SceneError where a scene file without a camera has what goes by the camera or by what is up in it."""
+
+    def needs(field: Place, what: str, example: str) -> SceneError:
+        return field.error(
+            f"is missing: {what} goes by the camera's `up` without it, and the file has no camera.",
+            f"For example {example}.",
+        )
+
+    lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
+    for index, each in enumerate(shapes if isinstance(shapes, list) else ()):
+        if isinstance(each, dict) and "pixels" in each:
+            here = place.field("shapes").item(index).field("pixels")
+            raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
+    for index, each in enumerate(lights if isinstance(lights, list) else ()):
+        if isinstance(each, dict) and "profile" in each and "direction" not in each:
+            here = place.field("lights").item(index).field("direction")
+            raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
+    if isinstance(sky, dict) and "up" not in sky and ("file" in sky or "horizon" in sky):
+        raise needs(place.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
+
+
+def scene_from_dict(
+    data: Mapping[str, Any], *, source: str = "scene", folder: Path | None = None, name: str | None = None
+) -> Scene:
+    """The scene that a dictionary of the scene format describes; numpy arrays may stand for lists.
+
+    Parameters
+    ----------
+    data   : what `tomllib` makes of a scene file
+    source : how errors and `Scene.source` name it
+    folder : where relative paths of mesh files start; the current folder without it
+    name   : the name of a scene which does not name itself; `source` without it
+    """
+    return scene_of(data, Place(source), folder or Path(), name or source)
+
+
+def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
+    """See `scene_from_dict`; `place` is that of the whole dictionary, for errors."""
+    data, meshes = _without_meshes(data, place)
+    try:
+        plain = _plain(data)
+    except RecursionError as error:
+        raise _too_deep(place) from error
+    keys = _unusable(plain)
+    if keys is not None:
+        number, here = plain, place
+        for key in keys:
+            number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
+        raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+    _name_default_types(plain)
+    try:
+        file = convert(plain, SceneFile)
+    except msgspec.ValidationError as error:
+        raise _explained(error, SceneFile, plain, place) from error
+    opened, closed = file.camera.shutter
+    file.camera.shutter = (opened + later, closed + later)
+    return build(file, place, folder, name, meshes)
+
+
+def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
+    """`data` without meshes that are arrays or objects and without streams, and these by the index of their shape.
+
+    A million faces as lists would take a minute and a gigabyte.
+    """
+    if not isinstance(data.get("shapes"), list | tuple):
+        return data, {}
+    known: dict[int, Mesh] = {}  # of trimesh, by identity: instances share a mesh
+    meshes: dict[int, Mesh | Chunks] = {}
+    shapes = []
+    for index, shape in enumerate(data["shapes"]):
+        here = place.field("shapes").item(index)
+        if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
+            meshes[index] = shape["stream"]
+            shapes.append({key: value for key, value in shape.items() if key != "stream"} | {"type": "stream"})
+            continue
+        found = mesh_of_table(shape, here, known) if isinstance(shape, Mapping) else None
+        if found is not None:
+            meshes[index] = found
+            shape = {key: value for key, value in shape.items() if key not in MESH_KEYS} | {"type": "mesh"}
+        shapes.append(shape)
+    return {**data, "shapes": shapes}, meshes
+
+
+def _plain(value: Any, depth: int = 0) -> Any:
+    """`value` with numpy and tuples made lists. Raises RecursionError beyond what any scene has."""
+    if depth > _DEEPEST:
+        raise RecursionError
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, depth + 1) for item in value]
+    return value
+
+
+def _unusable(value: Any) -> list[str | int] | None:
+    """The keys that lead to the first number which is NaN, infinite or beyond what the GPU holds."""
+    if isinstance(value, float | int):
+        return None if abs(value) <= LARGEST else []
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        rest = _unusable(item)
+        if rest is not None:
+            return [key, *rest]
+    return None
+
+
+def _name_default_types(data: Any) -> None:
+    """A material without a type is diffuse, a camera perspective; msgspec has no default among several types."""
+    camera = data.get("camera")
+    if isinstance(camera, dict):
+        camera.setdefault("type", "perspective")
+    materials = data.get("materials")
+    for material in materials.values() if isinstance(materials, dict) else ():
+        if isinstance(material, dict):
+            material.setdefault("type", "diffuse")
+
+
+def _too_deep(place: Place) -> SceneError:
+    return place.error(
+        "has tables or lists in each other, a hundred deep or more; a scene needs five.",
+        "`glpath schema` prints the format.",
+    )
+
+
+def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> SceneError:
+    found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
+    if not found:
+        return place.error(f"is not valid TOML: {error}.")
+    lines = text.splitlines() or [""]
+    number = int(found[2] or len(lines))
+    column = int(found[3] or len(lines[-1]) + 1)
+    return Place(place.source, f"line {number}, column {column}").error(
+        f"is not valid TOML: {found[1]}.", f"{lines[min(number, len(lines)) - 1]}\n{' ' * (column - 1)}^"
+    )
+
+
+def _other_files(path: Path) -> str:
+    if not os.path.isdir(path.parent):
+        return f"There is no folder {path.parent} either."
+    others = [file.name for file in path.parent.glob("*.toml")]
+    nearest = difflib.get_close_matches(path.name, others, 8, 0) or ["none"]
+    return f"Scene files in {path.parent}: {', '.join(nearest)}. `glpath scenes` lists the shipped ones."
+
+
+# --- msgspec's errors in the words of the scene format ---
+
+
+def _explained(error: msgspec.ValidationError, kind: Any, data: Any, place: Place) -> SceneError:
+    """The SceneError for a failed conversion of `data`, which stands at `place`, to the type `kind`."""
+    text, _, path = str(error).partition(" - at `$")
+    keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
+    declared: Any = inspect.type_info(kind)
+    owner, description = declared, ""
+    for name, index in keys:
+        if index == "...":  # msgspec does not say which value of a table it means
+            return _first_bad_entry(declared, data, place)
+        if name:
+            owner = _meant(declared, data)
+            declared = _field_type(owner, name)
+            description = _description(declared) or description
+            data, place = data.get(name) if isinstance(data, dict) else None, place.field(name)
+        else:
+            declared = getattr(_meant(declared, data), "item_type", None)
+            data, place = data[int(index)], place.item(int(index))
+    return _in_words(text, _meant(declared, data), owner, data, description, place)
+
+
+def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str, place: Place) -> SceneError:
+    if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
+        allowed = _field_names(declared)
+        return place.field(found[1]).error(
+            f"is not a field of {_title(declared)}. Allowed: {', '.join(allowed)}.",
+            _instead_of(found[1], declared, allowed),
+        )
+    if found := re.fullmatch(r"Object missing required field `(.*)`", text):
+        missing = found[1]
+        about = _description(_field_type(declared, missing))
+        if missing == "type":
+            about = f"type is one of: {', '.join(_tags(declared))}."
+        return place.error(f"lacks the field `{missing}`, which must be there.", about)
+    if re.fullmatch(r"Invalid (enum )?value .*", text):
+        is_choice = isinstance(declared, inspect.LiteralType)
+        tags = [str(each) for each in declared.values] if is_choice else _tags(owner)
+        near = difflib.get_close_matches(str(data), tags, 1)
+        return place.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
+    if found := re.fullmatch(r"Expected `([\w |]+)`(?: of length)?(?: ([<>]=?) (\S+)| (\d+))?(?:, got .*)?", text):
+        kinds, relation, limit, length = found.groups()
+        allowed_text = " or ".join(_WORDS.get(word, word) for word in kinds.split(" | "))
+        if length:
+            allowed_text = f"a list of {length} {'numbers' if length in '234' else 'values'}"
+            return place.error(f"is {shown(data)}, a list of {len(data)}, but must be {allowed_text}.", description)
+        if relation:
+            number = f"{float(limit):g}"
+            allowed_text += f" {'with a length ' if kinds == 'array' else ''}{_RELATIONS[relation]} {number}"
+        return place.wrong(data, allowed_text, description)
+    return place.error(f"cannot be used: {text}.", description)
+
+
+def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
+    """What to do about a field that there is not: what it is called here, or which type has it."""
+    if name.lower() in _LIGHT and "reflectance" in allowed:
+        return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
+    if meant := meant_by(name, allowed):
+        return f"Did you mean `{meant}`?"
+    for union in (AnyMaterial, AnyShape, AnyLight):
+        if declared.cls not in get_args(union):
+            continue
+        for other in map(inspect.type_info, get_args(union)):
+            fields = _field_names(other)
+            there = name if name in fields else meant_by(name, fields)
+            if there:
+                return f"`{there}` is a field of the type {shown(other.tag)}."  # type: ignore[attr-defined]
+    near = difflib.get_close_matches(name, allowed, 1)
+    return f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format."
+
+
+def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
+    """The error of the first value of a table (of materials, of textures) that does not convert to its type."""
+    each = _meant(table, data).value_type
+    kind = str if isinstance(each, inspect.StrType) else functools.reduce(operator.or_, (m.cls for m in each.types))
+    for name, value in data.items():
+        try:
+            convert(value, kind)
+        except msgspec.ValidationError as error:
+            return _explained(error, kind, value, place.field(name))
+    raise AssertionError("msgspec refused a table of which it takes every value")
+
+
+def _meant(declared: Any, data: Any) -> Any:
+    """The declared type without its metadata; of a union the member that `data` was meant to be."""
+    while isinstance(declared, inspect.Metadata):
+        declared = declared.type
+    if not isinstance(declared, inspect.UnionType):
+        return declared
+    members = [_meant(member, data) for member in declared.types]
+    if isinstance(data, list):
+        return next((member for member in members if isinstance(member, inspect.ListType)), declared)
+    structs = [member for member in members if isinstance(member, inspect.StructType)]
+    tag = data.get("type") if isinstance(data, dict) else None
+    return next((member for member in structs if len(structs) == 1 or member.tag == tag), declared)
+
+
+def _field_type(owner: Any, name: str) -> Any:
+    return next((field.type for field in getattr(owner, "fields", ()) if field.encode_name == name), owner)
+
+
+def _field_names(declared: Any) -> list[str]:
+    names = [field.encode_name for field in getattr(declared, "fields", ())]
+    return ["type", *names] if getattr(declared, "tag_field", None) else names
+
+
+def _tags(declared: Any) -> list[str]:
+    declared = _meant(declared, None)
+    members = declared.types if isinstance(declared, inspect.UnionType) else (declared,)
+    return sorted(str(member.tag) for member in members if isinstance(member, inspect.StructType))
+
+
+def _title(declared: Any) -> str:
+    tag = getattr(declared, "tag", None)
+    return (
+        f"the type {shown(tag)}" if tag else {"SceneFile": "a scene file"}.get(declared.cls.__name__, "this table")
+    )
+
+
+def _description(declared: Any) -> str:
+    while isinstance(declared, inspect.Metadata):
+        about = (declared.extra_json_schema or {}).get("description")
+        if about:
+            return str(about)
+        declared = declared.type
+    if isinstance(declared, inspect.UnionType):
+        return next((about for member in declared.types if (about := _description(member))), "")
+    return ""

@@ -1,0 +1,197 @@
+"""The materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
+
+Image files are read as they are, without their rotation tags and colour profiles; with the transparency of a PNG
+where a material's alpha is "mask" or "blend".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import UNSET, UnsetType
+from numpy.typing import NDArray
+
+from glpath.errors import warn
+from glpath.film.image import encode_srgb, read_eight_bits, read_image
+from glpath.io import description
+from glpath.io.description import (
+    MAX_TEXTURE_PIXELS,
+    AnyMaterial,
+    AnyTexture,
+    Phong,
+    Principled,
+)
+from glpath.io.scene_pictures import stored_picture
+from glpath.io.values import rgb, share, unknown
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
+from glpath.scene.place import Place
+
+_NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
+FORMATS = (".png", ".jpg", ".jpeg", ".exr")
+
+
+def materials(
+    given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], place: Place
+) -> tuple[Material, ...]:
+    """Those of the file; `place` is their table's. Raises SceneError."""
+    return tuple(_material(name, each, texture_number, place.field(name)) for name, each in given.items())
+
+
+def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
+    return replace(
+        _reflecting(name, given, texture_number, place),
+        normal_texture=_slot(given.normal_texture, texture_number, place.field("normal_texture")),
+        normal_scale=given.normal_scale,
+        emission_texture=_slot(given.emission_texture, texture_number, place.field("emission_texture")),
+        alpha=given.alpha,
+        cutoff=given.cutoff,
+        opacity=given.opacity,
+    )
+
+
+def _reflecting(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
+    texture = _slot(given.texture, texture_number, place.field("texture"))
+    reflectance = given.reflectance
+    if isinstance(reflectance, UnsetType):
+        reflectance = 0.5 if texture is None else 1.0
+    diffuse = share(
+        reflectance,
+        place.field("reflectance"),
+        "A surface reflects at most what it receives; 0.8 is a white wall. Light is an emission.",
+    )
+    if isinstance(given, Principled):
+        return _principled(name, given, diffuse, texture, texture_number, place)
+    if not isinstance(given, Phong):
+        return Material(name, diffuse, given.two_sided, texture=texture)
+    specular = rgb(given.specular)
+    if np.any(specular < 0):
+        raise place.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
+    mirror = share(given.mirror, place.field("mirror"), "1 is a perfect mirror, 0 none.")
+    return Material(name, diffuse, given.two_sided, specular, given.exponent, mirror, texture)
+
+
+def _principled(
+    name: str,
+    given: Principled,
+    base: Float64,
+    texture: TextureSlot | None,
+    texture_number: Mapping[str, int],
+    place: Place,
+) -> Material:
+    colour, attenuation = rgb(given.specular_color), rgb(given.attenuation)
+    for field, value in (("specular_color", colour), ("attenuation", attenuation)):
+        if np.any(value < 0):
+            raise place.field(field).wrong(getattr(given, field), "0 or more")
+    return Material(
+        name,
+        base,
+        given.two_sided,
+        texture=texture,
+        specular_weight=given.specular,
+        specular_colour=colour,
+        attenuation=attenuation,
+        clearcoat_roughness=given.clearcoat_roughness,
+        roughness=given.roughness,
+        metallic=given.metallic,
+        anisotropy=given.anisotropy,
+        anisotropy_angle=given.anisotropy_angle,
+        ior=given.ior,
+        transmission=given.transmission,
+        thin=given.thin,
+        clearcoat=given.clearcoat,
+        surface_texture=_slot(given.surface_texture, texture_number, place.field("surface_texture")),
+        transmission_texture=_slot(given.transmission_texture, texture_number, place.field("transmission_texture")),
+    )
+
+
+def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Place) -> TextureSlot | None:
+    if isinstance(given, UnsetType):
+        return None
+    if given not in texture_number:
+        raise unknown("texture", given, list(texture_number), place, 'type = "checker" or "image"')
+    return TextureSlot(texture_number[given])
+
+
+class _Use(NamedTuple):
+    """What materials do with a texture: look through its alpha; take it for colours; take it for light alone."""
+
+    alpha: bool
+    colour: bool
+    shines: bool
+
+
+def textures(
+    given: Mapping[str, AnyTexture],
+    used_by: Mapping[str, AnyMaterial],
+    place: Place,
+    folder: Path,
+    heights: Collection[str] = (),
+) -> tuple[Texture, ...]:
+    """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError.
+
+    used_by : materials by name: those that look through alpha, and those that read what is no colour
+    heights : names of those that displace surfaces
+    """
+    alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
+    values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS} | set(heights)
+    colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
+    shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
+    for name in given:
+        if name in values and name in colours:
+            raise place.field(name).error(
+                "is used both for colours and for what is no colour: a normal map, roughness, transmission or "
+                "a displacement.",
+                "Give the picture two names, one for each.",
+            )
+    return tuple(
+        _texture(name, each, place.field(name), folder, _Use(name in alpha, name not in values, name in shining))
+        for name, each in given.items()
+    )
+
+
+def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use) -> Texture:
+    u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
+    if not (u > 0 and v > 0):
+        raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
+    if isinstance(given, description.Image):
+        path = folder / given.file
+        image = _picture(path, place.field("file"), use.shines)
+        bytes_ = image.dtype == np.uint8
+        if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
+            image = encode_srgb(image.astype(np.float64)).astype(np.float32)
+        if not use.alpha:
+            image = image[..., :3].copy()
+        wrap = (given.wrap, given.wrap)
+        return Texture(name, image, (u, v), given.filter, srgb=bytes_ and use.colour, wrap=wrap)
+    colors = place.field("colors")
+    remedy = "They multiply the reflectance of the material."
+    first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
+    return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
+
+
+def _as_stored(path: Path) -> Float64 | NDArray[np.uint8]:
+    eight_bits = read_eight_bits(path)
+    return read_image(path) if eight_bits is None else eight_bits
+
+
+def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
+    """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
+
+    Row 0 is the top. What `shines` may be above 1. Raises SceneError; warns of what it clips.
+    """
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place, _as_stored)
+    if stored.dtype == np.uint8:
+        return stored.astype(np.uint8, copy=False)
+    if shines:
+        return np.maximum(stored, 0).astype(np.float32)
+    beyond = np.count_nonzero((stored < 0) | (stored > 1))
+    if beyond:
+        warn(
+            f"{place}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
+            f"{stored.min():.3g} and up to {stored.max():.3g}; they were clipped, as no surface reflects so."
+        )
+    return np.clip(stored, 0, 1).astype(np.float32)

@@ -1,0 +1,126 @@
+"""OBJ with its MTL, PLY and STL as models: a shape for each material, with textures and colours [trimesh]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from glpath.io.from_trimesh import coloured, surface_of_colours
+from glpath.io.gltf import Model
+from glpath.io.gltf.surfaces import Surface
+from glpath.io.meshes import MeshFile, mesh_of_loaded, read_mesh_file, which
+from glpath.io.mtl import Library
+from glpath.io.pictures import Pictures, UnusableError
+from glpath.io.values import LARGEST
+from glpath.scene.geometry import IDENTITY
+from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
+from glpath.scene.place import Place
+from glpath.scene.tessellate import with_area, without_area
+
+_GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
+
+
+def read_mesh_model(path: Path, place: Place) -> Model:
+    """The model of an OBJ, PLY or STL file; `place` is where it is named. Raises SceneError as `read_mesh`.
+
+    Warns of triangles without area.
+    """
+    file = read_mesh_file(path, place, colours=True)
+    return _Reader(path, place, file).model()
+
+
+@dataclass
+class _Reader:
+    path: Path
+    place: Place
+    file: MeshFile
+    surfaces: list[Surface] = field(default_factory=list)
+    textures: list[Texture] = field(default_factory=list)
+    notes: dict[str, None] = field(default_factory=dict)
+
+    def model(self) -> Model:
+        library = Library(self.path.parent, self.textures, self.notes)
+        plain = self.file.obj
+        for name in plain.libraries if plain is not None else ():
+            library.add(name)
+        shapes: list[Shape] = []
+        uses_colours = False
+        for loaded in sorted(
+            self.file.meshes, key=self._number
+        ):  # which trimesh hands out from the last to the first
+            number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
+            if not np.all(np.abs(mesh.vertices) <= LARGEST):
+                told = which(self.path, self.place)
+                raise self.place.error(
+                    f"{told}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                    "Choose a larger unit of length.",
+                )
+            if plain is not None and number >= 0:
+                name = plain.materials[number]
+                surface = self._with_coordinates(library.surface(name) or _GREY, mesh)
+            else:
+                name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
+                mesh, surface = self._plain(mesh, loaded)
+                uses_colours |= surface.material.name in ("colours", "colour")
+            mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+            if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
+                self.notes[f'"{name}", which has no area.'] = None
+                continue
+            mesh = with_area(mesh, IDENTITY, name, self.place)
+            shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
+        if self.file.coloured and not uses_colours:
+            self.notes["Colours, of some vertices only or beside materials, textures or their coordinates."] = None
+        return Model(
+            source=str(self.path),
+            name=self.path.stem,
+            shapes=tuple(shapes),
+            materials=tuple(surface.material for surface in self.surfaces),
+            textures=tuple(self.textures),
+            lights=(),
+            cameras=(),
+            camera=None,
+            notes=tuple(self.notes),
+        )
+
+    def _number(self, loaded: Any) -> int:
+        """Of its material in an OBJ; -1 without."""
+        name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
+        return int(name) if self.file.obj is not None and name.isdecimal() else -1
+
+    def _index(self, surface: Surface) -> int:
+        for index, known in enumerate(self.surfaces):
+            if known is surface:
+                return index
+        self.surfaces.append(surface)
+        return len(self.surfaces) - 1
+
+    def _with_coordinates(self, surface: Surface, mesh: Mesh) -> Surface:
+        """Without textures where the mesh has no coordinates for them."""
+        if mesh.uv is not None or not surface.material.slots:
+            return surface
+        self.notes["Textures of faces without texture coordinates."] = None
+        material = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
+        return replace(surface, material=material)
+
+    def _plain(self, mesh: Mesh, loaded: Any) -> tuple[Mesh, Surface]:
+        """What has no material is grey, or of its colours, or of the texture of a PLY."""
+        mesh = coloured(mesh, loaded)
+        # Colours beside a texture are the same again, as scanners' programs write them.
+        if self.file.texture is not None:
+            return mesh, self._with_coordinates(self._textured(self.file.texture), mesh)
+        if mesh.colours is None:
+            return mesh, _GREY
+        return surface_of_colours(mesh)
+
+    def _textured(self, name: str) -> Surface:
+        try:
+            image = Pictures(self.path.parent).read(name)
+        except UnusableError as error:
+            self.notes[f'The texture "{name}", {error}.'] = None
+            return _GREY
+        self.textures.append(Texture(name, image[..., :3], srgb=image.dtype == np.uint8))
+        slot = TextureSlot(len(self.textures) - 1)
+        return Surface(Material("texture", np.ones(3), texture=slot), np.zeros(3))

@@ -1,0 +1,330 @@
+"""Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
+
+trimesh takes most of a second to import, so it is imported when the first mesh file is read.
+Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
+materials, colours and pictures in its file are not (`mesh_models` uses them), which a SceneWarning says. No normals
+are made up where it has none.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError, warn
+from glpath.io import obj
+from glpath.io.precision import step_at, warn_of_steps
+from glpath.io.text import decoded
+from glpath.io.values import LARGEST, nearby_files
+from glpath.scene.geometry import unit_normals
+from glpath.scene.model import Float64, Mesh
+from glpath.scene.place import Place
+from glpath.scene.tessellate import split_faces
+from glpath.system.files import read_bytes
+
+FORMATS = (".obj", ".ply", ".stl")
+# In the header of a PLY.
+_RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
+_TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
+_SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
+_COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
+#: What describes the geometry of a mesh in a dictionary.
+MESH_KEYS = ("mesh", "vertices", "faces", "uv")
+
+
+def inline_mesh(vertices: list[tuple[float, float, float]], faces: list[list[int]], place: Place) -> Mesh:
+    """Of vertices, and faces of three or four of them; `place` is the shape's. Raises SceneError."""
+    for name, given in (("vertices", vertices), ("faces", faces)):
+        if not given:
+            raise place.field(name).error("is empty, but a mesh needs three vertices and one face.")
+    for index, face in enumerate(faces):
+        for vertex in face:
+            if not 0 <= vertex < len(vertices):
+                raise _no_such_vertex(place.field("faces").item(index), vertex, len(vertices))
+    return Mesh(np.array(vertices, np.float64), split_faces(faces))
+
+
+def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]) -> Mesh | None:
+    """The mesh of a shape's table where it is an object or arrays; None where it is described by plain values.
+
+    place : the shape's
+    known : meshes of trimesh's, by identity, which grows
+    """
+    if table.get("type", "mesh") != "mesh":
+        return None
+    given = table.get("mesh")
+    if given is not None:
+        others = [key for key in (*MESH_KEYS[1:], "file") if key in table]
+        if others:
+            raise place.error(f"has mesh and {' and '.join(others)}, but a mesh is one of them.", "Leave one away.")
+        if isinstance(given, Mesh):
+            return given
+        trimesh = sys.modules.get("trimesh")
+        if trimesh is None or not isinstance(given, trimesh.Trimesh):
+            raise place.field("mesh").error(
+                f"is a {type(given).__name__}, but must be a trimesh.Trimesh.",
+                "Arrays go into `vertices` and `faces`; a trimesh.Scene is a scene: load_scene(it).",
+            )
+        if id(given) not in known:
+            known[id(given)] = mesh_of_trimesh(given, place.field("mesh"))
+        return known[id(given)]
+    arrays = [table.get(key) for key in MESH_KEYS[1:]]
+    if (
+        "file" in table
+        or not all(isinstance(each, np.ndarray) for each in arrays[:2])
+        or not isinstance(arrays[2], np.ndarray | None)
+    ):
+        return None
+    return mesh_of_arrays(arrays[0], arrays[1], arrays[2], place)  # type: ignore[arg-type]
+
+
+def mesh_of_trimesh(mesh: Any, place: Place) -> Mesh:
+    """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
+    uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
+    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, place)
+    normals = _of_each(_given_normals(mesh), mesh, 3)
+    return made if normals is None else replace(made, normals=unit_normals(normals))
+
+
+def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, place: Place) -> Mesh:
+    """Of vertices (V, 3), faces (F, 3) or (F, 4) and texture coordinates (V, 2). Raises SceneError.
+
+    Faces of four are split along the line from the first vertex to the third. `place` is the shape's.
+    """
+    numbers, whole = "numbers", "whole numbers"
+    for name, array, columns, kinds, what in (
+        ("vertices", vertices, (3,), "fiu", numbers),
+        ("faces", faces, (3, 4), "iu", whole),
+        ("uv", uv, (2,), "fiu", numbers),
+    ):
+        if array is None:
+            continue
+        if array.ndim != 2 or array.shape[1] not in columns or array.dtype.kind not in kinds or not len(array):
+            allowed = " or ".join(f"(n, {width})" for width in columns)
+            raise place.field(name).error(
+                f"is an array of shape {array.shape} and type {array.dtype}, but must be {what} of shape "
+                f"{allowed}, n at least 1.",
+                "One row for each face, of vertices counted from 0." if name == "faces" else "",
+            )
+        beyond = np.argwhere(~(np.abs(array) <= LARGEST))
+        if name != "faces" and len(beyond):
+            row, column = beyond[0]
+            raise (
+                place.field(name)
+                .item(int(row))
+                .item(int(column))
+                .wrong(float(array[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+            )
+    beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
+    if len(beyond):
+        row, column = beyond[0]
+        raise _no_such_vertex(place.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
+    if uv is not None and len(uv) != len(vertices):
+        raise place.field("uv").error(
+            f"has {len(uv)} pairs, but the mesh has {len(vertices)} vertices.",
+            "List one pair [u, v] for each vertex, in the same order.",
+        )
+    if faces.shape[1] == 4:
+        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    return Mesh(
+        np.array(vertices, np.float64), faces.astype(np.int32), None if uv is None else np.array(uv, np.float64)
+    )
+
+
+def read_mesh(path: Path, place: Place) -> Mesh:
+    """The mesh of a file, with texture coordinates where the file has them for all faces, and so with normals.
+
+    `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
+    broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
+    """
+    file = read_mesh_file(path, place, colours=False)
+    _warn_of_what_is_dropped(path, file)
+    meshes = [mesh_of_loaded(mesh, path) for mesh in file.meshes]
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(faces),
+        _joined([mesh.uv for mesh in meshes]),
+        _joined([mesh.normals for mesh in meshes]),
+    )
+
+
+def _joined(parts: list[Float64 | None]) -> Float64 | None:
+    """One array of all; None where a mesh has none."""
+    there = [part for part in parts if part is not None]
+    return np.concatenate(there) if len(there) == len(parts) else None
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What trimesh makes of a file.
+
+    meshes   : objects of trimesh, each with faces
+    obj      : the file in plain form, where it is an OBJ
+    texture  : the name of the picture that a PLY has
+    coloured : vertices or faces have colours, in the file
+    single   : its vertices are numbers of 32 bits
+    """
+
+    meshes: list[Any]
+    obj: obj.Plain | None = None
+    texture: str | None = None
+    coloured: bool = False
+    single: bool = False
+
+
+def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
+    """What a file holds. `place` and errors as of `read_mesh`.
+
+    colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise place.wrong(
+            str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
+        )
+    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
+        raise place.error(
+            f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
+            nearby_files("Mesh files", path, FORMATS),
+        )
+    try:
+        file = _parse(path, colours)
+    except SceneError:
+        raise
+    except Exception as error:  # trimesh raises whatever its parsers run into
+        reason = f"{type(error).__name__}: {error}".rstrip(" .!")
+        raise place.error(
+            f"{which(path, place)}cannot be read as {path.suffix[1:].upper()}: {reason}.",
+            "Open the file in another program to see whether it is whole, and write it anew.",
+        ) from error
+    if not file.meshes:
+        raise place.error(
+            f"{which(path, place)}has no triangles.",
+            "The file is empty, broken, of another format than its suffix says, or holds points or lines only.",
+        )
+    if file.single:
+        corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
+        if np.isfinite(corners).all():
+            low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+            source = place if place == Place(str(path)) else f"{place} names {path}:"
+            warn_of_steps(source, step_at(low, high), low, high)
+    return file
+
+
+def which(path: Path, place: Place) -> str:
+    """How a sentence about a file begins where `place` names it: with its name, but not of a model by itself."""
+    return "" if place == Place(str(path)) else f"names {path}, which "
+
+
+def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
+    """A mesh of trimesh's that was read from a file, without its colours. Raises SceneError for what is broken."""
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
+    if len(beyond):
+        face, corner = beyond[0]
+        raise _no_such_vertex(Place(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
+    uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
+    normals = _of_each(_given_normals(mesh), mesh, 3)
+    for name, values in (("vertex", vertices), ("texture coordinate", uv), ("normal of vertex", normals)):
+        if values is not None and not np.isfinite(values).all():
+            number = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
+            raise Place(str(path), f"{name} {number}").wrong(
+                values[number], f"{'two' if values is uv else 'three'} finite numbers", "Mend the file."
+            )
+    return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else unit_normals(normals))
+
+
+def _given_normals(mesh: Any) -> Any:
+    """Those of the vertices of a mesh of trimesh, which it was given; None without.
+
+    The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
+    exporters ask in this way).
+    """
+    return mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+
+
+def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
+    """(V, width) of a mesh's vertices; None where they are not of all."""
+    if values is None or np.shape(values) != (len(mesh.vertices), width):
+        return None
+    return np.array(values, np.float64)
+
+
+def _parse(path: Path, colours: bool) -> MeshFile:
+    import trimesh
+
+    suffix, content = path.suffix.lower(), read_bytes(path)
+    plain, texture = None, None
+    options: dict[str, Any] = {}
+    if suffix == ".obj":
+        plain = obj.plain(content, str(path))
+        content = plain.text
+        options = {"resolver": obj.NamesOnly(len(plain.materials))}
+    elif suffix == ".ply":
+        header, end, _ = content.partition(b"end_header")
+        if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
+            return MeshFile([])
+        content, texture = _plain_ply(content, colours)
+        options = {"skip_materials": True}
+    loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
+    # One by one, as `load_mesh` joins them and forgets the normals.
+    meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
+    meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    for mesh in meshes:
+        for array in (mesh.vertices, mesh.faces):
+            if np.ndim(array) != 2 or np.shape(array)[1] != 3:
+                raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
+    coloured = (
+        plain.coloured
+        if plain is not None
+        else suffix == ".ply" and _RED.search(content.partition(b"end_header")[0]) is not None
+    )
+    single = False
+    if suffix == ".stl":  # binary, which may begin as one of text does
+        single = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
+    elif suffix == ".ply":  # of text as well, which trimesh takes at its word
+        single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
+    return MeshFile(meshes, plain, texture, coloured, single)
+
+
+def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
+    """The file with an ASCII header (comments may hold names that are not), and the name of its texture."""
+    header, end, rest = content.partition(b"end_header")
+    named = re.search(rb"^comment TextureFile\s+(.*?)\s*$", header, re.MULTILINE)
+    texture = decoded(named[1]) if named else None
+    if colours and texture is None and _RED.search(header):
+        header = _COORDINATES.sub(rb"\1unused_\2", header)
+    return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, texture
+
+
+def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
+    kinds = {getattr(mesh.visual, "kind", None) for mesh in file.meshes}
+    dropped = {f"{kind} colours" for kind in kinds if kind in ("vertex", "face")}
+    if file.texture is not None:
+        dropped.add("a texture")
+    if file.obj is not None and (file.obj.materials or file.obj.libraries):
+        dropped.add("materials")
+    if file.obj is not None and file.obj.coloured:
+        dropped.add("vertex colours")
+    if dropped:
+        warn(
+            f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
+            "scene gives it. In an [[assets]] table the file has its own."
+        )
+
+
+def _no_such_vertex(place: Place, vertex: int, count: int) -> SceneError:
+    return place.error(
+        f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
+        "Face indices count from 0; OBJ files count from 1.",
+    )

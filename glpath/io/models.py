@@ -1,0 +1,129 @@
+"""Model files: shapes with materials and textures of their own, and lights and cameras where the format has them.
+
+A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from glpath.errors import UsageError, warn
+from glpath.film.units import Unit
+from glpath.io.completed import NO_CAMERA, RESOLUTION, completed
+from glpath.io.gltf import Model, ModelCamera, read_gltf
+from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.gltf.document import read_document
+from glpath.io.gltf.lights import camera_of
+from glpath.io.gltf.nodes import Nodes
+from glpath.io.mesh_models import read_mesh_model
+from glpath.io.meshes import FORMATS as MESH_FORMATS
+from glpath.scene.check import check_camera
+from glpath.scene.model import Camera, Scene, Shapes
+from glpath.scene.place import Place
+
+#: Of the files that are read as models.
+FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
+
+
+def read_gltf_as_asked(
+    path: Path,
+    *,
+    camera: Annotated[
+        int | str, Meta(description="name or number, from 0, of one of the file's cameras, or first")
+    ] = "first",
+    time: Annotated[
+        Annotated[float, Meta(ge=0)] | Literal["rest"],
+        Meta(description="seconds into the file's animations, from 0, or rest"),
+    ] = "rest",
+    shutter: Annotated[
+        float, Meta(ge=0, description="seconds, from time on, that the shutter is open for what moves")
+    ] = 0.0,
+    light_factor: Annotated[
+        float,
+        Meta(
+            ge=0,
+            description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
+        ),
+    ] = 1.0,
+    unit: Annotated[
+        Unit,
+        Meta(description="photometric (cd, lx, cd/m2) or radiometric, what the file's numbers of light are"),
+    ] = "photometric",
+) -> Model:
+    """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
+    wanted: int | str | None = None if camera == "first" else camera
+    if isinstance(wanted, str) and wanted.isdecimal():
+        wanted = int(wanted)
+    if shutter and time == "rest":
+        raise UsageError(f"shutter is {shutter:g}, but the model is at rest.", "Say when it opens: -D time=0.")
+    return read_gltf(
+        path,
+        time=None if time == "rest" else time,
+        shutter=shutter,
+        camera=wanted,
+        light_factor=light_factor,
+        unit=unit,
+    )
+
+
+def read_model(path: Path, place: Place, time: float | None = None, shutter: float = 0.0) -> Model:
+    """The model of a file of one of `FORMATS`; `place` is where it is named. Raises SceneError.
+
+    time, shutter : as of `read_gltf`
+    """
+    if path.suffix.lower() in GLTF_FORMATS:
+        return read_gltf(path, time=time, shutter=shutter)
+    return read_mesh_model(path, place)
+
+
+def gltf_cameras(path: Path) -> tuple[str, ...]:
+    """The names of the cameras that the parameter `camera` chooses from, in order. Raises SceneError."""
+    document = read_document(path)
+    nodes = Nodes.of(document, {})
+    found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)
+    return tuple(camera.name for camera in found if camera is not None)
+
+
+def scene_of_model(model: Model) -> Scene:
+    """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used."""
+    place = Place(model.source)
+    if not model.shapes:
+        raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
+    for note in model.notes:
+        warn(f"{model.source}: not used: {note}")
+    scene = Scene(
+        name=model.name,
+        camera=replace(NO_CAMERA if model.camera is None else _camera(model.camera), shutter=model.shutter),
+        shapes=Shapes(model.shapes),
+        materials=model.materials,
+        source=model.source,
+        textures=model.textures,
+        lights=model.lights,
+        unit=model.unit or "radiometric",
+    )
+    if model.camera is not None:
+        check_camera(scene.camera, place)
+    return completed(scene, has_camera=model.camera is not None, glow_is_light=False)
+
+
+def _camera(given: ModelCamera) -> Camera:
+    """With a resolution: the longer side as that of `RESOLUTION`, the other by the aspect."""
+    longest = max(RESOLUTION)
+    aspect = given.aspect or 1.0
+    width, height = (longest, longest / aspect) if aspect >= 1 else (longest * aspect, longest)
+    size = max(1, round(width)), max(1, round(height))
+    return Camera(
+        given.position,
+        given.target,
+        np.asarray(given.up),
+        given.fov,
+        size,
+        projection=given.projection,
+        height=given.height,
+        motion=given.motion,
+    )

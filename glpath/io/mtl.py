@@ -1,0 +1,346 @@
+"""MTL: the materials of OBJ files, as surfaces of microfacets, with their textures.
+
+Colours are linear, as Blender writes them. What the statements become:
+
+    Kd map_Kd             reflectance and its texture
+    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
+    Pr Pm Pc Pcr aniso    roughness, metal, varnish, brush, in place of Ks and Ns; map_Pr and map_Pm multiply
+    d, or Tr, map_d       opacity, blended
+    illum 4, 6, 7, 9      glass of index Ni and colour Tf, where d or Tf lets light through (6 and 7: always); that
+                          of 6 and 7 refracts. Sharp, as in the ray tracers that these were made for
+    Ke map_Ke             emission, W sr^-1 m^-2
+    norm, map_Bump        normal map; a grey map_Bump is one of heights, which is not used
+
+Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloader and Blender.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.io import phong
+from glpath.io.gltf.surfaces import Surface
+from glpath.io.pictures import Image, Pictures, UnusableError, inside, resized
+from glpath.io.text import decoded, statements
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
+from glpath.system.files import check_file
+
+#: Of one material library.
+MAX_BYTES = 2**28
+_SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
+# How many words follow an option of a texture; -o, -s and -t have one to three numbers.
+_OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
+_OPTIONS |= {"-bm": 1, "-type": 1}
+_UNUSED_MAPS = ("map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "disp", "decal", "refl")
+_MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
+
+
+@dataclass(frozen=True)
+class _Map:
+    """A texture that a statement names. `matrix` (2, 3) takes texture coordinates to those that are looked up."""
+
+    image: Image
+    name: str
+    matrix: Float64
+    clamped: bool
+    channel: str | None
+    multiplier: float
+
+
+@dataclass
+class Library:
+    """The materials that an OBJ file names, made when they are asked for.
+
+    notes : what is not used of them, as sentences
+    """
+
+    folder: Path
+    textures: list[Texture] = field(default_factory=list)
+    notes: dict[str, None] = field(default_factory=dict)
+    _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _pictures: Pictures = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._pictures = Pictures(self.folder)
+
+    def add(self, name: str) -> None:
+        """Take in an MTL file of the folder."""
+        try:
+            path = inside(self.folder, name)
+            if path.stat().st_size > MAX_BYTES:
+                raise UnusableError(f"which has more than {MAX_BYTES:,} bytes")
+            check_file(path)
+            content = path.read_bytes()
+        except UnusableError as error:
+            self._note(f'The materials of "{name}", {error}.')
+            return
+        except OSError as error:
+            self._note(f'The materials of "{name}", which cannot be read: {error.strerror}.')
+            return
+        written: dict[str, list[str]] = {}
+        for _, words in statements(decoded(content)):
+            keyword, values = words[0].lower(), words[1:]
+            if keyword == "newmtl":
+                # As others do, the first of a name counts.
+                written = self._written.setdefault(" ".join(values), {})
+            else:
+                written[_SHORT.get(keyword, keyword)] = values
+
+    def surface(self, name: str) -> Surface | None:
+        """The surface of that name; None where no file has it, which is noted."""
+        if name not in self._written:
+            self._note(f'The material "{name}", which no file defines.')
+            return None
+        return _Reader(self, name, self._written[name]).surface()
+
+    def picture(self, name: str) -> Image | None:
+        """A picture of the folder; None where it cannot be had, which is noted."""
+        try:
+            return self._pictures.read(name)
+        except UnusableError as error:
+            self._note(f'The texture "{name}", {error}.')
+            return None
+
+    def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
+        """Where an image is used; one of the same `key` is kept once."""
+        wrap: Literal["clamp", "repeat"] = "clamp" if given.clamped else "repeat"
+        key = (*key, srgb, wrap)
+        if key not in self._numbers:
+            self.textures.append(
+                Texture(given.name, image, srgb=srgb and image.dtype == np.uint8, wrap=(wrap, wrap))
+            )
+            self._numbers[key] = len(self.textures) - 1
+        return TextureSlot(self._numbers[key], 0, given.matrix)
+
+    def _note(self, text: str) -> None:
+        self.notes[text] = None
+
+
+@dataclass
+class _Reader:
+    """One material."""
+
+    library: Library
+    name: str
+    written: dict[str, list[str]]
+
+    def surface(self) -> Surface:
+        maps = {
+            key: self._map(key) for key in ("map_kd", "map_d", "map_ke", "norm", "map_bump", "map_pr", "map_pm")
+        }
+        base, alpha = maps["map_kd"], maps["map_d"]
+        diffuse = self._colour("kd", 1.0 if base is not None else 0.8)
+        specular = self._colour("ks", 0.0)
+        illum = int(self._number("illum", 2.0))
+        if any(key in self.written for key in ("pr", "pm", "map_pr", "map_pm")):
+            fields = self._metallic_roughness(diffuse, maps["map_pr"], maps["map_pm"])
+        else:
+            if illum in (0, 1):
+                specular = np.zeros(3)
+            fields = phong.layers(diffuse, base is not None, specular, self._number("ns", 0.0))
+            if illum in _MIRRORS:
+                fields = phong.mirroring(fields, specular)
+        opacity = float(phong.share(self._opacity()))
+        glass = self._glass(illum, opacity)
+        if glass:
+            fields |= glass
+            opacity = 1.0
+        texture = self._base_slot(base, alpha)
+        emission = np.maximum(self._colour("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)
+        for key in _UNUSED_MAPS:
+            if key in self.written:
+                self.library.notes[f"Textures of {key}."] = None
+        material = Material(
+            name=self.name,
+            texture=texture,
+            opacity=opacity,
+            alpha="blend" if opacity < 1 or alpha is not None else "opaque",
+            emission_texture=self._slot(maps["map_ke"], srgb=True) if emission.any() else None,
+            **self._normal(maps["norm"], maps["map_bump"]),
+            **fields,
+        )
+        return Surface(material, emission)
+
+    def _metallic_roughness(self, base: Float64, rough: _Map | None, metal: _Map | None) -> dict[str, Any]:
+        fields: dict[str, Any] = {
+            "reflectance": base,
+            "roughness": self._share("pr", 1.0 if rough is not None else 0.5),
+            "metallic": self._share("pm", 1.0 if metal is not None else 0.0),
+            "clearcoat": self._share("pc", 0.0),
+            "clearcoat_roughness": self._share("pcr", 0.0),
+            "anisotropy": self._share("aniso", 0.0),
+            "anisotropy_angle": 360.0 * self._number("anisor", 0.0),
+        }
+        given = rough or metal
+        if given is not None:
+            size = given.image.shape[:2]
+            white = np.full(size, 255, np.uint8)
+            # As glTF has them: roughness in green, metal in blue.
+            channels = [white, *(white if each is None else resized(_grey(each), size) for each in (rough, metal))]
+            self._same_place(rough, metal, "map_Pr and map_Pm")
+            key = ("surface", *(None if each is None else (each.name, each.channel) for each in (rough, metal)))
+            fields["surface_texture"] = self.library.slot(key, np.stack(channels, axis=2), given, False)
+        return fields
+
+    def _opacity(self) -> float:
+        values = [word for word in self.written.get("d", []) if word != "-halo"]
+        if values:
+            return _number(values[0], 1.0)
+        transparency = self._number("tr", 0.0)
+        if transparency == 1:
+            # Some programs write opacity as Tr. Nobody means a surface that is not there.
+            self.library.notes["Tr of 1 without d, by which a surface would not be there: it is opaque."] = None
+            return 1.0
+        return 1.0 - transparency
+
+    def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
+        """Fields of a material that light goes through; empty for others."""
+        if illum not in _GLASS:
+            return {}
+        passes = self._colour("tf", 0.0)
+        if illum not in _REFRACTS and opacity >= 1 and not passes.any():
+            return {}  # what many exporters write of opaque things
+        colour = passes if passes.any() else np.ones(3)
+        return {
+            "reflectance": colour,
+            "transmission": 1.0 - opacity if opacity < 1 else 1.0,
+            "thin": illum not in _REFRACTS,
+            "ior": float(np.clip(self._number("ni", 1.5), 1.0, 10.0)),
+            "roughness": 0.0,
+            "metallic": 0.0,
+            "specular_colour": np.ones(3),
+        }
+
+    def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
+        """The texture of colours, with alpha from `map_d`; without `map_d` there is none."""
+        if base is None and alpha is None:
+            return None
+        if alpha is None:
+            assert base is not None
+            return self.library.slot((base.name,), base.image[..., :3], base, True)
+        coverage = _alpha(alpha)
+        if base is None:
+            colours = np.full((*coverage.shape, 3), 255, np.uint8)
+        else:
+            colours = _bytes(base.image)[..., :3]
+            self._same_place(base, alpha, "map_Kd and map_d")
+        image = np.dstack([colours, resized(coverage, colours.shape[:2])])
+        key = (None if base is None else base.name, "alpha", alpha.name, alpha.channel)
+        return self.library.slot(key, image, base or alpha, True)
+
+    def _normal(self, norm: _Map | None, bump: _Map | None) -> dict[str, Any]:
+        given = norm or bump
+        if given is None:
+            return {}
+        image = _bytes(given.image)
+        if norm is None and np.ptp(image[..., :3], axis=2).max(initial=0) == 0:
+            self.library.notes["Maps of heights (map_Bump); normal maps are used."] = None
+            return {}
+        return {
+            "normal_texture": self.library.slot((given.name,), image[..., :3], given, False),
+            "normal_scale": given.multiplier,
+        }
+
+    def _slot(self, given: _Map | None, *, srgb: bool) -> TextureSlot | None:
+        return None if given is None else self.library.slot((given.name,), given.image[..., :3], given, srgb)
+
+    def _same_place(self, first: _Map | None, second: _Map | None, names: str) -> None:
+        if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
+            self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
+
+    def _map(self, keyword: str) -> _Map | None:
+        """The texture of a statement with its options."""
+        words = list(self.written.get(keyword, ()))
+        scale, offset = np.ones(2), np.zeros(2)
+        clamped, channel, multiplier = False, None, 1.0
+        while words and words[0].startswith("-"):
+            option = words.pop(0).lower()
+            if option in ("-s", "-o", "-t"):
+                numbers: list[float] = []
+                while words and len(numbers) < 3 and _is_number(words[0]) and len(words) > 1:
+                    numbers.append(_number(words.pop(0), 1.0))
+                target = {"-s": scale, "-o": offset}.get(option)
+                if target is not None:
+                    target[: len(numbers[:2])] = numbers[:2]
+                continue
+            values = words[: _OPTIONS.get(option, 0)]
+            del words[: len(values)]
+            if option == "-clamp":
+                clamped = values[:1] == ["on"]
+            elif option == "-imfchan" and values:
+                channel = values[0].lower()
+            elif option == "-bm" and values:
+                multiplier = _number(values[0], 1.0)
+        if not words:
+            return None
+        name = " ".join(words)
+        image = self.library.picture(name)
+        if image is None:
+            return None
+        matrix = np.column_stack([np.diag(scale), offset])
+        return _Map(image, name, matrix, clamped, channel, multiplier)
+
+    def _colour(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
+        """(3,) of one number or three; spectra and CIE XYZ are noted, and the default is taken."""
+        words = self.written.get(keyword, [])
+        if not words:
+            return np.full(3, default)
+        if not _is_number(words[0]):
+            self.library.notes["Colours that are spectra or CIE XYZ."] = None
+            return np.full(3, default)
+        values = [_number(word, default) for word in words[:3]]
+        colour = np.array(values if len(values) == 3 else values[:1] * 3)
+        return phong.share(colour) if limited else colour
+
+    def _number(self, keyword: str, default: float) -> float:
+        words = self.written.get(keyword, [])
+        return _number(words[0], default) if words else default
+
+    def _share(self, keyword: str, default: float) -> float:
+        return float(phong.share(self._number(keyword, default)))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
+
+
+def _number(word: str, default: float) -> float:
+    """A number that 32 bits hold; the default for what is none."""
+    return float(np.clip(float(word), -1e15, 1e15)) if _is_number(word) else default
+
+
+def _bytes(image: Image) -> NDArray[np.uint8]:
+    if image.dtype == np.uint8:
+        return np.asarray(image, np.uint8)
+    from glpath.film.image import encode_srgb
+
+    return np.asarray(encode_srgb(np.asarray(image, np.float64)) * 255 + 0.5, np.uint8)
+
+
+def _grey(given: _Map) -> NDArray[np.uint8]:
+    """(h, w): the channel that it names, or the mean of its colours."""
+    image = _bytes(given.image)
+    channels: Iterable[str] = "rgbm"
+    if given.channel in tuple(channels) and given.channel != "l":
+        index = "rgbm".index(str(given.channel))
+        if index < image.shape[2]:
+            return np.ascontiguousarray(image[..., index])
+    return np.asarray(image[..., :3].mean(axis=2) + 0.5, np.uint8)
+
+
+def _alpha(given: _Map) -> NDArray[np.uint8]:
+    """(h, w): the alpha of a picture that has one, or how light it is."""
+    image = _bytes(given.image)
+    if given.channel is None and image.shape[2] == 4:
+        return np.ascontiguousarray(image[..., 3])
+    return _grey(given)

@@ -1,0 +1,63 @@
+"""Files that are no scenes but are often taken for one: what they are, and where they go."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from glpath.errors import SceneError
+from glpath.io import ies
+from glpath.scene.place import Place
+
+_MODEL = "Export the scene as glTF (.glb) from the program that wrote it."
+_PICTURE = 'It may light a scene as its environment map: [sky] with file = "{0}".'
+
+#: By suffix: what it is, and what to do with it.
+_KINDS = {
+    ".ldt": (
+        "a lamp's profile (EULUMDAT)",
+        "Convert it to IES LM-63 type C, which a light takes as its `profile`.",
+    ),
+    ".hdr": ("a picture", _PICTURE),
+    ".exr": ("a picture", _PICTURE),
+    ".blend": ("a file of Blender", _MODEL),
+    ".fbx": ("an FBX model", _MODEL),
+    ".dae": ("a Collada model", _MODEL),
+    ".3ds": ("a 3DS model", _MODEL),
+    ".usd": ("a USD scene", _MODEL),
+    ".usda": ("a USD scene", _MODEL),
+    ".usdc": ("a USD scene", _MODEL),
+    ".usdz": ("a USD scene", _MODEL),
+    ".skp": ("a file of SketchUp", _MODEL),
+    ".ifc": ("a building model (IFC)", _MODEL),
+    ".step": ("a CAD model (STEP)", _MODEL),
+    ".stp": ("a CAD model (STEP)", _MODEL),
+    ".mtl": ("materials of an OBJ file", "Give the .obj, which names it."),
+    ".rad": ("a scene of Radiance", "Export its surfaces as OBJ (rad2obj), and its lights by hand."),
+    ".xml": ("XML, as scenes of Mitsuba are", "glpath writes it (`glpath export`), but doesn't read it."),
+    ".pbrt": ("a scene of pbrt", _MODEL),
+}
+
+
+def refuse_other_file(path: Path) -> None:
+    """Raise SceneError for a file that is there and of a kind that is no scene; for a lamp, with what it holds."""
+    suffix = path.suffix.lower()
+    if not os.path.isfile(path):
+        return
+    place = Place(str(path))
+    if suffix in ies.SUFFIXES:
+        raise _of_profile(path, place)
+    if suffix in _KINDS:
+        what, remedy = _KINDS[suffix]
+        raise place.error(f"is {what}, not a scene.", remedy.format(path.name))
+
+
+def _of_profile(path: Path, place: Place) -> SceneError:
+    profile = ies.read_ies(path, place)
+    return place.error(
+        f"is the profile of a lamp (IES LM-63: up to {profile.max:,.4g} cd, {profile.flux:,.4g} lm in all), not a "
+        "scene.",
+        "Hang it in one:\n"
+        f'  [[lights]]\n  type = "point"\n  position = [0, 2.5, 0]\n  profile = "{path.name}"\n'
+        "`glpath measure ROOM.toml --plane y=0.75 -o lux.csv` then has the lux below.",
+    )

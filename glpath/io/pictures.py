@@ -1,0 +1,119 @@
+"""Pictures that a model names, in files of its folder [Pillow, OpenEXR], or has as objects of Pillow."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import GlpathError
+from glpath.film.image import picture_size
+from glpath.film.image import read_image as read_float_image
+from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
+from glpath.system.files import check_file, reason_of
+
+Image = NDArray[np.uint8] | NDArray[np.float32]
+# Of Pillow's names; its other formats are seldom textures, and some of them run other programs.
+_FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
+#: Of all pictures of a model together.
+MAX_BYTES = 2**33
+_WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+class UnusableError(Exception):
+    """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The file of that name in a model's folder, or in folders in it. Raises UnusableError.
+
+    Backslashes separate folders as well. Links are followed before it is asked where the file is.
+    """
+    plain = name.replace("\\", "/")
+    if plain.startswith("/") or _WINDOWS_DRIVE.match(plain) or "\0" in plain:
+        raise UnusableError("which is outside the folder of the model")
+    path = folder / plain
+    try:
+        if not path.resolve().is_relative_to(folder.resolve()):
+            raise UnusableError("which is outside the folder of the model")
+        if not os.path.isfile(path):
+            raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
+    except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
+        raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
+    return path
+
+
+@dataclass
+class Pictures:
+    """Those of one model, each read once."""
+
+    folder: Path
+    _known: dict[Path, Image | UnusableError] = field(default_factory=dict)
+    _bytes: int = 0
+
+    def read(self, name: str) -> Image:
+        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR. Raises UnusableError."""
+        path = inside(self.folder, name)
+        if path not in self._known:
+            try:
+                self._known[path] = self._pixels(path)
+            except UnusableError as error:
+                self._known[path] = error
+        found = self._known[path]
+        if isinstance(found, UnusableError):
+            raise found
+        return found
+
+    def _pixels(self, path: Path) -> Image:
+        try:
+            check_file(path)
+            if path.suffix.lower() == ".exr":
+                self._check(*picture_size(path), 4)
+                return read_float_image(path).astype(np.float32)
+            import PIL.Image
+
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of many pixels, which are counted here, and of odd tags
+                with PIL.Image.open(path, formats=_FORMATS) as opened:
+                    self._check(*opened.size, 1)
+                    return pixels_of(opened)
+        except UnusableError:
+            raise
+        except GlpathError as error:
+            raise UnusableError(f"which cannot be read: {error.message}") from error
+        except Exception as error:  # Pillow raises whatever its parsers run into
+            raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
+
+    def _check(self, width: int, height: int, bytes_each: int) -> None:
+        self._bytes += 4 * bytes_each * width * height
+        if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
+            raise UnusableError(
+                f"of {width:,} x {height:,} pixels, more than {MAX_TEXTURE_SIDE:,} a side or "
+                f"{MAX_TEXTURE_PIXELS:,} in all"
+            )
+        if self._bytes > MAX_BYTES:
+            raise UnusableError(f"which brings the pictures of the model beyond {MAX_BYTES:,} bytes")
+
+
+def pixels_of(opened: Any) -> NDArray[np.uint8]:
+    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow. 16 bits become 8."""
+    if opened.mode.startswith("I"):
+        grey = (np.clip(np.asarray(opened, np.int64), 0, 65535) >> 8).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2)
+    alpha = "A" in opened.getbands() or "transparency" in opened.info
+    return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+
+
+def resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """(h, w) grey of another (height, width)."""
+    if image.shape == size:
+        return image
+    import PIL.Image
+
+    return np.asarray(PIL.Image.fromarray(image).resize(size[::-1], PIL.Image.Resampling.BILINEAR), np.uint8)

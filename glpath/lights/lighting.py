@@ -1,0 +1,353 @@
+"""All the light of a scene, asked in one way: a light sample, its density, and what punctual lights send.
+
+Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
+the sky. A light is chosen by the power that it sends towards the scene, or, half of the time, as any other; a point
+of a shape is uniform by area, a direction of the sky has the density of its radiance.
+
+Cost:     a search in a table of the lights a sample; made on the CPU, as a path set needs one.
+Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position.
+Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations;
+          Owen & Zhou 2000, Safe and effective importance sampling, for the mixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.lights.samples import LIGHT_KINDS, LightSample, LightSamples, incident, profile_number
+from glpath.sampling.points import uniform_sphere
+from glpath.scene.appearance import Appearance
+from glpath.scene.geometry import sphere_areas
+from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky
+
+# Share of the choice among a shape's triangles, where a texture colours its light, that is by area alone.
+_UNSEEN = 0.2
+
+
+@dataclass(frozen=True)
+class _Side:
+    """An emitting side of a shape.
+
+    first     : number of the shape's first triangle, or sphere
+    cdf       : (n + 1,) cumulated chance of its primitives: by area, where a texture colours the light by what each
+                sends
+    area      : of all of them, scene units squared
+    sign      : +1 front, -1 back
+    radiance  : (3,) the mean over it
+    """
+
+    shape: int
+    spheres: bool
+    first: int
+    cdf: Float64
+    area: float
+    sign: float
+    radiance: Float64
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """The lights of a scene as one table to choose from. `Lighting.of` makes it.
+
+    cdf              : (L + 1,) cumulated probability of the lights: emitting sides, punctual lights, the sky; (1,)
+                       for a scene without light
+    triangle_density : (T,) per area, of a light point on the triangle (on either side, where both emit); 0: dark
+    centre, radius   : a sphere about the scene, towards which lights are weighed
+    """
+
+    scene: Scene
+    sides: tuple[_Side, ...]
+    punctual: tuple[Light, ...]
+    sky: Sky | Environment | None
+    cdf: Float64
+    triangle_density: Float64
+    centre: Float64
+    radius: float
+
+    @classmethod
+    def of(cls, scene: Scene, *, punctual: bool = True, sky: bool = True) -> Lighting:
+        """The lights of a scene.
+
+        punctual : False leaves point, spot and directional lights out: what is left are lights with an extent,
+                   where a caller takes the others one by one
+        sky      : False leaves it out, where ambient light stands for it
+
+        A shape that emits on both sides counts as two, one per side. Planes shine, but are not sampled: no point
+        of an endless one has a density by area.
+        """
+        centre, radius = _sphere_about(scene)
+        sides = _emitting_sides(scene)
+        shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
+        shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
+        # Power over pi; the mean of the channels, so that no coloured light is starved.
+        power = [side.area * side.radiance.mean() for side in sides]
+        power += [_power(light, scene, centre, radius) for light in shining]
+        power += [] if shown is None else [shown.mean_integral * radius**2]
+        weights = np.array(power, np.float64)
+        total = weights.sum()
+        # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
+        # which lights all that is looked at, sends a hundredth of the power. So no light is more than twice as rare
+        # as if all were alike, nor than by its power.
+        share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
+        density = np.zeros(len(scene.triangles))
+        appearance = Appearance(scene)
+        areas = scene.areas if appearance.varies("emission").any() else None
+        for side, chance in zip(sides, share, strict=False):
+            if not side.spheres:
+                part = slice(side.first, side.first + len(side.cdf) - 1)
+                if areas is None or not appearance.varies("emission")[side.shape]:
+                    density[part] = chance / side.area
+                else:
+                    density[part] = chance * np.diff(side.cdf) / areas[part]
+        return cls(
+            scene=scene,
+            sides=sides,
+            punctual=shining,
+            sky=shown,
+            cdf=np.concatenate([[0.0], np.cumsum(share)]),
+            triangle_density=density,
+            centre=centre,
+            radius=radius,
+        )
+
+    @property
+    def count(self) -> int:
+        """Lights to choose from: emitting sides of shapes, punctual ones and the sky."""
+        return len(self.cdf) - 1
+
+    @property
+    def dark(self) -> bool:
+        """There is no light to sample."""
+        return len(self.cdf) == 1
+
+    @property
+    def infinite(self) -> bool:
+        """Some light comes from infinitely far: a directional light, or the sky."""
+        return self.sky is not None or any(light.kind == "directional" for light in self.punctual)
+
+    @property
+    def positional(self) -> bool:
+        """Some light is a point or a spot."""
+        return any(light.kind != "directional" for light in self.punctual)
+
+    @property
+    def sky_density_scale(self) -> float:
+        """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
+        if self.sky is None:
+            return 0.0
+        return self._probability(len(self.cdf) - 2) / (3 * self.sky.mean_integral)
+
+    def sample(self, u: ArrayLike) -> LightSample:
+        """The light sample of u (3,), see `samples`."""
+        return self.samples(np.asarray(u, np.float64)[None])[0]
+
+    def samples(self, u: ArrayLike) -> LightSamples:
+        """Light samples from u (N, 3) in [0, 1): u[:, 0] chooses the light, the others a point or direction of it.
+
+        Within a shape, a primitive is chosen by area with the same random number that then places the point, so
+        that a quad keeps a two-dimensional stratification.
+        """
+        assert not self.dark, "no light to sample"
+        u = np.asarray(u, np.float64)
+        numbers = np.minimum(np.searchsorted(self.cdf, u[:, 0], side="right") - 1, len(self.cdf) - 2)
+        samples = LightSamples.empty(len(u))
+        for number in np.unique(numbers):
+            which = np.flatnonzero(numbers == number)
+            chance, punctual = self._probability(number), number - len(self.sides)
+            if punctual < 0:
+                self._on_side(samples, which, self.sides[number], chance, u[which, 1:])
+            elif punctual < len(self.punctual):
+                light = self.punctual[punctual]
+                samples.put_punctual(which, light, chance, profile_number(self.scene, light))
+            else:
+                assert self.sky is not None, "the last light"
+                # Below one, as rounding might not leave it.
+                left = np.clip((u[which, 0] - self.cdf[number]) / chance, 0.0, np.nextafter(1.0, 0.0))
+                wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
+                samples.kind[which] = LIGHT_KINDS.index("sky")
+                samples.direction[which] = -wi
+                samples.radiance[which] = sky_radiance(self.sky, wi)
+                samples.density[which] = self.sky_density(wi)
+        return samples
+
+    def sky_density(self, directions: ArrayLike) -> Float64:
+        """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
+        wi = np.asarray(directions, np.float64).reshape(-1, 3)
+        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_density_scale)
+
+    def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
+        """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
+        x = np.asarray(positions, np.float64).reshape(-1, 3)
+        n = np.asarray(normals, np.float64).reshape(-1, 3)
+        total = np.zeros((len(x), 3))
+        for light in self.punctual:
+            found = incident(light, x)
+            total += found.irradiance * np.maximum(np.einsum("ij,ij->i", n, found.wi), 0.0)[:, None]
+        return total
+
+    @cached_property
+    def _normals(self) -> Float64:
+        return self.scene.normals
+
+    @cached_property
+    def _appearance(self) -> Appearance:
+        return Appearance(self.scene)
+
+    @cached_property
+    def _varies(self) -> NDArray[np.bool_]:
+        """(shapes,) whose emission is not the same all over them."""
+        return self._appearance.varies("emission")
+
+    def _probability(self, number: int) -> float:
+        return float(self.cdf[number + 1] - self.cdf[number])
+
+    def _on_side(
+        self, samples: LightSamples, which: NDArray[np.intp], side: _Side, chance: float, u: Float64
+    ) -> None:
+        k = np.minimum(np.searchsorted(side.cdf, u[:, 0], side="right") - 1, len(side.cdf) - 2)
+        share = side.cdf[k + 1] - side.cdf[k]
+        s = (u[:, 0] - side.cdf[k]) / share
+        radiance: Float64 = side.radiance
+        if side.spheres:
+            position, normal, density, unit = _on_spheres(
+                self.scene.spheres[side.first + k], np.stack([s, u[:, 1]], axis=1)
+            )
+            density *= chance * share
+            if self._varies[side.shape]:
+                radiance = self._appearance.sphere_emission(side.shape, unit)
+        else:
+            # Area-preserving: parallel lines to the edge opposite corner 0.
+            root, v = np.sqrt(s)[:, None], u[:, 1:]
+            a, b, c = self.scene.triangles[side.first + k].swapaxes(0, 1)
+            position = (1 - root) * a + root * ((1 - v) * b + v * c)
+            normal = self._normals[side.first + k]
+            density = self.triangle_density[side.first + k]
+            if self._varies[side.shape]:
+                b = np.concatenate([root * (1 - v), root * v], axis=1)
+                radiance = self._appearance.emission(side.first + k, b)
+        samples.kind[which] = LIGHT_KINDS.index("area")
+        samples.position[which] = position
+        samples.direction[which] = normal * side.sign
+        samples.radiance[which] = radiance
+        samples.density[which] = density
+
+
+def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float64:
+    """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3); black without a sky."""
+    return np.zeros(np.shape(directions)) if sky is None else sky.radiance(directions)
+
+
+def max_radiance(scene: Scene) -> float:
+    """Radiance of bright places: lamps, the sky, and white surfaces half of which are nearer to a light.
+
+    For the quantum of sums, which have room above it.
+    """
+    values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
+    if scene.sky is not None:
+        values.append(scene.sky.typical_radiance)
+    for light in scene.lights:
+        square = 1.0
+        if light.kind != "directional" and light.falloff == "quadratic":
+            square = _typical_distance(scene, light.position) ** 2
+        most = 1.0 if light.profile is None else light.profile.max
+        values.append(most * float(light.intensity.max()) / (np.pi * square))
+    return float(max(values))
+
+
+def _max_emission(scene: Scene, shape: Shape) -> float:
+    slot = scene.materials[shape.material].emission_texture
+    if slot is None:
+        return float(shape.emission.max())
+    return float((shape.emission * scene.textures[slot.texture].max).max())
+
+
+def _typical_distance(scene: Scene, position: Float64) -> float:
+    """The median distance from a position to the boxes of primitives that it is not inside, and to planes."""
+    extent, centre = np.linalg.norm(scene.spheres[:, :, :3], axis=2), scene.spheres[:, :, 3]
+    lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf)])
+    upper = np.concatenate([centre + extent, scene.triangles.max(axis=1, initial=-np.inf)])
+    outside = np.maximum(np.maximum(lower - position, position - upper), 0.0)
+    heights = np.abs(np.sum((position - scene.planes[:, :, 3]) * scene.planes[:, :, 2], axis=1))
+    distances = np.concatenate([np.linalg.norm(outside, axis=1), heights])
+    distances = distances[distances > 0]
+    return float(np.median(distances)) if len(distances) else _sphere_about(scene)[1]
+
+
+def _sphere_about(scene: Scene) -> tuple[Float64, float]:
+    """Centre (3,) and radius of a sphere about the scene; an endless plane reaches as far as the camera."""
+    points = list(scene.bounds)
+    if len(scene.planes):
+        points += [*scene.planes[:, :, 3], scene.camera.position]
+        points += [light.position for light in scene.lights if light.kind != "directional"]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    return 0.5 * (low + high), float(0.5 * np.linalg.norm(high - low)) or 1.0
+
+
+def _shines(light: Light) -> bool:
+    return bool(np.any(light.intensity > 0)) and (light.profile is None or light.profile.max > 0)
+
+
+def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
+    """Power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
+    strength = float(light.intensity.mean())
+    if light.profile is not None and light.falloff == "none":
+        strength *= light.profile.flux / (4 * np.pi)
+    if light.kind == "directional" or light.falloff == "none":
+        return strength * radius**2
+    angle = 4 * np.pi
+    if light.kind == "spot":
+        # The smooth edge between the two cones counts half.
+        angle = 2 * np.pi * (1 - float(np.cos(np.radians(light.cone)).mean()))
+    distance = float(np.linalg.norm(light.position - centre))
+    if distance > radius and not len(scene.planes):
+        angle = min(angle, 2 * np.pi * (1 - np.sqrt(1 - (radius / distance) ** 2)))
+    if light.profile is not None:
+        return strength * min(light.profile.flux, light.profile.max * angle) / np.pi
+    return strength * angle / np.pi
+
+
+def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
+    areas, appearance = scene.areas, Appearance(scene)
+    varies = appearance.varies("emission")
+    sides = []
+    for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        if not shape.emits or shape.primitive == "plane":
+            continue
+        spheres = shape.primitive == "sphere"
+        own = sphere_areas(scene.spheres[part]) if spheres else areas[part]
+        area, weights, radiance = float(own.sum()), own, shape.emission
+        if varies[number]:
+            each = (
+                np.broadcast_to(appearance.mean_sphere_emission(number), (len(own), 3))
+                if spheres
+                else appearance.mean_emission(np.arange(part.start, part.stop))
+            )
+            radiance = np.asarray(own @ each / area)
+            if not np.any(radiance > 0):
+                continue
+            # What the points of the means have missed is not as dark as it seems.
+            power = own * each.mean(axis=1)
+            weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
+        cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
+        for sign in (1.0, -1.0) if shape.emission_two_sided else (1.0,):
+            sides.append(_Side(number, spheres, part.start, cdf, area, sign, radiance))
+    return tuple(sides)
+
+
+def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
+    """A point of each sphere (N, 3, 4) from u (N, 2).
+
+    Returns positions, unit normals of the front, densities per area, and the points of the unit sphere (N, 3).
+    """
+    linear = spheres[:, :, :3]
+    unit = uniform_sphere(u)
+    normal = np.einsum("nji,nj->ni", np.linalg.inv(linear), unit)
+    length = np.linalg.norm(normal, axis=1)
+    volume = np.linalg.det(linear)
+    position = np.einsum("nij,nj->ni", linear, unit) + spheres[:, :, 3]
+    front = normal / length[:, None] * np.sign(volume)[:, None]
+    return position, front, 1.0 / (4 * np.pi * np.abs(volume) * length), unit

@@ -1,0 +1,1 @@
+"""Sample points of path sets, from counters."""

@@ -1,0 +1,1 @@
+"""Where paths begin: the pixels of a camera, points with normals."""

@@ -1,0 +1,313 @@
+"""Files that appear whole or not at all, and outputs of which none is lost for another's sake.
+
+A file is written beside its place under another name and then moved there, also when the process is stopped
+meanwhile. It and the entry of its folder are on the disk (fsync) when the call returns. Missing folders of an
+output are made: who types `-o out/a.png` means it. A pipe or a device is written into, never replaced; `-` is
+standard output.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import secrets
+import select
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from glpath.errors import GlpathError, ImageError
+
+#: Writes something to the path that it is given.
+Save = Callable[[Path], object]
+
+_STDOUT = "-"
+
+
+def shipped_folder(name: str) -> Path | None:
+    """A folder that ships with glpath: inside the package in a wheel, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
+
+
+def is_stream(path: str | Path) -> bool:
+    """Whether `path` is written into rather than replaced: a pipe, a character device, or `-`, standard output."""
+    mode = _mode(path)
+    return str(path) == _STDOUT or stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """The place to write a file to, so that it appears at `path` whole or not at all.
+
+    On leaving the block the file is moved to `path`, over what was there, or copied into it where that is a pipe or
+    a device; if the block fails it is removed. Missing folders are made. A link is followed. Raises ImageError when
+    the system refuses.
+    """
+    put = _through_a_folder if is_stream(path) else _beside
+    try:
+        with put(path) as temporary:
+            yield temporary
+    except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
+        raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
+
+
+# How long somebody may take to begin to write into a pipe that is read.
+_PIPE_S = 10.0
+
+
+def check_file(path: str | Path) -> None:
+    """Raise OSError, with the reason as its text, where a library that opens `path` itself would wait for ever."""
+    if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):
+        raise _refused(path, kind or "a pipe")
+
+
+def open_file(path: str | Path) -> BinaryIO:
+    """A file, opened to be read. Raises OSError, also for a pipe or a device, which would block or never end."""
+    # Without waiting: who opens a pipe is halted until somebody writes.
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if (kind := _unreadable_kind(mode)) or stat.S_ISFIFO(mode):
+            raise _refused(path, kind or "a pipe")
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """All of a file, or of a pipe into which somebody writes, as bash has one for <(...). Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    with os.fdopen(descriptor, "rb") as file:
+        mode = os.fstat(descriptor).st_mode
+        if kind := _unreadable_kind(mode):
+            raise _refused(path, kind)
+        if stat.S_ISFIFO(mode):
+            waiting = select.poll()
+            waiting.register(descriptor, select.POLLIN)
+            if not waiting.poll(1e3 * _PIPE_S):
+                raise _refused(path, f"a pipe into which nobody has written for {_PIPE_S:g} s")
+        os.set_blocking(descriptor, True)
+        return file.read()
+
+
+def _unreadable_kind(mode: int) -> str:
+    """What it is that has no content to read; "" for a file, a pipe, or nothing."""
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        return "a device"
+    return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
+
+
+def _refused(path: str | Path, kind: str) -> OSError:
+    if kind == "a folder":
+        return IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    return OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+
+
+def write_bytes(content: bytes, path: Path) -> None:
+    """A whole file of these bytes. Raises ImageError."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def _beside(path: str | Path) -> Iterator[Path]:
+    target = Path(os.path.realpath(path))
+    if (kind := _unwritable_kind(path)) is not None:
+        raise OSError(f"it is {kind}")
+    temporary = target.with_name(_temporary_name(target))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        os.replace(temporary, target)
+        _sync_folder(target.parent)
+    finally:
+        # The first error is the one to report: the folder may be gone, or read-only by now.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name is on the disk, too; file systems that have no such call keep it in their own way."""
+    with suppress(PermissionError):  # a folder that may be written but not read
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+                raise
+        finally:
+            os.close(descriptor)
+
+
+def remove_parts(path: str | Path) -> None:
+    """Remove what killed processes have left of their attempts to write `path`. For a file with one writer."""
+    target = Path(os.path.realpath(path))
+    left = re.compile(re.escape(f".{target.stem}.") + "[0-9a-f]{8}" + re.escape(f".part{target.suffix}"))
+    with suppress(OSError):
+        for entry in list(target.parent.iterdir()):
+            if left.fullmatch(entry.name):
+                entry.unlink(missing_ok=True)
+
+
+@contextmanager
+def _through_a_folder(path: str | Path) -> Iterator[Path]:
+    """Formats seek as they are written, so a pipe gets the bytes of a file that is done."""
+    with tempfile.TemporaryDirectory(prefix="glpath-") as folder:
+        temporary = Path(folder) / f"output{Path(path).suffix}"
+        yield temporary
+        with temporary.open("rb") as written, _opened(path) as stream:
+            shutil.copyfileobj(written, stream)
+            stream.flush()
+
+
+def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
+    if str(path) != _STDOUT:
+        return open(path, "wb")
+    return nullcontext(_standard_output())
+
+
+def _standard_output() -> BinaryIO:
+    buffer: BinaryIO | None = getattr(sys.stdout, "buffer", None)
+    if buffer is None:
+        raise OSError("standard output takes no bytes here")
+    return buffer
+
+
+def check_writable(path: str | Path) -> None:
+    """Raise ImageError if a file cannot be written at `path`: to be asked before hours of rendering, not after."""
+    if str(path) == _STDOUT:
+        try:
+            _standard_output()
+        except OSError as error:
+            raise ImageError(f"{path}: {reason_of(error)}.") from error
+        return
+    if is_stream(path):
+        if not os.access(path, os.W_OK):
+            raise ImageError(f"{path}: cannot be written to: Permission denied.")
+        return
+    if (kind := _unwritable_kind(path)) is not None:
+        raise ImageError(f"{path}: is {kind}.", "Name a file in it." if kind == "a folder" else "Name a file.")
+    target = Path(os.path.realpath(path))
+    folder = target.parent
+    while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
+        folder = folder.parent
+    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems. By
+    # the very name, which may be too long.
+    trial = folder / _temporary_name(target)
+    try:
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
+
+
+def _temporary_name(target: Path) -> str:
+    # The suffix stays last, as some libraries choose the format by it.
+    return f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}"
+
+
+def _mode(path: str | Path) -> int:
+    """`st_mode` of what `path` leads to; 0 where there is nothing."""
+    try:
+        return os.stat(path).st_mode
+    except OSError:
+        return 0
+
+
+def _unwritable_kind(path: str | Path) -> str | None:
+    """What stands there that a file must not replace; None for a file, or for nothing."""
+    mode = _mode(path)
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return None if stat.S_ISREG(mode) or not mode else "a block device or a socket"
+
+
+def save_all(
+    saves: Mapping[Path, Save], rescue: Mapping[str, Save], where: str
+) -> tuple[list[Path], ImageError | None]:
+    """Write several outputs of one result. One that fails does not keep the others from being written.
+
+    saves  : what writes each output
+    rescue : what writes all of the result, by the name of a file: into a temporary folder where no output could be
+             written, or one with the suffix of such a file could not
+    where  : the sentence that says where the rescue is, with {} for its files
+
+    Returns what was written, and the error that names all failures and the rescue; None where all went well.
+    """
+    written: list[Path] = []
+    failures: dict[Path, Exception] = {}
+    for path, save in saves.items():
+        try:
+            save(path)
+            written.append(path)
+        except Exception as error:  # a mistake of ours in one format must not lose the others either
+            failures[path] = error
+    if not failures:
+        return written, None
+    notes = []
+    suffixes = {Path(name).suffix for name in rescue}
+    if not written or any(path.suffix.lower() in suffixes for path in failures):
+        notes.append(rescued(rescue, where))
+    reasons = [
+        error.message if isinstance(error, GlpathError) else f"{path}: cannot be written: {error!r}."
+        for path, error in failures.items()
+    ]
+    message = reasons.pop() if len(saves) == 1 else f"{len(failures)} of {len(saves)} outputs cannot be written."
+    failure = ImageError(message, "\n".join([*reasons, *notes]))
+    failure.__cause__ = next(iter(failures.values()))
+    return written, failure
+
+
+def rescued(rescue: Mapping[str, Save], where: str) -> str:
+    """Write a result into a temporary folder; the sentence that says where it is. See `save_all`."""
+    names = ", ".join(map(str, _into_temporary_folder(rescue)))
+    return where.format(names) if names else "Nor could it be kept in a temporary folder."
+
+
+def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
+    """The files, in the first temporary folder that takes them. Empty where none does."""
+    try:
+        usual = tempfile.gettempdir()
+    except OSError:
+        usual = ""
+    for parent in filter(os.path.isdir, dict.fromkeys((usual, "/var/tmp", "/dev/shm"))):
+        folder = ""
+        try:
+            folder = tempfile.mkdtemp(prefix="glpath-", dir=parent)
+            for name, save in rescue.items():
+                save(Path(folder) / name)
+        except (OSError, GlpathError):
+            shutil.rmtree(folder, ignore_errors=True)
+        else:
+            return [Path(folder) / name for name in rescue]
+    return []
+
+
+@contextmanager
+def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
+    """Whatever a damaged file makes parsers in the block raise is an ImageError: it cannot be read as `what`."""
+    try:
+        yield
+    except GlpathError:
+        raise
+    except FileNotFoundError as error:
+        raise ImageError(f"{path}: there is no such file.", remedy) from error
+    except Exception as error:  # what libraries run into in a damaged file has no class of its own
+        raise ImageError(f"{path}: cannot be read as {what}: {reason_of(error)}.", remedy) from error
+
+
+def reason_of(error: BaseException) -> str:
+    """What went wrong, in the system's words, without a full stop."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).rstrip(".") or type(error).__name__

@@ -1,0 +1,194 @@
+"""Compiled kernels on disk: whatever becomes of the files, the worst that they do is to be compiled again.
+
+Numba's own cache stays where it is (`__pycache__`, else the user's cache folder, or NUMBA_CACHE_DIR), but what it
+leaves to luck is done here:
+
+- A kernel is stale when any file of its room has changed, not only its own; see `room_stamp`. What counts is the
+  content, so that a cache that was copied with its installation stays good.
+- A file is one signature's whole, with a checksum and with what it was made from: damaged, cut off, another's or
+  another version's, it counts as absent.
+- What cannot be written (a full disk, a folder without permission) is a warning, once.
+- Of processes that need the same kernel at once, one compiles it, and the others wait and load it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import functools
+import hashlib
+import logging
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+log = logging.getLogger("glpath")
+
+#: Seconds to wait for a process that compiles the same kernel; longer, and it hangs or was stopped.
+_PATIENCE = 60.0
+_HOUSE = Path(__file__).parents[1]
+
+
+@functools.cache
+def room_stamp(file: Path) -> tuple[tuple[str, str], ...]:
+    """Path and SHA-256 of the Python files that kernels in `file` can depend on: those of its room.
+
+    A room is the outermost package around it, below `glpath` itself. In the package's own folder, where nothing but
+    a kernel's file concerns it, that one alone.
+    """
+    room = _room(file)
+    files = [file] if file.parent == _HOUSE else sorted(room.rglob("*.py"))
+    return tuple((path.relative_to(room).as_posix(), _digest(path)) for path in files)
+
+
+def _room(file: Path) -> Path:
+    room = file.parent
+    while room.parent != _HOUSE and (room.parent / "__init__.py").exists():
+        room = room.parent
+    return room
+
+
+@functools.cache
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _short(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class KernelCache(FunctionCache):
+    """The cache of one function, a file for each signature.
+
+    on_wait : told the function's name where another process is compiling it
+    on_load : told it where it was found instead of being compiled
+    """
+
+    def __init__(
+        self,
+        function: Any,
+        on_wait: Callable[[str], None] | None = None,
+        on_load: Callable[[str], None] | None = None,
+    ) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        self._stamp = room_stamp(Path(function.__code__.co_filename))
+        self._version = _short(repr((numba.__version__, self._stamp)))
+        self._on_wait, self._on_load = on_wait, on_load
+        # While it is set, the first signature that is not found is compiled by one process alone.
+        self.alone: ExitStack | None = None
+
+    def holds_any(self) -> bool:
+        """Whether there is a file for some signature of the function as it is now."""
+        return any(Path(self._cache_path).glob(f"{self._impl.filename_base}.*.{self._version}.nbc"))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was compiled for a signature, None where there is none."""
+        target_context.refresh()
+        found = self._stored(sig, target_context)
+        if found is None and self.alone is not None:
+            lock = self._file(sig, target_context.codegen()).with_suffix(".lock")
+            self.alone.enter_context(_alone(lock, self._tell_of_wait))
+            found = self._stored(sig, target_context)
+        if found is not None and self._on_load is not None:
+            self._on_load(self._py_func.__name__)
+        return found
+
+    def _tell_of_wait(self) -> None:
+        if self._on_wait is not None:
+            self._on_wait(self._py_func.__name__)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled; where that is impossible, say so once."""
+        if not self._impl.check_cachable(data):
+            return
+        path = self._file(sig, data.codegen)
+        content = dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))  # type: ignore[no-untyped-call]
+        temporary = path.with_suffix(f".{os.getpid()}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                temporary.write_bytes(hashlib.sha256(content).digest() + content)
+                for stale in path.parent.glob(path.name.replace(self._version, "*")):
+                    stale.unlink(missing_ok=True)
+                os.replace(temporary, path)
+            finally:
+                temporary.unlink(missing_ok=True)
+        except OSError as error:
+            _warn_that_nothing_is_kept(path.parent, error.strerror or str(error))
+
+    def _stored(self, sig: Any, target_context: Any) -> Any:
+        try:
+            content = memoryview(self._file(sig, target_context.codegen()).read_bytes())
+            if hashlib.sha256(content[32:]).digest() != content[:32]:
+                return None
+            made_from, data = pickle.loads(content[32:])
+            if made_from != self._made_from(sig, target_context.codegen()):
+                return None
+            return self._impl.rebuild(target_context, data)
+        except Exception as error:  # whatever reading and unpickling may raise: it is compiled anew
+            log.debug("kernel cache: %s: %s", self._py_func.__qualname__, error)
+            return None
+
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        which = _short(repr(self._index_key(sig, codegen)))  # type: ignore[no-untyped-call]
+        return Path(self._cache_path) / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
+
+    def _made_from(self, sig: Any, codegen: Any) -> str:
+        return repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))  # type: ignore[no-untyped-call]
+
+
+@functools.cache
+def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
+    log.warning(
+        "compiled kernels cannot be kept in %s (%s), so that every run compiles them anew: "
+        "let NUMBA_CACHE_DIR name a folder that can be written to",
+        folder,
+        reason,
+    )
+
+
+@contextmanager
+def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
+    """Hold a lock among processes; go on without it where there can be none, or after a minute."""
+    until = time.monotonic() + _PATIENCE
+    handle = _locked(path)
+    if handle is None:
+        on_wait()
+    while handle is None and time.monotonic() < until:
+        time.sleep(0.05)
+        handle = _locked(path)
+    try:
+        yield
+    finally:
+        if handle:
+            path.unlink(missing_ok=True)
+            os.close(handle)
+
+
+def _locked(path: Path) -> int | None:
+    """A lock on a file: None while another process has it, 0 where there are no locks."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+    except OSError:
+        return 0
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(handle), os.stat(path)):  # else its last owner has just removed it
+            return handle
+    except BlockingIOError:
+        pass
+    except FileNotFoundError:
+        pass
+    except OSError:
+        os.close(handle)
+        return 0
+    os.close(handle)
+    return None

@@ -1,0 +1,218 @@
+"""Two processes that would write one file: the second is told who the first is.
+
+    with Lock(Path("a.checkpoint.npz"), "a render"):
+        ...
+
+A lock is a file beside, `.a.checkpoint.npz.lock`, of which bytes are locked (`F_OFD_SETLK`): the kernel lets go of
+them when the process ends, whatever ends it, so that one that was killed keeps nobody out. What stands in the file
+says who holds it, for the message alone. It is removed at the end; what a killed process has left is taken over.
+
+Network file systems: on NFS (4, or 3 with its lock daemon) it holds between machines, too; when a machine dies, its
+locks end with its lease, 90 s as a rule. Where a mount has `nolock` or `local_lock`, and on Lustre with
+`localflock`, it holds within each machine. Where there are no locks at all nobody is kept out, as the log says.
+
+Poor at: a lock file that is removed while it is held, by hand or with its folder: whoever comes next makes another.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import logging
+import os
+import socket
+import struct
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from glpath.errors import GlpathError, ImageError
+from glpath.system.files import reason_of
+
+log = logging.getLogger("glpath")
+
+# What is locked lies beyond the text of any lock file, as some network file systems let nobody read locked bytes.
+_BASE = 1 << 40
+# Held for the moment in which one enters the file or leaves it.
+_DESK = (_BASE - 1, 1)
+_HELD = (errno.EACCES, errno.EAGAIN)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
+
+
+class Lock:
+    """Keeps other processes from a file while a `with` block runs; blocks within each other are one.
+
+    path        : the file; nobody else's lock file has its name
+    what        : that holds it, in the words of the message: "a render"
+    first, stop : of what is written there in parts, which of them: processes with others do not meet
+
+    On entering, raises GlpathError, which names who holds it, or ImageError where there can be no lock file.
+    """
+
+    def __init__(self, path: Path, what: str, first: int = 0, stop: int = 1) -> None:
+        self._target = Path(os.path.realpath(path))
+        self._path = path
+        self._file = self._target.with_name(f".{self._target.name}.lock")
+        self._what = what
+        self._range = (first, stop)
+        self._depth = 0
+        self._descriptor: int | None = None
+
+    def __enter__(self) -> Lock:
+        if self._depth == 0:
+            try:
+                self._acquire()
+            except OSError as error:
+                raise ImageError(
+                    f"{self._path}: its lock {self._file} cannot be made: {reason_of(error)}.",
+                    "Where nobody works on it, and another user has left that file, remove it.",
+                ) from error
+        self._depth += 1
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._descriptor is not None:
+            descriptor, self._descriptor = self._descriptor, None
+            try:
+                self._leave(descriptor)
+            finally:
+                os.close(descriptor)
+
+    def _acquire(self) -> None:
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        while True:
+            descriptor = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                if self._enter(descriptor):
+                    self._descriptor, descriptor = descriptor, -1
+                    return
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
+                log.warning("%s: this file system has no locks: take care that one process writes it", self._path)
+                return
+            finally:
+                if descriptor >= 0:
+                    os.close(descriptor)
+
+    def _enter(self, descriptor: int) -> bool:
+        """Whether that went well; not where the file was removed between opening and locking it."""
+        _lock(descriptor, *_DESK, wait=True)
+        if not self._is_there(descriptor):
+            return False
+        first, stop = self._range
+        held = _read(descriptor)
+        try:
+            _lock(descriptor, _BASE + first, stop - first)
+        except OSError as error:
+            if error.errno not in _HELD:
+                raise
+            raise self._refusal([each for each in held if self._meets(each)]) from None
+        # Whoever is said to hold a part of this did not leave in peace.
+        mine = {
+            "pid": os.getpid(),
+            "host": socket.gethostname(),
+            "since": time.strftime("%Y-%m-%d %H:%M:%S %z"),
+            "range": [first, stop],
+        }
+        _write(descriptor, [*(each for each in held if not self._meets(each)), mine])
+        _unlock(descriptor, *_DESK)
+        return True
+
+    def _leave(self, descriptor: int) -> None:
+        try:
+            _lock(descriptor, *_DESK, wait=True)
+            if not self._is_there(descriptor):
+                return
+            try:
+                _lock(descriptor, _BASE, _BASE)
+            except OSError as error:
+                if error.errno not in _HELD:
+                    raise
+                _write(descriptor, [each for each in _read(descriptor) if not self._meets(each)])
+            else:
+                self._file.unlink()
+        except OSError as error:  # a folder that is gone or read-only by now: nothing is lost by it
+            log.info("%s: cannot be removed: %s", self._file, reason_of(error))
+
+    def _is_there(self, descriptor: int) -> bool:
+        """Whether the open file is still the one of this name."""
+        try:
+            named, opened = os.stat(self._file), os.fstat(descriptor)
+        except FileNotFoundError:
+            return False
+        return (named.st_dev, named.st_ino) == (opened.st_dev, opened.st_ino)
+
+    def _meets(self, held: dict[str, Any]) -> bool:
+        first, stop = held["range"]
+        return bool(max(first, self._range[0]) < min(stop, self._range[1]))
+
+    def _refusal(self, holders: list[dict[str, Any]]) -> GlpathError:
+        who, end = "another process", ""
+        if holders:
+            last = holders[-1]
+            who = f"process {last.get('pid')} on {last.get('host')}, since {last.get('since')}"
+            end = f" (there: kill {last.get('pid')})"
+        return GlpathError(
+            f"{self._path}: {self._what} has it already: {who}.",
+            f"Wait until that ends, or end it{end}; or name another output. Once it has ended, however that was, "
+            f"{self._file} keeps nobody out.",
+        )
+
+
+class Locked:
+    """What has a file for itself while a `with` block runs, by its `_lock`."""
+
+    _lock: Lock
+
+    def __enter__(self) -> Self:
+        self._lock.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lock.__exit__(kind, error, trace)
+
+
+def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:
+    """Raises OSError, with one of `_HELD` where others hold some of it."""
+    command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
+    fcntl.fcntl(descriptor, command, _flock(fcntl.F_WRLCK, start, length))
+
+
+def _unlock(descriptor: int, start: int, length: int) -> None:
+    fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _flock(fcntl.F_UNLCK, start, length))
+
+
+def _flock(kind: int, start: int, length: int) -> bytes:
+    """`struct flock`: l_type, l_whence, l_start, l_len, l_pid; the last of these is 0 for locks of open files."""
+    return struct.pack("hhqqi", kind, os.SEEK_SET, start, length, 0)
+
+
+def _read(descriptor: int) -> list[dict[str, Any]]:
+    """Who stands in the file. Whatever else does is nobody."""
+    try:
+        found = json.loads(os.pread(descriptor, 1 << 20, 0) or b"[]")
+    except (OSError, ValueError):
+        return []
+    return [each for each in found if _is_holder(each)] if isinstance(found, list) else []
+
+
+def _is_holder(found: object) -> bool:
+    held = found.get("range") if isinstance(found, dict) else None
+    return isinstance(held, list) and len(held) == 2 and all(isinstance(end, int) for end in held)
+
+
+def _write(descriptor: int, holders: list[dict[str, Any]]) -> None:
+    text = json.dumps(holders).encode()
+    try:
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, text, 0)
+    except OSError as error:  # a disk that is full: the lock holds, but nobody learns whose it is
+        log.info("lock: %s", reason_of(error))
