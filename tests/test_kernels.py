@@ -192,7 +192,7 @@ def test_without_any_place_for_a_cache_it_compiles(session: Session, monkeypatch
 
 SLOW = """
 import time, sys
-from glpath import kernels
+from glpath.system import kernels
 begin = kernels._compilations.begin
 def slowly(name):
     begin(name)
@@ -257,7 +257,7 @@ def test_a_part_of_a_kernel_runs_as_python_when_python_calls_it() -> None:
 
 
 FACTORIES = """
-from glpath import kernels
+from glpath.system import kernels
 kernels.only = {"second"}
 
 @kernels.kernel

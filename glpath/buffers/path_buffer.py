@@ -344,7 +344,7 @@ class PathBuffer(Owner):
         Example
         -------
         >>> from glpath.gl.context import get_context
-        >>> from glpath.scene import load_scene
+        >>> from glpath.io import load_scene
         >>> gl = get_context().gl
         >>> buffer = PathBuffer(gl, DeviceScene(gl, load_scene("cornell-box-36")), paths=(16, 16))
         >>> hits = buffer.cast(origins=[[0, 0, 0.9], [0.5, 0.2, 0.9]], direction=(0, -1, 0))

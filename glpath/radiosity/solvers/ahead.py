@@ -33,7 +33,7 @@ _WORTH_A_PROCESS = 3
 _CODE = """
 import sys
 names, *sys.path = sys.argv[1:]
-from glpath import kernels
+from glpath.system import kernels
 kernels.only = frozenset(names.split())
 from glpath.radiosity.solvers import ahead
 ahead.solve_something()
