@@ -22,11 +22,15 @@ from glpath.integrators.settings import PathTraceSettings
 from glpath.io import load_scene
 
 SIDE = 64
-NOT_THE_NEAREST = ("ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
-NO_SHADOWS = ("ray_bvh.glsl", "blocked = at < tmax", "blocked = false && at < tmax")
-BRIGHT = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
-A_TENTH_BRIGHTER = ("light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
-BLACK_LOOK_UP = ("path_rays.glsl", "L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;", "")
+NOT_THE_NEAREST = ("scene/ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
+NO_SHADOWS = ("scene/ray_bvh.glsl", "blocked = at < tmax", "blocked = false && at < tmax")
+BRIGHT = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
+A_TENTH_BRIGHTER = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
+BLACK_LOOK_UP = (
+    "path/path_rays.glsl",
+    "L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;",
+    "",
+)
 
 
 @pytest.fixture
@@ -120,8 +124,8 @@ def test_the_bench_of_the_t_buffer_fails_where_embree_sees_something_else(agreem
 @pytest.mark.parametrize(
     "wrong",
     [
-        ("t_buffer.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;"),
-        ("t_buffer.vert", "own_pixels = ivec4(begin, end);", "own_pixels = ivec4(begin + 1, end - 1);"),
+        ("t_buffer/t_buffer.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;"),
+        ("t_buffer/t_buffer.vert", "own_pixels = ivec4(begin, end);", "own_pixels = ivec4(begin + 1, end - 1);"),
     ],
 )
 def test_the_bench_of_the_t_buffer_fails_with_a_wrong_engine(wrong, spoil: Spoil) -> None:

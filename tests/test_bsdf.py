@@ -30,8 +30,7 @@ PANE = -1.0
 @pytest.fixture(scope="module")
 def probe(tmp_path_factory: pytest.TempPathFactory) -> Iterator[program.Program]:
     folder = tmp_path_factory.mktemp("shaders")
-    for file in program.shader_folder().iterdir():
-        shutil.copy(file, folder)
+    shutil.copytree(program.shader_folder(), folder, dirs_exist_ok=True)
     shutil.copy(Path(__file__).parent / "reference" / "bsdf_probe.comp", folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "shader_folder", lambda: folder)

@@ -129,7 +129,7 @@ def test_ambient_light_is_indirect(options: dict[str, object]) -> None:
 def test_samples_that_are_dropped_do_not_count(directions: str, spoil) -> None:
     """An engine that now and then finds what is no number: the AOV says where, and no light is kept of it."""
     spoil(
-        "accumulate.glsl",
+        "film/accumulate.glsl",
         "    vec3 scaled = floor(radiance.rgb * quanta + 0.5);",
         "    if (pixel == ivec2(5, 3)) radiance.r = uintBitsToFloat(0x7fc00000u);\n"
         "    vec3 scaled = floor(radiance.rgb * quanta + 0.5);",

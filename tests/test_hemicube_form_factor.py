@@ -59,7 +59,7 @@ def test_small_texels_are_the_papers_delta_form_factors() -> None:
     z = (2 * np.arange(R // 2) + 1) / R
     across, up = np.meshgrid(centre, z)
     side = up * area / (np.pi * (across**2 + up**2 + 1) ** 2)
-    for rows, columns in ((0, R), (R // 2, R), (R, 0), (R, R)):  # the four sides, see shaders/hemicube.glsl
+    for rows, columns in ((0, R), (R // 2, R), (R, 0), (R, R)):  # the four sides, see shaders/shadow/hemicube.glsl
         np.testing.assert_allclose(factors[rows : rows + R // 2, columns : columns + R], side, rtol=1e-3)
 
 

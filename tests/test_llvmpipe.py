@@ -40,7 +40,8 @@ void main()
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "fullscreen.vert").write_text((program.shader_folder() / "fullscreen.vert").read_text())
+    (tmp_path / "gl").mkdir()
+    (tmp_path / "gl/fullscreen.vert").write_text((program.shader_folder() / "gl/fullscreen.vert").read_text())
     monkeypatch.setattr(program, "shader_folder", lambda: tmp_path)
     return tmp_path
 
@@ -61,7 +62,7 @@ def test_uniforms_have_their_values_however_they_come(
     monkeypatch.setenv("GLPATH_TEXELS", texels)
     gl = get_context().gl
     (folder / "a.frag").write_text(UNIFORMS)
-    drawn = program.load_program(gl, vertex="fullscreen.vert", fragment="a.frag", defines={"COUNT": 2})
+    drawn = program.load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag", defines={"COUNT": 2})
     drawn.set(
         {
             "i": -7,
@@ -82,7 +83,7 @@ def test_what_is_more_than_inputs_may_be_stays_a_uniform(folder: Path) -> None:
     lines = [f"uniform vec4 {name};" for name in names]
     body = " + ".join(f"{name} * {i + 1}.0" for i, name in enumerate(names))
     (folder / "a.frag").write_text("\n".join([*lines, "out vec4 o;", f"void main() {{ o = {body}; }}"]))
-    drawn = program.load_program(get_context().gl, vertex="fullscreen.vert", fragment="a.frag")
+    drawn = program.load_program(get_context().gl, vertex="gl/fullscreen.vert", fragment="a.frag")
     drawn.set({name: (float(i == 79), 0.0, 0.0, 0.0) for i, name in enumerate(names)})
     assert drawn_with(drawn)[0, 0, 0] == 80.0
 

@@ -167,7 +167,7 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
     position = gl.texture(buffer.paths, 4, state.tobytes(), dtype="f4")
     uniforms = buffer.scan_positions(position, path_buffer.ScanView((np.array([0.36, 0.48, 0.8]),), seed=4))
     buffer.scan_scene(uniforms)
-    source = shader_folder() / "path_report.frag"
+    source = shader_folder() / "path_buffer/path_report.frag"
     original = source.read_text()
     text = original.replace("out int triangle", "out float triangle")
     text = text.replace(
@@ -179,7 +179,9 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
         patch.setattr(
             type(source), "read_text", lambda self: text if self == source else self.read_bytes().decode()
         )
-        program = load_program(gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=buffer.defines)
+        program = load_program(
+            gl, vertex="gl/fullscreen.vert", fragment="path_buffer/path_report.frag", defines=buffer.defines
+        )
     Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(uniforms)
     return np.frombuffer(answer.read(), np.float32).astype(float)
 

@@ -70,16 +70,16 @@ def scaled(direct: float, indirect: float) -> Callable:
     return lambda found: replace(found, elements=parts * found.elements, vertices=parts * found.vertices)
 
 
-NO_Z0 = shader("path_scan.frag", "greaterThan(t, vec4(least))", "greaterThan(abs(t), vec4(0.0))")
-BRIGHT = shader("light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
+NO_Z0 = shader("path_buffer/path_scan.frag", "greaterThan(t, vec4(least))", "greaterThan(abs(t), vec4(0.0))")
+BRIGHT = shader("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 NO_SHADOWS = shader(
-    "direct.glsl",
+    "lights/direct.glsl",
     "    vec3 w = position - light_position;\n    vec3 p",
     "    return false;\n    vec3 w = position - light_position;\n    vec3 p",
 )
-BLACK_LOOK_UP = shader("path_gather.frag", "v.bsdf.diffuse * found.rgb / PI", "0.0")
+BLACK_LOOK_UP = shader("path/path_gather.frag", "v.bsdf.diffuse * found.rgb / PI", "0.0")
 BRIGHT_LOOK_UP = shader(
-    "path_gather.frag",
+    "path/path_gather.frag",
     "v.bsdf.diffuse * found.rgb / PI",
     "v.bsdf.diffuse * found.rgb",
 )

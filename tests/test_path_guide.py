@@ -32,7 +32,7 @@ def choose(
         """
         struct LatticePlace { int first_element; };
         int element_in(LatticePlace place) { return 0; }
-        #include "path_guide.glsl"
+        #include "path/path_guide.glsl"
         uniform sampler2D numbers;
         layout(location = 0) out vec4 found;
         void main()
@@ -43,7 +43,8 @@ def choose(
         }
         """
     )
-    for name in ("path_guide.glsl", "texels.glsl", "fullscreen.vert"):
+    for name in ("path/path_guide.glsl", "gl/texels.glsl", "gl/fullscreen.vert"):
+        (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text((Path(glpath.__file__).parent.parent / "shaders" / name).read_text())
     monkeypatch.setattr("glpath.gl.program.shader_folder", lambda: folder)
     tables = {"guide_of": np.array([[[1, 2, 3, 0]]], np.uint8), "guide_node": nodes[0][:, None]}
@@ -54,7 +55,7 @@ def choose(
     target = gl.texture(size, 4, dtype="f4")
     program = load_program(
         gl,
-        vertex="fullscreen.vert",
+        vertex="gl/fullscreen.vert",
         fragment="choose.frag",
         generated={"PATH_GUIDE": path_guide_glsl()},
         defines={"GUIDES_SHARED": 1, "GUIDE_LEVELS": LEVELS, "GUIDE_NODES": nodes.shape[1]},

@@ -62,8 +62,14 @@ def test_text_from_python_stands_where_the_shader_asks_for_it(folder: Path) -> N
         load("a.frag")
 
 
+def shader_files() -> list[Path]:
+    found = [path for path in program.shader_folder().rglob("*") if path.is_file()]
+    assert len(found) > 50
+    return found
+
+
 def test_every_shader_file_says_what_it_is_in_its_first_line() -> None:
-    for path in program.shader_folder().iterdir():
+    for path in shader_files():
         assert path.read_text().startswith(f"// {path.name}: "), path
 
 
@@ -99,7 +105,7 @@ def included_in(name: str) -> set[str]:
 
 def test_no_vertex_shader_reads_a_storage_buffer() -> None:
     """OpenGL 4.3 promises none: GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS may be 0."""
-    stages = [path.name for path in program.shader_folder().glob("*.vert")]
+    stages = [str(path.relative_to(program.shader_folder())) for path in program.shader_folder().rglob("*.vert")]
     assert len(stages) > 5
     for stage in stages:
         for name in included_in(stage):
@@ -111,6 +117,6 @@ def test_no_uniform_is_an_array_of_any_length() -> None:
     """A thousand components are all that OpenGL promises a stage; what grows with a scene belongs in a texture."""
     # at most 2, 64, 56, 8, 64, 8
     bounded = r"VIEWS|LIGHT_SAMPLES|BRANCHES \* BOUNCES|PLACES|LIGHT_ROWS \* LIGHTS|PARTS"
-    for path in program.shader_folder().iterdir():
+    for path in shader_files():
         unbounded = rf"^uniform [^;]*\[(?!\d+\]|({bounded})\])"
         assert not re.search(unbounded, path.read_text(), re.MULTILINE), path.name

@@ -28,8 +28,8 @@ Float64 = NDArray[np.float64]
 SKY = {"zenith": 1.0, "horizon": 1.0}
 
 SHADER = """
-#include "texels.glsl"
-#include "ray_bvh.glsl"
+#include "gl/texels.glsl"
+#include "scene/ray_bvh.glsl"
 TEXELS(rgba32f, origins);
 TEXELS(rgba32f, directions);
 layout(location = 0) out vec4 found;
@@ -88,7 +88,7 @@ def cast(
         textures[name].filter = (gl.NEAREST, gl.NEAREST)
     out = gl.texture(size, 4, dtype="f4")
     drawn = program.load_program(
-        gl, vertex="fullscreen.vert", fragment="cast.frag", generated={"RAY_BVH": ray_bvh_glsl()}
+        gl, vertex="gl/fullscreen.vert", fragment="cast.frag", generated={"RAY_BVH": ray_bvh_glsl()}
     )
     Pass("cast", gl, drawn, gl.framebuffer([out]), textures=textures).run(bvh.uniforms)
     found = np.frombuffer(out.read(), np.float32).reshape(-1, 4)

@@ -43,7 +43,9 @@ def on_device(columns: int, rows: int, face: int, **defines: object) -> tuple[Fl
     """What the shader says: (rows, columns, 4) column, row, face and distance; (rows, columns, 3) direction."""
     gl = get_context().gl
     textures = [gl.texture((columns, rows), 4, dtype="f4") for _ in range(2)]
-    drawn = load_program(gl, vertex="fullscreen.vert", fragment="point_shadow_cells.frag", defines=defines)
+    drawn = load_program(
+        gl, vertex="gl/fullscreen.vert", fragment="shadow/point_shadow_cells.frag", defines=defines
+    )
     stage = Pass("cells", gl, drawn, gl.framebuffer(textures))
     stage.run({"shadow_cells": (float(columns), float(rows)), "face": face})
     found, direction = (np.frombuffer(t.read(), np.float32).reshape(rows, columns, 4) for t in textures)
@@ -81,7 +83,7 @@ def test_angles_are_as_accurate_as_they_say(tmp_path: Path, monkeypatch: pytest.
     shaders = tmp_path / "shaders"
     shutil.copytree(program.shader_folder(), shaders)
     (shaders / "a.frag").write_text("""
-        #include "angles.glsl"
+        #include "sampling/angles.glsl"
         layout(location = 0) out vec4 o;
         void main()
         {
@@ -92,7 +94,7 @@ def test_angles_are_as_accurate_as_they_say(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(program, "shader_folder", lambda: shaders)
     gl = get_context().gl
     texture = gl.texture((2048, 16), 4, dtype="f4")
-    drawn = load_program(gl, vertex="fullscreen.vert", fragment="a.frag")
+    drawn = load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag")
     Pass("angles", gl, drawn, gl.framebuffer([texture])).run({})
     found = np.frombuffer(texture.read(), np.float32).reshape(16, 2048, 4).astype(float)
     x = (np.arange(2048) - 1024) / 256 + (np.arange(16)[:, None] + 0.5) / 65536

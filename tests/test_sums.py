@@ -22,7 +22,7 @@ def test_negative_and_infinite_samples_are_dropped_and_counted(
     shaders = tmp_path / "shaders"
     shutil.copytree(program.shader_folder(), shaders)
     (shaders / "a.frag").write_text("""
-        #include "accumulate.glsl"
+        #include "film/accumulate.glsl"
         uniform sampler2D samples;
         void main()
         {
@@ -35,7 +35,7 @@ def test_negative_and_infinite_samples_are_dropped_and_counted(
     size = (len(SAMPLES), 1)
     sums = PixelSums(gl, size, 1.0)
     samples = gl.texture(size, 1, data=np.array(SAMPLES, np.float32).tobytes(), dtype="f4")
-    drawn = program.load_program(gl, vertex="fullscreen.vert", fragment="a.frag")
+    drawn = program.load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag")
     for i in range(2):
         textures = {**sums.textures[i], "samples": samples}
         Pass("add", gl, drawn, sums.targets[1 - i], textures=textures).run({"quanta": sums.quanta})

@@ -340,10 +340,10 @@ def test_no_pixel_is_lost_where_programs_differ_in_the_last_bits(
     assert_all_equal([(exact, t), *others])
     shaders = tmp_path / "shaders"
     shutil.copytree(program.shader_folder(), shaders)
-    text = (shaders / "t_buffer_small.comp").read_text()
+    text = (shaders / "t_buffer/t_buffer_small.comp").read_text()
     assert SHOT in text
     changed = text.replace(SHOT, f"{SHOT}\n#ifdef SECOND\n{otherwise}\n#endif\n")
-    (shaders / "t_buffer_small.comp").write_text(changed)
+    (shaders / "t_buffer/t_buffer_small.comp").write_text(changed)
     monkeypatch.setattr(program, "shader_folder", lambda: shaders)
     primitive, distance = see(gl, scene)[2]
     np.testing.assert_array_equal(distance, t)

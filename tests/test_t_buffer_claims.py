@@ -73,23 +73,29 @@ def coarse(gl, objects, rows, columns, lights):
     return SphereShadowBuffer(gl, objects, 30, 60, lights)
 
 
-FARTHEST = shader("t_buffer.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;")
-NARROW = shader("t_buffer.vert", "own_pixels = ivec4(begin, end);", "own_pixels = ivec4(begin + 1, end - 1);")
-UNCOUNTED = shader("t_buffer.frag", "atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);", "")
-CLASSIC_UNCOUNTED = shader("classic_eye.frag", "+= tests;", "+= tests / 2u;")
+FARTHEST = shader(
+    "t_buffer/t_buffer.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;"
+)
+NARROW = shader(
+    "t_buffer/t_buffer.vert", "own_pixels = ivec4(begin, end);", "own_pixels = ivec4(begin + 1, end - 1);"
+)
+UNCOUNTED = shader("t_buffer/t_buffer.frag", "atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);", "")
+CLASSIC_UNCOUNTED = shader("t_buffer/classic_eye.frag", "+= tests;", "+= tests / 2u;")
 NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
 NO_SHADOW_RAYS = shader(
-    "whitted.frag", "if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;", ""
+    "t_buffer/whitted.frag", "if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;", ""
 )
-NO_REFLECTION = shader("whitted.frag", "weight *= mirrored(bsdf, dot(mirroring, -direction));", "weight *= 0.0;")
+NO_REFLECTION = shader(
+    "t_buffer/whitted.frag", "weight *= mirrored(bsdf, dot(mirroring, -direction));", "weight *= 0.0;"
+)
 ALL_LIT = shader(
-    "point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
+    "shadow/point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
 )
 ALL_DARK = shader(
-    "point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return true;"
+    "shadow/point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return true;"
 )
 SHADOWS_OF_THE_FARTHEST = shader(
-    "point_shadow_fill.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;"
+    "shadow/point_shadow_fill.frag", "gl_FragDepth = t * DEPTH_SCALE;", "gl_FragDepth = 1.0 - t * DEPTH_SCALE;"
 )
 COARSE = attribute(whitted, "SphereShadowBuffer", coarse)
 

@@ -1,4 +1,4 @@
-"""Both ways of reading texels, llvmpipe's and that of graphics cards, give the same bits: shaders/texels.glsl."""
+"""Both ways of reading texels, llvmpipe's and that of graphics cards, give the same bits: gl/texels.glsl."""
 
 from __future__ import annotations
 
@@ -58,4 +58,4 @@ def test_films_have_the_same_bits_both_ways() -> None:
 def test_a_way_that_does_not_exist_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLPATH_TEXELS", "guess")
     with pytest.raises(ShaderError, match="GLPATH_TEXELS: there is no 'guess'; allowed are auto, image, fetch"):
-        load_program(get_context().gl, vertex="fullscreen.vert", fragment="point_shadow_cells.frag")
+        load_program(get_context().gl, vertex="gl/fullscreen.vert", fragment="shadow/point_shadow_cells.frag")

@@ -124,7 +124,7 @@ def atlas_form_factors(resolution: int) -> Float64:
     across, up = np.meshgrid(edge, z)
     r = np.sqrt(1.0 + up * up)
     side = _differences(-np.arctan(across / r) / (2.0 * np.pi * r))
-    # The rectangles of shaders/hemicube.glsl.
+    # The rectangles of shaders/shadow/hemicube.glsl.
     return np.block([[top, np.concatenate([side, side])], [side, side]])
 
 

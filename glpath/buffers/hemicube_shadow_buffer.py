@@ -1,7 +1,7 @@
 """The shadow-buffer of a path set's light point [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
 
 Five faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It
-holds triangle numbers. `shaders/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is
+holds triangle numbers. `lights/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is
 needed, and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces
 meet within a texel, which averages out as the light point and the hemicube's roll change from set to set.
 
@@ -47,8 +47,8 @@ class HemicubeShadowBuffer(Owner):
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         program = load_program(
             gl,
-            vertex="hemicube.vert",
-            fragment="hemicube.frag",
+            vertex="shadow/hemicube.vert",
+            fragment="shadow/hemicube.frag",
             generated=scene.generated,
             defines=scene.defines | self.defines,
         )
@@ -70,8 +70,8 @@ class HemicubeShadowBuffer(Owner):
             self._streamed = StreamedScan(
                 "shadow-buffer",
                 scene.stream,
-                vertex="hemicube.vert",
-                fragment="hemicube.frag",
+                vertex="shadow/hemicube.vert",
+                fragment="shadow/hemicube.frag",
                 generated=scene.generated,
                 defines=scene.defines | self.defines,
                 textures=scene.textures,

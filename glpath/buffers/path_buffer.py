@@ -170,7 +170,7 @@ class PathBuffer(Owner):
         }
         self._report: tuple[Pass, moderngl.Texture] | None = None
 
-        def program(fragment: str, vertex: str = "fullscreen.vert", **defines: object) -> Program:
+        def program(fragment: str, vertex: str = "gl/fullscreen.vert", **defines: object) -> Program:
             return load_program(
                 gl,
                 vertex=vertex,
@@ -182,14 +182,20 @@ class PathBuffer(Owner):
         def target(*attachments: moderngl.Texture) -> moderngl.Framebuffer:
             return gl.framebuffer(list(attachments))
 
-        bounds = program("path_bounds.frag", FROM_PATHS=1)
+        bounds = program("path_buffer/path_bounds.frag", FROM_PATHS=1)
         self._position_passes = [
             Pass("bounds of the paths", gl, bounds, target(*self._grids), textures=textures),
-            Pass("bounds of the grid", gl, program("path_bounds.frag"), target(self._bounds), textures=textures),
+            Pass(
+                "bounds of the grid",
+                gl,
+                program("path_buffer/path_bounds.frag"),
+                target(self._bounds),
+                textures=textures,
+            ),
             Pass(
                 "launch",
                 gl,
-                program("path_launch.frag"),
+                program("path_buffer/path_launch.frag"),
                 target(self._flights),
                 textures=textures,
                 buffers={0: self._heads},
@@ -198,7 +204,7 @@ class PathBuffer(Owner):
         self._cell_pass = Pass(
             "cells",
             gl,
-            program("path_cells.frag"),
+            program("path_buffer/path_cells.frag"),
             target(self._z0, self._place, self._slots),
             textures=textures,
             buffers={0: self._heads},
@@ -211,7 +217,7 @@ class PathBuffer(Owner):
                 Pass(
                     name,
                     gl,
-                    program("path_scan.frag", "path_scan.vert", **defines),
+                    program("path_buffer/path_scan.frag", "path_buffer/path_scan.vert", **defines),
                     target(found),
                     vertices=3 * scene.triangle_count,
                     blend=blend,
@@ -225,8 +231,8 @@ class PathBuffer(Owner):
                     StreamedScan(
                         name,
                         self._stream,
-                        vertex="path_scan.vert",
-                        fragment="path_scan.frag",
+                        vertex="path_buffer/path_scan.vert",
+                        fragment="path_buffer/path_scan.frag",
                         generated=scene.generated,
                         defines=scene.defines | self.defines | defines,
                         textures={**textures, **self.textures},
@@ -440,7 +446,7 @@ class PathBuffer(Owner):
             texture = self.gl.texture(self.paths, 1, dtype="i4")
             texture.filter = _NEAREST
             program = load_program(
-                self.gl, vertex="fullscreen.vert", fragment="path_report.frag", defines=self.defines
+                self.gl, vertex="gl/fullscreen.vert", fragment="path_buffer/path_report.frag", defines=self.defines
             )
             stage = Pass(
                 "report",

@@ -4,7 +4,7 @@ They see in every direction: `SphereShadowBuffer` by the sphere of latitude and 
 by a cube, which has no poles to waste cells on. An entry is the nearest primitive along the ray of its cell, its t,
 and the plane that touches it there. Filled object by object: the cells in which an object can be seen are bounded
 (`light_bounds`), and each of these rays is intersected exactly, with what is nearer kept by the depth test. Looked
-up by `shaders/point_shadow.glsl`. A spot is a point light with a cone. A directional light has no such buffer: it
+up by `shadow/point_shadow.glsl`. A spot is a point light with a cone. A directional light has no such buffer: it
 has no point that directions could be told apart from, and the orthographic one that it would need has no size in a
 scene with an endless ground; its shadows take rays.
 
@@ -129,8 +129,8 @@ class PointShadowBuffer(Owner, ABC):
         for kind in KINDS:
             program = load_program(
                 gl,
-                vertex="point_shadow_fill.vert",
-                fragment="point_shadow_fill.frag",
+                vertex="shadow/point_shadow_fill.vert",
+                fragment="shadow/point_shadow_fill.frag",
                 generated=objects.generated,
                 defines={
                     **objects.defines,
@@ -295,8 +295,8 @@ class PointShadowBuffer(Owner, ABC):
         out = self.gl.texture((width, height), 1, dtype="f4")
         program = load_program(
             self.gl,
-            vertex="fullscreen.vert",
-            fragment="point_shadow_report.frag",
+            vertex="gl/fullscreen.vert",
+            fragment="shadow/point_shadow_report.frag",
             generated=self.objects.generated,
             defines=self.objects.defines | self.defines(test, taps),
         )

@@ -1,6 +1,6 @@
 """What the eye sees, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
 
-Both shoot the ray through every pixel with the same routines (`shaders/object_intersect.glsl`), so they hold the
+Both shoot the ray through every pixel with the same routines (`scene/object_intersect.glsl`), so they hold the
 same bits; they differ in which rays they shoot. The T-buffer takes object by object and shoots the rays that may
 hit it: those of the pixels in a conservative projection. Two ways lead from an object to its pixels:
 
@@ -145,7 +145,9 @@ class ClassicEye(EyeBuffer):
             "primary rays",
             gl,
             self._program(
-                {"DEPTH_SCALE": DISTANCE_TO_DEPTH}, vertex="fullscreen.vert", fragment="classic_eye.frag"
+                {"DEPTH_SCALE": DISTANCE_TO_DEPTH},
+                vertex="gl/fullscreen.vert",
+                fragment="t_buffer/classic_eye.frag",
             ),
             gl.framebuffer([self.texture], float_depth_texture(gl, size)),
             depth=True,
@@ -207,7 +209,7 @@ class TBuffer(EyeBuffer):
             draw = Pass(
                 f"t-buffer: {kind}s",
                 gl,
-                self._program(defines, vertex="t_buffer.vert", fragment="t_buffer.frag"),
+                self._program(defines, vertex="t_buffer/t_buffer.vert", fragment="t_buffer/t_buffer.frag"),
                 target,
                 vertices=corners if plane else corners * len(numbers),
                 instances=len(numbers) if plane else 1,
@@ -344,10 +346,10 @@ class _SmallPrimitives:
                 (self._first, "least t", {}),
                 (self._second, "lowest number", {"SECOND": 1}),
             ):
-                program = buffer._program(define | more, compute="t_buffer_small.comp")
+                program = buffer._program(define | more, compute="t_buffer/t_buffer_small.comp")
                 stage = Dispatch(f"t-buffer: small {kind}s, {name}", gl, program, objects.textures, buffers)
                 stages.append((stage, own, grid))
-            program = buffer._program({}, compute="t_buffer_list.comp")
+            program = buffer._program({}, compute="t_buffer/t_buffer_list.comp")
             lister = Dispatch(
                 f"t-buffer: large {kind}s",
                 gl,
@@ -358,7 +360,7 @@ class _SmallPrimitives:
         self._merge = Pass(
             "t-buffer: merge",
             gl,
-            buffer._program({}, vertex="fullscreen.vert", fragment="t_buffer_merge.frag"),
+            buffer._program({}, vertex="gl/fullscreen.vert", fragment="t_buffer/t_buffer_merge.frag"),
             gl.framebuffer([buffer.texture]),
             textures={"drawn": drawn},
             buffers={2: self._nearest, 3: self._lowest},

@@ -1,4 +1,4 @@
-"""The camera as the uniforms of `shaders/camera.glsl`."""
+"""The camera as the uniforms of `shaders/camera/camera.glsl`."""
 
 from __future__ import annotations
 

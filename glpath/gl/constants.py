@@ -28,7 +28,7 @@ RAY_ROUNDING = 2e-6
 CAST_BITS = 11
 #: Sums of events: above the rays lost, the samples dropped.
 DROPPED_SHIFT = 20
-#: Sums of places (`shaders/aov.glsl`): above the upper bits of depth's, the surfaces met.
+#: Sums of places (`shaders/film/aov.glsl`): above the upper bits of depth's, the surfaces met.
 HITS_SHIFT = 16
 
 #: Radians by which a direction may seem to miss the edge of a photometric profile.

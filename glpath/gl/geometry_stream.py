@@ -239,7 +239,7 @@ class StreamedScan:
             self._cull = Dispatch(
                 f"{name}: triangles that paths may meet",
                 stream.gl,
-                load_program(stream.gl, compute="stream_cull.comp", generated=generated, defines=plain),
+                load_program(stream.gl, compute="scene/stream_cull.comp", generated=generated, defines=plain),
                 self._textures,
                 {0: stream.command, 1: stream.kept},
             )
@@ -248,7 +248,9 @@ class StreamedScan:
         self._record = None
         if records is not None:
             of = {"OF_PATHS": 1} if seen is None else {}
-            program = load_program(stream.gl, compute="stream_record.comp", generated=generated, defines=plain | of)
+            program = load_program(
+                stream.gl, compute="scene/stream_record.comp", generated=generated, defines=plain | of
+            )
             self._record_textures = {**textures, "kept_records": records}
             if seen is not None:
                 self._record_textures["seen_buffer"] = seen

@@ -1,4 +1,4 @@
-"""All lights of a scene on the device, for paths that draw light samples of their own: `shaders/light_draw.glsl`.
+"""All lights of a scene on the device, for paths that draw light samples of their own: `lights/light_draw.glsl`.
 
 `glpath.lights.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The
 lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in

@@ -1,4 +1,4 @@
-"""Light samples and the sky as the uniforms of `shaders/direct.glsl`, `path_rays.glsl` and `sky.glsl`."""
+"""Light samples and the sky as the uniforms of `shaders/lights/direct.glsl`, `path_rays.glsl` and `sky.glsl`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
-    """What `shaders/light_sample.glsl` asks for: which kinds of light there are."""
+    """What `shaders/lights/light_sample.glsl` asks for: which kinds of light there are."""
     has = {
         "HAS_POSITIONAL_LIGHTS": lighting.positional,
         "HAS_DISTANT_LIGHTS": lighting.infinite,
@@ -55,7 +55,7 @@ LIGHT_ROWS = 4
 
 
 def light_rows(lights: LightSamples, share: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path_rays.glsl`.
+    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path/path_rays.glsl`.
 
     share : (N,) of all lights, by their probability, that each sample stands for
     """

@@ -1,7 +1,7 @@
 """What Mesa's llvmpipe (22.3) wants said otherwise in a shader: the same numbers, fetched more cheaply.
 
 - It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
-  `shaders/texels.glsl` is the GLSL of that.
+  `shaders/gl/texels.glsl` is the GLSL of that.
 - It fetches a uniform lane by lane, some 30 instructions a component: in a fragment shader everywhere, in others
   within a branch or a loop, as the first lane may be idle there. A flat input of a fragment shader costs one or
   two, and so does what a compute shader has fetched at its start.
@@ -21,7 +21,7 @@ from glpath.errors import ShaderError
 
 TEXELS = ("auto", "image", "fetch")
 #: The vertex shader of passes over all texels: of its three vertices nobody counts the outputs.
-FULLSCREEN = "fullscreen.vert"
+FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"
 #: The uniform, where the name is that of what the shader reads instead. No macro: fields may have such a name too.

@@ -1,7 +1,7 @@
 """A `Scene` as texels: what shaders read of it, as tables in numpy; `device_scene` puts them on the device.
 
 The layout of both stores is declared here and nowhere else, and handed to GLSL as text (`#include <SCENE>`), on
-which `shaders/surface.glsl` and its neighbours build. Triangles are three indices into a pool of vertices.
+which `shaders/scene/surface.glsl` and its neighbours build. Triangles are three indices into a pool of vertices.
 
 Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A
 kind is then a range, and a loop over a kind fetches only what that kind needs. Engines that know triangles alone

@@ -1,4 +1,4 @@
-"""Sums of samples for every pixel, exact in any order; the CPU's side of `shaders/accumulate.glsl`."""
+"""Sums of samples for every pixel, exact in any order; the CPU's side of `shaders/film/accumulate.glsl`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class PixelSums:
             for written in self.written:
                 written[_DIRECT] = direct
             self._direct = PixelSums(gl, size, max_radiance)
-            program = load_program(gl, vertex="fullscreen.vert", fragment="direct_sums.frag")
+            program = load_program(gl, vertex="gl/fullscreen.vert", fragment="film/direct_sums.frag")
             self._direct_passes = [
                 Pass(
                     "direct light",

@@ -29,7 +29,7 @@ class Kind(NamedTuple):
 
     dtype: type[np.generic]
     gl: str  # moderngl's name
-    declare: str  # see shaders/texels.glsl
+    declare: str  # see shaders/gl/texels.glsl
     vector: str
 
 
@@ -41,7 +41,7 @@ UINTS = Kind(np.uint32, "u4", "UINT_TEXELS(rgba32ui, {})", "uvec4")
 
 def store_glsl(name: str, kind: Kind, layout: Layout) -> str:
     """GLSL for the store `name`: of a section "sphere" the constants SPHERE_... and sphere_texel(number, which)."""
-    lines = ['#include "texels.glsl"', kind.declare.format(name) + ";"]
+    lines = ['#include "gl/texels.glsl"', kind.declare.format(name) + ";"]
     for section, texels in layout.items():
         lines.append(f"uniform int {section}_base;")
         lines += [

@@ -2,7 +2,7 @@
 
 A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie
 in a store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
-`shaders/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel,
+`scene/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel,
 and what paths see over their directions.
 """
 

@@ -31,14 +31,14 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# By what is summed together: the AOVs, and the names of the sums in shaders/aov.glsl.
+# By what is summed together: the AOVs, and the names of the sums in shaders/film/aov.glsl.
 _GROUPS = {
     "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
     "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
     "AOV_NEAREST": (("depth_min",), ("sum_nearest",)),
 }
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
-# they are (`shaders/aov.glsl`).
+# they are (`shaders/film/aov.glsl`).
 _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
 # Places have so many bits: those of a float, and how far beyond the scene surfaces may be seen (of endless planes).
 _PLACE_BITS = 36
@@ -106,8 +106,8 @@ class EyeAovs:
             defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
             program = load_program(
                 gl,
-                vertex="fullscreen.vert",
-                fragment="aov.frag" if seen.buffer.components == 1 else "aov_primitives.frag",
+                vertex="gl/fullscreen.vert",
+                fragment="film/aov.frag" if seen.buffer.components == 1 else "film/aov_primitives.frag",
                 generated=scene.generated,
                 defines=defines,
             )
@@ -205,8 +205,8 @@ class EyeAovs:
     def _make_shape_passes(self, seen: Seen, textures: dict[str, moderngl.Texture]) -> None:
         program = load_program(
             self._gl,
-            vertex="fullscreen.vert",
-            fragment="shapes_seen.frag",
+            vertex="gl/fullscreen.vert",
+            fragment="film/shapes_seen.frag",
             generated=seen.scene.generated,
             defines={**seen.scene.defines, "EYE_FORMAT": ("r32ui", "rg32ui")[seen.buffer.components - 1]},
         )

@@ -104,11 +104,11 @@ class GatherTracer(PathStages):
             timings=timings,
         )
         self._advance_passes = self._vertex_passes(
-            "advance", "path_advance.frag", inner=settings.max_depth > 2, last=False
+            "advance", "path_buffer/path_advance.frag", inner=settings.max_depth > 2, last=False
         )
         self._gather_passes = self._vertex_passes(
             "look up",
-            "path_gather.frag",
+            "path/path_gather.frag",
             inner=settings.lookup_distance > 0,
             last=True,
             textures=radiosity.textures,

@@ -69,8 +69,8 @@ class LampEdges:
             gl,
             load_program(
                 gl,
-                vertex="fullscreen.vert",
-                fragment="lamp_edges.frag",
+                vertex="gl/fullscreen.vert",
+                fragment="lights/lamp_edges.frag",
                 generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
                 defines={**scene.defines, **eye_defines, "HAS_SKY": scene.scene.sky is not None, "PLACES": PLACES},
             ),

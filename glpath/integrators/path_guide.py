@@ -98,8 +98,8 @@ class PathGuide:
         framebuffer = gl.framebuffer([target])
         program = load_program(
             gl,
-            vertex="fullscreen.vert",
-            fragment="path_guide.frag",
+            vertex="gl/fullscreen.vert",
+            fragment="path/path_guide.frag",
             generated={**generated, "GUIDE_PLACES_STORE": store_glsl("guide_places", FLOATS, _PLACES_LAYOUT)},
             defines={
                 **defines,

@@ -251,8 +251,8 @@ class PathSetEngine(Owner, ABC):
             gl,
             load_program(
                 gl,
-                vertex="eye.vert",
-                fragment="eye.frag",
+                vertex="camera/eye.vert",
+                fragment="camera/eye.frag",
                 generated=scene.generated,
                 defines=scene.defines | self._eye_defines,
             ),
@@ -268,8 +268,8 @@ class PathSetEngine(Owner, ABC):
             self._eye_stream = StreamedScan(
                 "eye",
                 scene.stream,
-                vertex="eye.vert",
-                fragment="eye.frag",
+                vertex="camera/eye.vert",
+                fragment="camera/eye.frag",
                 generated=scene.generated,
                 defines=scene.defines,
                 textures=scene.textures,
@@ -286,8 +286,8 @@ class PathSetEngine(Owner, ABC):
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         program = load_program(
             gl,
-            vertex="fullscreen.vert",
-            fragment="eye_rays.frag",
+            vertex="gl/fullscreen.vert",
+            fragment="camera/eye_rays.frag",
             generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
             defines=scene.defines | self._eye_defines,
         )

@@ -292,7 +292,7 @@ class PathStages(PathSetEngine):
         self._deep_textures = {**self._textures, **self._deep.textures, **self._deep_shadows.textures}
         depth = self._settings.max_depth
         self._start_passes = self._vertex_passes(
-            "first vertex", "path_start.frag", inner=depth > 1, last=depth == 1
+            "first vertex", "path_buffer/path_start.frag", inner=depth > 1, last=depth == 1
         )
         if self._distant_buffer is not None:
             self._light_passes = self._deep_light_passes = self._distant_light_passes(self._distant_buffer)
@@ -305,7 +305,7 @@ class PathStages(PathSetEngine):
         self,
         fragment: str,
         *,
-        vertex: str = "fullscreen.vert",
+        vertex: str = "gl/fullscreen.vert",
         generated: Mapping[str, str] | None = None,
         defines: Mapping[str, object] | None = None,
         scene: DeviceScene,
@@ -383,8 +383,8 @@ class PathStages(PathSetEngine):
         inner, last = (
             load_program(
                 self.gl,
-                vertex="fullscreen.vert",
-                fragment="path_light.frag",
+                vertex="gl/fullscreen.vert",
+                fragment="path/path_light.frag",
                 defines={**buffer.defines, **self._sums.defines, **end},
             )
             for end in ({}, {"LAST_VERTEX": 1})

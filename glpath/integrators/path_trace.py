@@ -51,7 +51,7 @@ class PathTracer(PathStages):
         )
         depth = settings.max_depth
         self._advance_passes = self._vertex_passes(
-            "advance", "path_advance.frag", inner=depth > 2, last=depth > 1, deep=True
+            "advance", "path_buffer/path_advance.frag", inner=depth > 2, last=depth > 1, deep=True
         )
 
     def trace_path_set(self, index: int) -> None:

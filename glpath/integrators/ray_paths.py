@@ -8,7 +8,7 @@ and the light there, 0.4 of what a set with one takes.
 So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number
 of triangles, where a scan costs their number. README has what that is worth.
 
-A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path_rays.glsl`); on a
+A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`); on a
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
@@ -199,13 +199,17 @@ class RayPathEngine(PathSetEngine):
 
     def _pass(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> Pass:
         program = load_program(
-            self.gl, vertex="fullscreen.vert", fragment="path_rays.frag", generated=generated, defines=defines
+            self.gl,
+            vertex="gl/fullscreen.vert",
+            fragment="path/path_rays.frag",
+            generated=generated,
+            defines=defines,
         )
         return Pass("paths", self.gl, program, self._sums.targets[1 - i], textures=textures)
 
     def _dispatch(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> PixelDispatch:
         program = load_program(
-            self.gl, compute="path_rays.comp", generated=generated, defines={**defines, "COMPUTE": 1}
+            self.gl, compute="path/path_rays.comp", generated=generated, defines={**defines, "COMPUTE": 1}
         )
         written = {f"new_{name}": texture for name, texture in self._sums.written[1 - i].items()}
         return PixelDispatch("paths", self.gl, program, {**textures, **written}, frozenset(written))

@@ -58,8 +58,8 @@ class StartPoints:
             gl,
             load_program(
                 gl,
-                vertex="fullscreen.vert",
-                fragment="start_points.frag",
+                vertex="gl/fullscreen.vert",
+                fragment="camera/start_points.frag",
                 generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
                 defines=scene.defines | self.defines,
             ),

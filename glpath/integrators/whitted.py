@@ -223,7 +223,7 @@ class WhittedTracer(Owner):
     # What the frame is made of.
 
     def _light_samples(self, index: int) -> Uniforms:
-        """The light points of a path set, which shaders/light_samples.glsl reads."""
+        """The light points of a path set, which shaders/lights/light_samples.glsl reads."""
         lighting, n = self._area_lighting, self.settings.light_samples
         if lighting.dark:
             return {}
@@ -295,7 +295,7 @@ class WhittedTracer(Owner):
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
         program = load_program(
-            gl, vertex="fullscreen.vert", fragment="whitted.frag", generated=generated, defines=defines
+            gl, vertex="gl/fullscreen.vert", fragment="t_buffer/whitted.frag", generated=generated, defines=defines
         )
         self._shade_passes: list[Pass] = [
             Pass(

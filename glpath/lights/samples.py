@@ -150,7 +150,7 @@ def profile_number(scene: Scene, light: Light) -> int:
 
 
 def incident(light: Light, positions: Float64) -> Incident:
-    """What a punctual light sends to positions (N, 3). `shaders/punctual.glsl` is the same for the GPU."""
+    """What a punctual light sends to positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
     n = len(positions)
     if light.kind == "directional":
         wi = np.broadcast_to(-light.direction, (n, 3))

@@ -1,6 +1,6 @@
 """What textures and the colours of vertices make of materials at points of surfaces, on the CPU.
 
-`shaders/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
+`scene/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
 and the elements of radiosity.
 
 Cost:     a look-up of N points is a dozen numpy calls; a mean over a triangle takes 16 to 4096 points, by how many

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 
 #: In diagonals of the scene, how far its middle is from the origin at most. There 32 bits tell 2e-7 of the diagonal
-#: apart, a tenth of what scans allow (`DEPTH_TOLERANCE` in shaders/path_scan.frag).
+#: apart, a tenth of what scans allow (`DEPTH_TOLERANCE` in shaders/path_buffer/path_scan.frag).
 FARTHEST = 4.0
 
 

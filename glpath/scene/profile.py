@@ -65,7 +65,7 @@ class LightProfile:
         return np.stack(corners, axis=-1).reshape(-1, 4)
 
     def intensity(self, directions: Float64, axis: Float64, c0: Float64) -> Float64:
-        """(N,) float64, cd, in unit directions (N, 3) away from the light. `shaders/profile.glsl` is the same.
+        """(N,) float64, cd, in unit directions (N, 3) away from the light. `lights/profile.glsl` is the same.
 
         axis, c0 : (3,) unit, perpendicular: towards gamma = 0, and towards C = 0 at gamma = 90
         """

@@ -150,7 +150,7 @@ class Environment:
         ])  # fmt: skip
 
     def radiance(self, directions: ArrayLike) -> Float64:
-        """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3). `shaders/sky.glsl` is the same for the GPU."""
+        """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3). `lights/sky.glsl` is the same for the GPU."""
         wi = np.asarray(directions, np.float64)
         x, y, z = np.moveaxis(wi.reshape(-1, 3) @ self.frame.T, 1, 0)
         height, width = self.image.shape[:2]

@@ -7,7 +7,7 @@
 #define HAS_MICROFACETS 1
 #define HAS_GLASS 1
 #define HAS_BRUSHES 1
-#include "bsdf.glsl"
+#include "bsdf/bsdf.glsl"
 
 layout(local_size_x = 64) in;
 layout(std430, binding = 0) readonly buffer Surface { float parameters[]; };

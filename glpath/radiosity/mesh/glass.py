@@ -1,7 +1,7 @@
 """Glass, as light passes through it: panes straight, solids by refraction, each what its surface does not reflect.
 
 To the solvers a surface reflects as if it were dull. What glass lets through goes on behind it, by the angle at
-which it comes, as the shaders have it (`shaders/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
+which it comes, as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
 
 Poor at:  frosted glass, whose light goes on as if it were clear.
 """

@@ -1,0 +1,231 @@
+// bsdf.glsl: what a point of a surface does with light: a dull base (Lambert's, with Phong's highlight), under or beside lobes
+// that mirror: microfacets, a varnish, a mirror. Each lobe is evaluated and sampled by itself.
+// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_GLASS: where materials have them
+// Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
+// Units:  a BRDF is told in units of a white Lambertian surface's, 1 / pi.
+// Source: glTF 2.0, appendix B, and its extensions for the varnish (clearcoat), glass (transmission, volume) and the
+//         strength of a dielectric's reflection (specular); Phong 1975 [TB IV].
+#include "sampling/directions.glsl"
+#ifdef HAS_MICROFACETS
+#include "bsdf/microfacets.glsl"
+#endif
+
+struct Bsdf
+{
+    vec3 diffuse;   // reflectance
+    vec3 specular;  // Phong's coefficient
+    float exponent;
+    vec3 mirror;    // share of the light from the mirror direction
+#ifdef HAS_MICROFACETS
+    vec3 metal;       // what metal reflects at normal incidence, by its share
+    float metallic;   // that share, which it reflects at grazing incidence
+    vec3 dielectric;  // what a dielectric reflects at normal incidence
+    float grazing;    // and at grazing incidence
+    float layered;    // share of the surface that is one
+    vec2 alpha;       // GGX's, along the brush and across
+#ifdef HAS_BRUSHES
+    vec3 brush;       // along the surface; 0 for none
+#endif
+    float coat;       // share under varnish
+    float coat_alpha;
+    vec3 clear;       // share that is let through
+    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or PANE
+#endif
+};
+
+Bsdf lambertian(vec3 reflectance)
+{
+    Bsdf b;
+    b.diffuse = reflectance;
+    b.specular = b.mirror = vec3(0.0);
+    b.exponent = 1.0;
+#ifdef HAS_MICROFACETS
+    b.metal = b.dielectric = b.clear = vec3(0.0);
+    b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
+    b.alpha = vec2(1.0);
+#ifdef HAS_BRUSHES
+    b.brush = vec3(0.0);
+#endif
+#endif
+    return b;
+}
+
+float mean(vec3 v)
+{
+    return (v.r + v.g + v.b) * (1.0 / 3.0);
+}
+
+#ifdef HAS_MICROFACETS
+const float PANE = -1.0;  // smooth and thin: light goes straight through
+const float COAT_REFLECTS = 0.04;
+
+// Of a dielectric; `cosine` of the angle to the microfacet's normal.
+vec3 dielectric_reflects(Bsdf b, float cosine)
+{
+#ifdef HAS_GLASS
+    // Schlick's formula does not know total reflection.
+    if (b.eta > 0.0) return vec3(fresnel(cosine, b.eta));
+#endif
+    return b.dielectric + (b.grazing - b.dielectric) * schlick(cosine);
+}
+
+vec3 microfacet_reflects(Bsdf b, float cosine)
+{
+    return b.metal + (b.metallic - b.metal) * schlick(cosine) + b.layered * dielectric_reflects(b, cosine);
+}
+
+// What is left for the base under a dielectric.
+float let_under(Bsdf b, float cosine)
+{
+    vec3 F = dielectric_reflects(b, cosine);
+    return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
+}
+
+float coat_reflects(Bsdf b, float cosine)
+{
+    return b.coat * (COAT_REFLECTS + (1.0 - COAT_REFLECTS) * schlick(cosine));
+}
+#endif
+
+// Of the diffuse base, seen at a cosine to the normal.
+vec3 dull_reflectance(Bsdf b, float cosine)
+{
+#ifdef HAS_MICROFACETS
+    return b.diffuse * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine)));
+#else
+    return b.diffuse;
+#endif
+}
+
+// What a denoiser takes for the surface's colour, and what is reflected of light from everywhere, about.
+vec3 bsdf_albedo(Bsdf b)
+{
+    vec3 all = b.diffuse;
+#ifdef HAS_MIRRORS
+    all += b.mirror;
+#endif
+#ifdef HAS_MICROFACETS
+    all += b.metal + b.layered * b.dielectric + b.clear;
+#endif
+    return all;
+}
+
+// Share of the light from the mirror direction, of a mirror and of smooth microfacets.
+vec3 mirrored(Bsdf b, float cosine)
+{
+    vec3 share = b.mirror;
+#ifdef HAS_MICROFACETS
+    float coat = coat_reflects(b, cosine);
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * (1.0 - coat);
+    if (b.coat_alpha < SMOOTH) share += coat;
+#endif
+    return share;
+}
+
+// Lambert, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
+vec3 dull_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+{
+    vec3 f = b.diffuse;
+#ifdef HAS_MICROFACETS
+    f *= let_under(b, dot(wo, normalize(wo + wi))) * (1.0 - coat_reflects(b, dot(n, wo)));
+#endif
+#ifdef HAS_HIGHLIGHTS
+    float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
+    f += b.specular * (highlight / max(dot(n, wi), 1e-4));
+#endif
+    return f;
+}
+
+#ifdef HAS_MICROFACETS
+// A reflection, and the density per solid angle with which its lobe is sampled.
+struct Lobe
+{
+    vec3 f;
+    float density;
+};
+
+// Columns: along the brush, across it, and the normal to shade with.
+mat3 surface_axes(Bsdf b, vec3 n)
+{
+    vec3 x, y;
+    axes_across(n, x, y);
+#ifdef HAS_BRUSHES
+    vec3 along = b.brush - dot(b.brush, n) * n;
+    if (dot(along, along) > 1e-8) {
+        x = normalize(along);
+        y = cross(n, x);
+    }
+#endif
+    return mat3(x, y, n);
+}
+
+// Of the share that microfacets reflect or let through, the part that is reflected.
+float reflected_part(Bsdf b, float cosine)
+{
+    float reflected = mean(microfacet_reflects(b, cosine)), through = mean(b.clear) * let_under(b, cosine);
+    return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
+}
+
+// wo and wi in the surface's own axes; black for a mirror, which no light sample meets.
+Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
+{
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    vec3 m = normalize(wo + wi);
+    float cosine = dot(wo, m), D = ggx(m, b.alpha), seen = ggx_seen(wo, b.alpha);
+    vec3 F = microfacet_reflects(b, cosine) * (1.0 - coat_reflects(b, wo.z));
+    float f = PI * D * seen * ggx_seen(wi, b.alpha) / (4.0 * wo.z * wi.z);
+    return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
+}
+
+#ifdef HAS_GLASS
+// Between two equal indices nothing bends, however rough the boundary is: all microfacets send light straight on, which is
+// no density. Nearly equal ones bend by less than a thousandth, and the half vector below would be rounding alone.
+bool is_unbent(Bsdf b)
+{
+    return abs(b.eta - 1.0) < 1e-3;
+}
+
+bool is_frosted(Bsdf b)
+{
+    return !is_unbent(b) && max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+}
+
+// The same of light from the other side, wi.z < 0. Through a pane as it would be reflected; into a solid by Walter et al.,
+// eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
+Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
+{
+    if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    bool pane = b.eta <= 0.0;
+    vec3 m = normalize(pane ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
+    if (m.z < 0.0) m = -m;
+    float o = dot(wo, m), i = pane ? o : -dot(wi, m);
+    if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
+    float spread = pane ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
+    float density = visible_normal_density(wo, m, b.alpha) * spread;
+    vec3 T = b.clear * (let_under(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
+}
+#endif
+
+Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
+{
+    if (b.coat <= 0.0 || b.coat_alpha < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    vec3 m = normalize(wo + wi);
+    vec2 alpha = vec2(b.coat_alpha);
+    float D = ggx(m, alpha), seen = ggx_seen(wo, alpha);
+    float f = PI * D * seen * ggx_seen(wi, alpha) / (4.0 * wo.z * wi.z);
+    return Lobe(vec3(coat_reflects(b, dot(wo, m)) * f), seen * D / (4.0 * wo.z));
+}
+#endif
+
+// All of what is reflected but mirrors.
+vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+{
+    vec3 f = dull_eval(b, n, wo, wi);
+#ifdef HAS_MICROFACETS
+    mat3 axes = surface_axes(b, n);
+    vec3 o = wo * axes, i = wi * axes;
+    f += microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f;
+#endif
+    return f;
+}

@@ -1,0 +1,121 @@
+// camera.glsl: the camera's rays, one through each pixel; `glpath.gl.camera` sets it.
+// Needs:  nothing for a pinhole; EYE_ORTHOGRAPHIC: parallel rays; EYE_PANORAMA: equirectangular; EYE_LENS: a thin lens,
+//         of which each pixel has a point of its own (a lens whose rays share a point is a pinhole)
+// Frame:  eye_right, eye_up, eye_forward unit; pixels of the whole image, y from the bottom, so that a picture in
+//         tiles has the bits of the picture in one.
+#include "sampling/random.glsl"
+uniform vec3 eye_position;  // where rays meet in one point; or ahead of it, see eye_ahead
+uniform vec3 eye_right;
+uniform vec3 eye_up;
+uniform vec3 eye_forward;
+uniform float eye_ahead;   // how far ahead of the eye its position is: rays start in the plane there, since those of a
+                           // distant eye would lose the digits of what they meet. 0: at the eye
+uniform float eye_focal;   // pixels at distance 1, or of what is 1 wide
+uniform vec2 eye_centre;   // the pixel position that eye_forward goes through, the sub-pixel position taken off
+uniform ivec2 eye_corner;  // of the window in the image, pixels
+uniform ivec2 eye_size;    // of the window, pixels
+
+#ifdef EYE_LENS
+uniform uvec2 lens_point;  // of the path set, fractions of 2**32
+uniform uint lens_seed;    // of the pixels' shifts
+uniform vec2 lens;         // its radius; 1 over the distance that is sharp
+
+// The pixel's point of the lens, scene units: that of the set, shifted, so that the points of each pixel are as even as
+// the sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
+vec2 lens_place(ivec2 pixel)
+{
+    uvec2 at = uvec2(pixel + eye_corner);
+    uint first = pcg(at.x + pcg(at.y + lens_seed));
+    uvec2 own = lens_point ^ uvec2(first, pcg(first));
+    vec2 square = (vec2(own >> 8u) + 0.5) * (2.0 / 16777216.0) - 1.0;
+    bool wide = abs(square.x) > abs(square.y);
+    float radius = wide ? square.x : square.y;
+    float angle = 0.78539816 * (wide ? square.y / square.x : 2.0 - square.x / square.y);
+    return lens.x * radius * vec2(cos(angle), sin(angle));
+}
+#endif
+
+#ifdef EYE_PANORAMA
+uniform vec2 eye_angle;  // radians of a pixel, to the right and up
+#endif
+
+// Unit, through the sub-pixel position of a pixel of the window, and so many pixels beside it.
+vec3 eye_direction(ivec2 pixel, vec2 beside)
+{
+#if defined(EYE_ORTHOGRAPHIC)
+    return eye_forward;
+#elif defined(EYE_PANORAMA)
+    precise vec2 angle = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) * eye_angle;
+    precise vec3 level = cos(angle.x) * eye_forward + sin(angle.x) * eye_right;
+    precise vec3 d = cos(angle.y) * level + sin(angle.y) * eye_up;
+    precise float scale = sqrt(dot(d, d));
+    precise vec3 unit = d / scale;
+    return unit;
+#else
+    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
+#ifdef EYE_LENS
+    precise vec2 shift = lens_place(pixel) * lens.y;
+    q -= shift;
+#endif
+    precise vec3 d = eye_forward + q.x * eye_right + q.y * eye_up;
+    precise float scale = sqrt(dot(d, d));
+    precise vec3 unit = d / scale;
+    return unit;
+#endif
+}
+
+vec3 eye_direction(ivec2 pixel)
+{
+    return eye_direction(pixel, vec2(0.0));
+}
+
+// Where that ray starts.
+vec3 eye_origin(ivec2 pixel, vec2 beside)
+{
+#if defined(EYE_ORTHOGRAPHIC)
+    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
+    precise vec3 origin = eye_position + q.x * eye_right + q.y * eye_up;
+    return origin;
+#elif defined(EYE_LENS)
+    precise vec2 place = lens_place(pixel);
+    precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
+    precise vec2 shift = place * lens.y;
+    q -= shift;
+    place += eye_ahead * q;
+    precise vec3 origin = eye_position + place.x * eye_right + place.y * eye_up;
+    return origin;
+#elif defined(EYE_PANORAMA)
+    return eye_position;
+#else
+    precise vec2 q = eye_ahead * ((vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal);
+    precise vec3 origin = eye_position + q.x * eye_right + q.y * eye_up;
+    return origin;
+#endif
+}
+
+vec3 eye_origin(ivec2 pixel)
+{
+    return eye_origin(pixel, vec2(0.0));
+}
+
+// From the world to the eye's axes, about eye_position.
+vec3 eye_from_world(vec3 position)
+{
+    vec3 r = position - eye_position;
+    return vec3(dot(r, eye_right), dot(r, eye_up), dot(r, eye_forward));
+}
+
+// Clip coordinates of the window, whose rasteriser asks at the centres of pixels; near and far distance, from
+// eye_position. The depth of what is nearer than the far plane is never beyond it by rounding.
+vec4 clip_from_eye(vec3 p, vec2 range)
+{
+    vec2 middle = eye_centre - vec2(eye_corner);
+#ifdef EYE_ORTHOGRAPHIC
+    return vec4(2.0 * (eye_focal * p.xy + middle) / vec2(eye_size) - 1.0, 2.0 * p.z / range.y - 1.0, 1.0);
+#else
+    float depth = p.z + eye_ahead;
+    vec2 xy = 2.0 * (eye_focal * p.xy + middle * depth) / vec2(eye_size) - depth;
+    float beyond = 2.0 * (range.x + eye_ahead) * ((range.y - p.z) / (range.y - range.x));
+    return vec4(xy, depth - beyond, depth);
+#endif
+}

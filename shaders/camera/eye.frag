@@ -1,0 +1,32 @@
+// eye.frag: which triangle the eye sees; its number + 1, 0 for none.
+// Depth is linear: a perspective depth with so near a near plane has no digits left. Of a distant eye that plane is near
+// the scene.
+#include "gl/texels.glsl"
+#include <SCENE>
+#include "camera/camera.glsl"
+#include "scene/opacity.glsl"
+uniform vec2 eye_range;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle
+#else
+const int chunk_first = 0;
+#endif
+#ifdef HAS_ALPHA
+in vec3 world;
+#endif
+
+layout(location = 0) out uint seen;
+
+void main()
+{
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
+    if (lets_through(gl_PrimitiveID, world)) discard;
+#endif
+#ifdef EYE_ORTHOGRAPHIC
+    gl_FragDepth = gl_FragCoord.z;
+#else
+    gl_FragDepth = eye_ahead > 0.0 ? gl_FragCoord.z : 1.0 / (gl_FragCoord.w * eye_range.y);
+#endif
+    seen = uint(gl_PrimitiveID + chunk_first) + 1u;
+}

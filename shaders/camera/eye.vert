@@ -1,0 +1,17 @@
+// eye.vert: a vertex as the eye sees it.
+#include <SCENE>
+#include "camera/camera.glsl"
+
+uniform vec2 eye_range;  // near and far distance
+#ifdef HAS_ALPHA
+out vec3 world;
+#endif
+
+void main()
+{
+    vec3 position = vertex_position(uint(gl_VertexID));
+#ifdef HAS_ALPHA
+    world = position;
+#endif
+    gl_Position = clip_from_eye(eye_from_world(position), eye_range);
+}

@@ -1,0 +1,19 @@
+// eye_rays.frag: which triangle the eye sees, by rays; its number + 1, 0 for none.
+// Needs:  <SCENE>, <RAY_BVH>
+// Runs over: the pixels of the window. Frame: world
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "camera/camera.glsl"
+#include "scene/ray_bvh.glsl"
+
+layout(location = 0) out uint seen;
+
+void main()
+{
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
+#endif
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    seen = uint(nearest_triangle(eye_origin(pixel), eye_direction(pixel), -1) + 1);
+}

@@ -1,0 +1,62 @@
+// accumulate.glsl: adds a sample to the sums, exactly.
+// The sums are 64-bit integers, a low and a high word a channel, of a quantum that is a power of two: adding integers
+// is associative, so any split of the path sets gives the same bits.
+//   low.rgb, high.rgb  the sums
+//   low.a              rays cast
+//   high.a             of these lost, and from bit DROPPED_SHIFT on samples dropped
+// Where direct light is summed by itself (SPLIT_LIGHT) it leaves as quanta of this sample alone, for direct_sums.frag.
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include "film/split_light.glsl"
+UINT_TEXELS(rgba32ui, sum_low);
+UINT_TEXELS(rgba32ui, sum_high);
+uniform float quanta;  // per unit of radiance
+
+#ifdef COMPUTE
+layout(rgba32ui) writeonly uniform uimage2D new_low;
+layout(rgba32ui) writeonly uniform uimage2D new_high;
+uvec4 low, high;
+#ifdef SPLIT_LIGHT
+layout(rgba32f) writeonly uniform image2D new_direct;
+vec4 direct;
+#endif
+#else
+layout(location = 0) out uvec4 low;
+layout(location = 1) out uvec4 high;
+#ifdef SPLIT_LIGHT
+layout(location = 2) out vec4 direct;
+#endif
+#endif
+
+// radiance.a: events of a path, its casts below CAST_BITS and its losses above (path_result.glsl)
+void accumulate(ivec2 pixel, vec4 radiance)
+{
+    vec3 scaled = floor(radiance.rgb * quanta + 0.5);
+    // No NaN, no infinity, nothing that a block of path sets could add up beyond the words, and nothing negative, which
+    // words have not, and light is not. Asked of the bits: a compiler may turn a comparison around, which is not the
+    // same for a NaN.
+    uvec3 exponent = floatBitsToUint(scaled) & 0x7f800000u;
+    bool bad = any(equal(exponent, uvec3(0x7f800000u))) || any(greaterThan(scaled, vec3(1.0e18)));
+    bad = bad || any(lessThan(scaled, vec3(0.0)));
+    if (bad) scaled = vec3(0.0);
+#ifdef SPLIT_LIGHT
+    direct = vec4(bad ? vec3(0.0) : floor(direct_part * quanta + 0.5), 0.0);
+#endif
+    vec3 upper = floor(scaled * (1.0 / 4294967296.0));
+    uvec3 add_low = uvec3(scaled - upper * 4294967296.0);
+
+    uvec4 old_low = texel(sum_low, pixel);
+    uvec4 old_high = texel(sum_high, pixel);
+    low.rgb = old_low.rgb + add_low;
+    high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
+    uint events = uint(radiance.a);
+    low.a = old_low.a + (events & ((1u << CAST_BITS) - 1u));
+    high.a = old_high.a + (events >> CAST_BITS) + (bad ? 1u << DROPPED_SHIFT : 0u);
+#ifdef COMPUTE
+    imageStore(new_low, pixel, low);
+    imageStore(new_high, pixel, high);
+#ifdef SPLIT_LIGHT
+    imageStore(new_direct, pixel, direct);
+#endif
+#endif
+}

@@ -1,0 +1,25 @@
+// aov.frag: see aov.glsl. For engines that know triangles alone.
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+#include "camera/camera.glsl"
+#include "lights/sky.glsl"
+
+UINT_TEXELS(r32ui, eye_buffer);  // triangle + 1
+
+// False: the sky, along d.
+bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
+{
+    int triangle = int(texel(eye_buffer, pixel).r) - 1;
+    d = eye_direction(pixel);
+    if (triangle < 0) return false;
+    vec3 o = eye_origin(pixel);
+    vec4 plane = plane_met(triangle, pixel);
+    vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
+    s = surface_met(triangle, pixel, x, plane);
+    front = front_hit(plane.xyz, d);
+    return true;
+}
+
+#include "film/aov.glsl"

@@ -1,0 +1,23 @@
+// aov_primitives.frag: see aov.glsl. For engines that know every kind of primitive.
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface_at.glsl"
+#include "camera/camera.glsl"
+#include "lights/sky.glsl"
+
+UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
+
+// False: the sky, along d.
+bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
+{
+    uvec2 found = texel(eye_buffer, pixel).rg;
+    int primitive = int(found.x) - 1;
+    d = eye_direction(pixel);
+    if (primitive < 0) return false;
+    s = surface_at(primitive, eye_origin(pixel), d, uintBitsToFloat(found.y));
+    front = front_hit(s.normal, d);
+    return true;
+}
+
+#include "film/aov.glsl"

@@ -1,0 +1,12 @@
+// direct_sums.frag: what a path set's samples have of direct light, in quanta, to the sums of it.
+// Runs over: the pixels of the window. Output: the sums, see accumulate.glsl
+#include "gl/texels.glsl"
+#include "film/accumulate.glsl"
+
+TEXELS(rgba32f, direct_light);
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    accumulate(pixel, vec4(texel(direct_light, pixel).rgb, 0.0));
+}

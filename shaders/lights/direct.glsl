@@ -1,0 +1,148 @@
+// direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
+// Needs:  <CONSTANTS>, <SCENE>; those of light_sample.glsl
+//
+// The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
+// plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
+// At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
+#include "gl/texels.glsl"
+#include "shadow/hemicube.glsl"
+#include "lights/light_sample.glsl"
+#include "scene/opacity.glsl"
+
+UINT_TEXELS(r32ui, light_buffer);
+uniform float light_resolution;
+uniform vec3 light_radiance;   // of a light sample, see light_sample.glsl; 0 without light
+uniform float light_density;
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+uniform uint light_kind;
+uniform vec2 light_cone;
+uniform bool light_quadratic;
+#ifdef HAS_PROFILES
+uniform int light_profile;
+#endif
+#endif
+
+// The plane and the corners of a triangle that a texel of the shadow-buffer sees; it may be a streamed one.
+#ifdef STREAMED
+#include "scene/stream_records.glsl"
+TEXELS(rgba32f, light_records);
+
+vec4 plane_lit(int triangle, ivec2 at)
+{
+    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    return texel(light_records, record_place(at, RECORD_PLANE));
+}
+
+mat3 corners_lit(int triangle, ivec2 at)
+{
+    if (triangle < resident_triangles) {
+        uvec4 face = face_texel(triangle, FACE_CORNERS);
+        return mat3(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
+    }
+    return mat3(texel(light_records, record_place(at, RECORD_CORNER_A)).xyz,
+                texel(light_records, record_place(at, RECORD_CORNER_B)).xyz,
+                texel(light_records, record_place(at, RECORD_CORNER_C)).xyz);
+}
+#define IS_RESIDENT(triangle) ((triangle) < resident_triangles)
+#else
+#define plane_lit(triangle, at) facet_texel(triangle, FACET_PLANE)
+#define IS_RESIDENT(triangle) true
+#endif
+
+// Does the way from the light point along w, from 0 to just before 1, pass through the triangle? Either side counts.
+// Source: Moeller & Trumbore 1997.
+bool passes_through(vec3 w, int triangle, ivec2 seen_at)
+{
+#ifdef STREAMED
+    mat3 corners = corners_lit(triangle, seen_at);
+    vec3 a = corners[0], ab = corners[1] - a, ac = corners[2] - a;
+#else
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    vec3 a = vertex_position(face.x);
+    vec3 ab = vertex_position(face.y) - a;
+    vec3 ac = vertex_position(face.z) - a;
+#endif
+    vec3 s = light_position - a;
+    vec3 p = cross(w, ac), q = cross(s, ab);
+    float scale = 1.0 / dot(ab, p);
+    vec3 uvt = vec3(dot(s, p), dot(w, q), dot(ac, q)) * scale;
+    return min(uvt.x, uvt.y) >= 0.0 && uvt.x + uvt.y <= 1.0 && uvt.z > 0.0 && uvt.z < 1.0 - ROUNDING;
+}
+
+// Does something stand between the light point and `position` on `receiver`?
+bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
+{
+    vec3 w = position - light_position;
+    vec3 p = vec3(dot(w, light_tangent), dot(w, light_bitangent), dot(w, light_normal));
+    int face = hemicube_face_of(p);
+    vec3 f = hemicube_to_face(face, p);
+
+    vec4 rectangle = hemicube_rectangle(face);
+    vec2 atlas = hemicube_atlas(light_resolution);
+    vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
+    float low = hemicube_low(face), height = 1.0 - low;
+    vec2 place = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
+    vec2 centre = clamp(floor(place), vec2(0.0), extent - 1.0) + 0.5;
+
+    // The four texels around the place; one of them is its own. Of the others, one that sees something else.
+    vec2 least = floor(clamp(place, vec2(1.0), extent - 1.0) - 0.5);
+    ivec2 at = ivec2(corner + least + 0.5);
+    uvec4 four = uvec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
+                       texel(light_buffer, at + ivec2(0, 1)).r, texel(light_buffer, at + ivec2(1, 1)).r);
+    bvec2 upper = greaterThan(centre, least + 1.0);
+    uvec2 row = upper.y ? four.zw : four.xy, next = upper.y ? four.xy : four.zw;
+    uint own = upper.x ? row.y : row.x;
+    uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
+    int other = int(beside != own ? beside : above != own ? above : across) - 1;
+#ifdef HAS_ALPHA
+    // What lets light through is known at the centres of texels alone.
+    if (other >= 0 && IS_RESIDENT(other) && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
+#endif
+    ivec2 other_at = at;
+#ifdef STREAMED
+    other_at += ivec2(beside != own || above == own ? !upper.x : upper.x, beside != own ? upper.y : !upper.y);
+#endif
+    if (other != int(own) - 1 && other >= 0 && other != receiver && passes_through(w, other, other_at)) return true;
+
+    int seen = int(own) - 1;
+    if (seen < 0 || seen == receiver) return false;
+
+    // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
+    vec4 plane = plane_lit(seen, at + ivec2(upper));
+    float offset = plane.w - dot(plane.xyz, light_position);
+    float cut = offset / dot(plane.xyz, w);
+    if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;
+
+    // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
+    // the buffer knows for certain, the occluder must be in front as well.
+    vec2 share = centre / extent;
+    vec3 l = hemicube_from_face(face, vec3(2.0 * share.x - 1.0, low + height * share.y, 1.0));
+    vec3 c = l.x * light_tangent + l.y * light_bitangent + l.z * light_normal;
+    float occluder = offset / dot(plane.xyz, c);
+    float surface = (receiver_plane.w - dot(receiver_plane.xyz, light_position)) / dot(receiver_plane.xyz, c);
+    return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
+}
+
+// `normal` is on the lit side; views: see light_share. Light from infinitely far is not known to arrive yet.
+DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
+{
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, light_kind,
+                                            light_cone, light_quadratic
+#ifdef HAS_PROFILES
+                                            , light_profile
+#endif
+                                            );
+#else
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, LIGHT_AREA,
+                                            vec2(0.0), true
+#ifdef HAS_PROFILES
+                                            , -1
+#endif
+                                            );
+#endif
+    DirectLight found = light_from(sample_of_set, position, normal, views);
+    bool arrives = max(found.light.r, max(found.light.g, found.light.b)) > 0.0;
+    if (arrives && !found.distant && in_shadow(position, receiver, receiver_plane)) found.light = vec3(0.0);
+    return found;
+}

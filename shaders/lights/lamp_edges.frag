@@ -1,0 +1,47 @@
+// lamp_edges.frag: radiance of the lamps and of the sky that the eye sees, in the mean over places of a pixel.
+// Needs:  <SCENE>, <RAY_BVH>; PLACES: so many; HAS_SKY
+// Runs over: the pixels of the window where a lamp ends, side by side. Output: W sr^-1 m^-2, linear Rec. 709
+// Frame:  world
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+#include "camera/camera.glsl"
+#include "lights/sky.glsl"
+#include "path/path_vertex.glsl"
+#include "scene/ray_bvh.glsl"
+#include "lights/lamp_edges.glsl"
+
+UINT_TEXELS(r32ui, lamp_pixels);  // whose light goes here
+uniform vec2 places[PLACES];      // from the set's own place, pixels, y up
+
+layout(location = 0) out vec4 light;
+
+vec3 seen(vec3 origin, vec3 direction)
+{
+    int triangle = nearest_triangle(origin, direction, -1);
+#ifdef HAS_SKY
+    if (triangle < 0) return sky(direction);
+#else
+    if (triangle < 0) return vec3(0.0);
+#endif
+    float t, light_point;
+    PathVertex v = vertex_on(triangle, origin, direction, t);
+    return emitted(v.surface, v.front, light_point);
+}
+
+void main()
+{
+    uint number = texel(lamp_pixels, ivec2(gl_FragCoord.xy)).r;
+    vec3 sum = vec3(0.0);
+    if (number != 0u) {
+        ivec2 pixel = unpacked_place(number);
+        for (int k = 0; k < PLACES; ++k) {
+#ifdef HAS_ALPHA
+            new_opacity_key(pixel + eye_corner, 1u + uint(k));
+#endif
+            sum += seen(eye_origin(pixel, places[k]), eye_direction(pixel, places[k]));
+        }
+    }
+    light = vec4(sum / float(PLACES), 1.0);
+}

@@ -1,0 +1,116 @@
+// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a place, shadows not asked for,
+// and how it shares light with the direction in which a path goes on [PB A.3].
+// Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
+// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
+// Here, as a file is included once, and sky.glsl may want it where these are not.
+#include "sampling/angles.glsl"
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+#include "lights/punctual.glsl"
+#include "lights/profile.glsl"
+#endif
+#ifdef HAS_SKY
+#include "lights/sky.glsl"
+uniform float sky_density_scale;
+
+// Per solid angle, of the light sample in this direction.
+float sky_density(vec3 direction)
+{
+    return dot(sky(direction), vec3(sky_density_scale));
+}
+#endif
+
+// Per solid angle, of the direction in which a path leaves its surface at a cosine, having had so many to choose from;
+// 0: the light sample stands alone.
+float direction_density(float cosine, int views)
+{
+#if defined(WHOLE_SPHERE)
+    return 0.0;
+#else
+    return views == 2 ? cosine / PI : 0.5 / PI;
+#endif
+}
+
+// Veach's power heuristic: the share of a sample drawn with density a where b could have drawn it as well.
+float power_heuristic(float a, float b)
+{
+    float a2 = a * a, b2 = b * b;
+    return a2 / max(a2 + b2, 1e-37);
+}
+
+// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
+// so many directions to choose from; 0 where it ends, so that no other sample has this light.
+float light_share(float density, float cosine, int views)
+{
+    return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
+}
+
+// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light points
+// have a density per area. Alone, it would be counted twice.
+float emission_share(float density, float light_point, float t, float cosine)
+{
+    return power_heuristic(density, light_point * t * t / max(abs(cosine), 1e-9));
+}
+
+// Share of the way to the light that rounding may take.
+const float ROUNDING = 1e-5;
+
+struct LightSample
+{
+    vec3 position;
+    vec3 normal;     // of the side that emits, a spot's axis, or the direction of parallel light
+    vec3 radiance;   // of a punctual light its intensity
+    float density;
+    uint kind;       // LIGHT_AREA ...
+    vec2 cone;       // see punctual.glsl
+    bool quadratic;
+#ifdef HAS_PROFILES
+    int profile;     // its number, -1 without
+#endif
+};
+
+struct DirectLight
+{
+    vec3 wi;         // unit, towards the light
+    vec3 light;      // radiance that a white Lambertian surface makes of it, over the sample's density
+    float distance;  // to the light
+    bool distant;    // from infinitely far
+    float density;   // per solid angle, of the light sample; 0 of a light without extent
+};
+
+// `normal` is on the lit side; views: see light_share.
+DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
+{
+    vec3 w = l.position - position;
+    DirectLight found = DirectLight(vec3(0.0), vec3(0.0), 0.0, false, 0.0);
+#ifdef HAS_DISTANT_LIGHTS
+    found.distant = l.kind == LIGHT_DIRECTIONAL || l.kind == LIGHT_SKY;
+    if (found.distant) w = -l.normal;
+#endif
+    float r2 = dot(w, w);
+    vec3 wi = w * inversesqrt(r2);
+    float cos_surface = dot(normal, wi);
+    float cos_light = -dot(l.normal, wi);
+    if (cos_surface <= 0.0 || r2 == 0.0) return found;
+    found.wi = wi;
+    found.distance = sqrt(r2);
+#if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
+    if (l.kind != LIGHT_AREA) {
+        bool spot = l.kind == LIGHT_SPOT, fades = l.quadratic && !found.distant;
+        vec3 E = punctual_irradiance(l.radiance, fades, r2, spot, l.cone, cos_light);
+#ifdef HAS_PROFILES
+        if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
+#endif
+        // No direction finds what has no extent.
+        float share = l.kind == LIGHT_SKY ? light_share(l.density, cos_surface, views) : 1.0;
+        found.light = E * (share * cos_surface / (PI * l.density));
+        found.density = l.kind == LIGHT_SKY ? l.density : 0.0;
+        return found;
+    }
+#endif
+    if (cos_light <= 0.0) return found;
+    float g = cos_surface * cos_light / r2;
+    found.density = l.density * r2 / cos_light;
+    float share = light_share(found.density, cos_surface, views);
+    found.light = l.radiance * (share * g / (PI * l.density));
+    return found;
+}

@@ -1,0 +1,37 @@
+// sky.glsl: what rays see that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the
+// elevation, or an environment map, filtered bilinearly. `glpath.scene.sky` is the same on the CPU.
+// Needs:  <SCENE> where HAS_ENVIRONMENT is set
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709.
+#include "sampling/angles.glsl"
+#ifdef HAS_ENVIRONMENT
+uniform ivec2 sky_size;
+uniform vec3 sky_middle;  // unit, to the middle of the picture
+uniform vec3 sky_up;
+
+vec3 sky_row(int row, ivec2 columns, float share)
+{
+    int first = clamp(row, 0, sky_size.y - 1) * sky_size.x;
+    vec3 left = environment_texel(first + columns.x, ENVIRONMENT_RADIANCE).rgb;
+    return mix(left, environment_texel(first + columns.y, ENVIRONMENT_RADIANCE).rgb, share);
+}
+
+vec3 sky(vec3 direction)
+{
+    vec3 d = vec3(dot(direction, sky_middle), dot(direction, cross(sky_up, sky_middle)), dot(direction, sky_up));
+    vec2 turned = vec2(0.5 - arc_tangent(d.y, d.x) * (0.5 / PI), arc_tangent(length(d.xy), d.z) * (1.0 / PI));
+    vec2 at = turned * vec2(sky_size) - 0.5;
+    ivec2 texel_at = ivec2(floor(at));
+    vec2 share = at - vec2(texel_at);
+    ivec2 columns = (ivec2(texel_at.x, texel_at.x + 1) + sky_size.x) % sky_size.x;
+    return mix(sky_row(texel_at.y, columns, share.x), sky_row(texel_at.y + 1, columns, share.x), share.y);
+}
+#else
+uniform vec3 sky_zenith;
+uniform vec3 sky_horizon;
+uniform vec3 sky_up;
+
+vec3 sky(vec3 direction)
+{
+    return mix(sky_horizon, sky_zenith, clamp(dot(direction, sky_up), 0.0, 1.0));
+}
+#endif

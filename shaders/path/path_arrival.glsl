@@ -1,0 +1,75 @@
+// path_arrival.glsl: the vertex that the scan found for a path, and the emission found there, or the sky.
+// Needs:  surface.glsl, direct.glsl, path_next.glsl, path_flight.glsl
+// Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
+#include "gl/texels.glsl"
+#include "path/path_course.glsl"
+#include "path/path_result.glsl"
+#include "film/split_light.glsl"
+
+TEXELS(rgba32f, path_position);
+TEXELS(rgba32f, path_beta);
+TEXELS(rgba32f, path_radiance);
+uniform vec3 path_d[VIEWS];
+uniform int path_views;
+#ifdef SPLIT_LIGHT
+TEXELS(rgba32f, path_direct);
+uniform bool first_bounce;  // light found here has met one surface
+#endif
+
+struct Arrival
+{
+    int triangle;     // < 0: the path has no further vertex
+    vec3 position;
+    vec4 plane;       // of the triangle
+    Surface surface;
+    bool front;       // is its front what the path arrives on?
+    float t;          // distance from the vertex before
+    vec3 wo;          // back along the path
+    vec3 throughput;  // the reflection here not included
+    vec4 radiance;    // gathered so far; a: see accumulate.glsl
+};
+
+Arrival arrive(ivec2 pixel)
+{
+    Arrival a;
+    a.radiance = texel(path_radiance, pixel);
+#ifdef SPLIT_LIGHT
+    direct_part = texel(path_direct, pixel).rgb;
+#endif
+    float weight;
+    a.triangle = path_result(pixel, weight);
+    if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
+#ifdef HAS_SKY
+    if (a.triangle == PATH_MISSED) {
+        // Shared with the light sample of the vertex before, as emission is.
+        float course = texel(path_position, pixel).w, escaped = direction_density(course_cosine(course), path_views);
+        vec3 seen = path_d[course_view(course)] * sign(course);
+        vec3 beta = texel(path_beta, pixel).rgb * weight;
+        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+#ifdef SPLIT_LIGHT
+        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+#endif
+    }
+#endif
+    if (a.triangle < 0) return a;
+    vec4 from = texel(path_position, pixel);
+    a.throughput = texel(path_beta, pixel).rgb * weight;
+    vec3 d = path_d[course_view(from.w)] * sign(from.w);
+    a.plane = plane_met(a.triangle, pixel);
+    a.t = max(0.0, (a.plane.w - dot(a.plane.xyz, from.xyz)) / dot(a.plane.xyz, d));
+    a.position = from.xyz + a.t * d;
+    a.wo = -d;
+    a.surface = surface_met(a.triangle, pixel, a.position, a.plane);
+    a.front = front_hit(a.plane.xyz, d);
+
+    // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
+    float light_point;
+    vec3 Le = emitted(a.surface, a.front, light_point);
+    float density = direction_density(course_cosine(from.w), path_views);
+    if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+#ifdef SPLIT_LIGHT
+    if (density > 0.0 && first_bounce)
+        direct_part += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+#endif
+    return a;
+}

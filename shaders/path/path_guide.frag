@@ -1,0 +1,89 @@
+// path_guide.frag: how much light comes to the places of a guide from each cell of directions.
+// Needs:  GUIDE_LEVELS; GUIDE_PLACES, GUIDE_RAYS: places of a guide, and rays of a cell, which divide them; ALL_LIGHT; those
+//         of light_sample.glsl
+// Runs over: a square of 2^GUIDE_LEVELS pixels, the cells, for each guide, row by row. Output: root mean square of
+//         radiance, W sr^-1 m^-2, the mean of the channels
+// Frame:  world
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+#include "sampling/random.glsl"
+#include "lights/light_sample.glsl"
+#include "path/path_vertex.glsl"
+#include "scene/ray_bvh.glsl"
+#include "radiosity/radiosity.glsl"
+#include "bsdf/cosine.glsl"
+#ifdef HAS_PANES
+#include "bsdf/lobes.glsl"
+const int PANES = 8;  // at most, one behind the other
+#endif
+#include <GUIDE_PLACES_STORE>
+
+uniform int guide_count;
+uniform int guides_across;
+layout(location = 0) out float found;
+
+// Reflected light, and what a light sample does not have of emission.
+vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
+{
+    float density = dot(normal, direction) / PI;
+    int triangle = nearest_triangle(start, direction, own);
+    vec3 through = vec3(1.0);
+    float way = 0.0;
+#ifdef HAS_PANES
+    // Straight on through panes, as paths and their rays to lights go.
+    for (int k = 0; k < PANES && triangle >= 0; ++k)
+    {
+        vec4 plane = facet_texel(triangle, FACET_PLANE);
+        float along = max(0.0, (plane.w - dot(plane.xyz, start)) / dot(plane.xyz, direction));
+        vec3 passes = pane_lets_through(triangle, start + along * direction, direction);
+        if (max(passes.r, max(passes.g, passes.b)) <= 0.0) break;
+        through *= passes;
+        start += along * direction;
+        way += along;
+        triangle = nearest_triangle(start, direction, triangle);
+    }
+#endif
+    if (triangle < 0) {
+#ifdef HAS_SKY
+        return through * sky(direction) * power_heuristic(density, sky_density(direction));
+#else
+        return vec3(0.0);
+#endif
+    }
+    float t, light_point;
+    PathVertex v = vertex_on(triangle, start, direction, t);
+    vec3 Le = emitted(v.surface, v.front, light_point);
+    vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_place(triangle, v.surface.position), v.front).rgb / PI;
+    return through * (reflected + Le * emission_share(density, light_point, way + t, dot(v.plane.xyz, direction)));
+}
+
+void main()
+{
+    const int SIDE = 1 << GUIDE_LEVELS;
+    ivec2 pixel = ivec2(gl_FragCoord.xy), cell = pixel % SIDE, tile = pixel / SIDE;
+    int guide = tile.y * guides_across + tile.x;
+    found = 0.0;
+    if (guide >= guide_count) return;
+    uint number = uint((guide * SIDE + cell.y) * SIDE + cell.x);
+    // Cells beside each other take turns with the places, the rays of a cell take them far apart.
+    int first = (cell.x + 5 * cell.y) % (GUIDE_PLACES / GUIDE_RAYS);
+    float sum = 0.0;
+    for (int k = 0; k < GUIDE_RAYS; ++k)
+    {
+        vec4 place = guide_place_texel(guide * GUIDE_PLACES + first + k * (GUIDE_PLACES / GUIDE_RAYS), GUIDE_PLACE_POINT);
+        int own = int(place.w);
+        vec3 normal = facet_texel(own, FACET_PLANE).xyz, far = abs(place.xyz);
+        // The golden ratio's sequence, shifted.
+        vec2 within = fract(vec2(random_number(number, 0u), random_number(number, 1u)) + float(k) * vec2(0.7548777, 0.5698403));
+        vec3 direction = cosine_direction(normal, (vec2(cell) + within) / float(SIDE));
+        vec3 start = place.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;
+#ifdef HAS_ALPHA
+        opacity_key = pcg(number + pcg(USE_OPACITY + uint(k)));
+#endif
+        float light = dot(light_along(start, normal, direction, own), vec3(1.0 / 3.0));
+        sum += light * light;
+    }
+    found = sqrt(sum / float(GUIDE_RAYS));
+}

@@ -1,0 +1,49 @@
+// path_light.frag: light from infinitely far, for the paths whose scan along its direction hit nothing.
+// Runs over: the pixels of the window. Output: what is added to a path's radiance, or, after the last vertex, the sums.
+#include "gl/texels.glsl"
+#include "path/path_flight.glsl"
+#include "path/path_result.glsl"
+#ifdef LAST_VERTEX
+#include "film/accumulate.glsl"
+TEXELS(rgba32f, path_radiance);
+#ifdef SPLIT_LIGHT
+TEXELS(rgba32f, path_direct);
+#endif
+#else
+layout(location = 0) out vec4 radiance;
+#ifdef SPLIT_LIGHT
+layout(location = 1) out vec4 direct;
+#endif
+#endif
+#ifdef SPLIT_LIGHT
+uniform bool first_vertex;  // the light has met this surface alone
+#endif
+
+TEXELS(rgba32f, distant_start);
+TEXELS(rgba32f, distant_light);
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 lit = vec4(0.0);
+    if (texel(distant_start, pixel).w != 0.0) {
+        float weight;
+        int found = path_result(pixel, weight);
+        if (found == PATH_MISSED) lit.rgb = texel(distant_light, pixel).rgb * weight;
+        lit.a = scan_events(found);
+    }
+#ifdef SPLIT_LIGHT
+    vec4 found = first_vertex ? vec4(lit.rgb, 0.0) : vec4(0.0);
+#endif
+#ifdef LAST_VERTEX
+#ifdef SPLIT_LIGHT
+    direct_part = texel(path_direct, pixel).rgb + found.rgb;
+#endif
+    accumulate(pixel, texel(path_radiance, pixel) + lit);
+#else
+    radiance = lit;
+#ifdef SPLIT_LIGHT
+    direct = found;
+#endif
+#endif
+}

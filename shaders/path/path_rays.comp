@@ -1,0 +1,17 @@
+// path_rays.comp: see path_rays.glsl. On a graphics card, many of which shade pixels in few of their cores.
+// Needs:  COMPUTE
+// Runs over: the pixels of an area of the window, 8 x 8 in a group. Output: the sums, see accumulate.glsl
+#include "path/path_rays.glsl"
+#include "film/accumulate.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+uniform ivec4 area;  // x, y, width, height
+
+void main()
+{
+    ivec2 place = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(place, area.zw))) return;
+    ivec2 pixel = area.xy + place;
+    accumulate(pixel, trace_path(pixel));
+}

@@ -1,0 +1,476 @@
+// path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
+// Needs:  BRANCHES of a path, which part at its first vertex; BOUNCES, LIGHTS: as many directions come from the sequence
+//         for each, and light samples has a set; PARTS: of the lights, see direct_light; LAMP_EDGES where there are lamps;
+//         GATHER, GUIDED; START_POINTS: paths start at points, not at an eye; OWN_LIGHT_SAMPLES: paths draw light samples
+//         of their own; those of light_sample.glsl
+// Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
+//
+// The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
+// that the points of each pixel are as even as the sequence, and those of two pixels have nothing in common.
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+#include "camera/camera.glsl"
+#include "sampling/random.glsl"
+#include "lights/light_sample.glsl"
+#include "path/path_vertex.glsl"
+#ifdef START_POINTS
+#define START_VERTEX
+#include "camera/start_points.glsl"
+#define AT_START (at.depth == 0)
+#else
+#define AT_START false
+const float start_extent = 0.0;
+#endif
+#include "scene/ray_bvh.glsl"
+#include "bsdf/cosine.glsl"
+#if defined(HAS_MICROFACETS) || defined(HAS_MIRRORS)
+#define HAS_LOBES
+#endif
+#ifdef HAS_LOBES
+#include "bsdf/lobes.glsl"
+#endif
+#ifdef LAMP_EDGES
+#include "lights/lamp_edges.glsl"
+#endif
+#if defined(GATHER) || defined(GUIDED)
+#include "radiosity/radiosity.glsl"
+#endif
+#ifdef GUIDED
+#include "path/path_guide.glsl"
+#endif
+#include "film/split_light.glsl"
+#ifdef SPLIT_LIGHT
+int scattered = 0;  // surfaces that the path has left, panes that it went straight through aside
+#endif
+#ifdef GATHER
+uniform int lookup_depth;       // number of the vertex where the solution is looked up
+uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
+const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
+const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: chance ends them long before
+#endif
+
+UINT_TEXELS(r32ui, eye_buffer);
+uniform int max_depth;               // vertices of a path
+uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
+uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
+uniform uint path_seed;              // of a path's own shifts
+uniform uvec2 direction_points[BRANCHES * BOUNCES];
+uniform uint choice_points[BRANCHES * BOUNCES];
+uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
+#ifdef OWN_LIGHT_SAMPLES
+#include "lights/light_draw.glsl"
+uniform uvec3 light_point;           // a point of the sequence
+#else
+uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
+#endif
+
+float unit(uint bits)
+{
+    return float(bits >> 8u) * (1.0 / 16777216.0);
+}
+
+// Where on its branches a path is.
+struct Course
+{
+    uint path;
+    int depth;   // number of the vertex
+    int branch;
+};
+
+// Another number at each vertex of each branch, for the uses of random.glsl, 0 and 1.
+float random_at(Course at, uint use)
+{
+    return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
+}
+
+#ifdef HAS_ALPHA
+void opacity_key_at(Course at, uint use)
+{
+    opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
+}
+#endif
+
+// Which part of the lights a vertex takes.
+float choice_number(Course at)
+{
+    if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
+    uint point = choice_points[BOUNCES * at.branch + at.depth];
+    return unit(point ^ pcg(at.path + pcg(path_seed + 2u * uint(at.depth) + 1u)));
+}
+
+// A lattice's shift is a sum, a net's an exclusive or.
+vec2 direction_numbers(Course at)
+{
+    if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));
+    uvec2 point = direction_points[BOUNCES * at.branch + at.depth];
+    uint first = pcg(path_seed + 2u * uint(at.depth));
+    uvec2 shift = uvec2(pcg(at.path + first), pcg(at.path + pcg(first)));
+    uvec2 own = lattice && at.depth == 0 ? point + shift : point ^ shift;
+    return vec2(unit(own.x), unit(own.y));
+}
+
+#ifdef OWN_LIGHT_SAMPLES
+// Shifted for each vertex of each branch, and for each part of the lights.
+LightSample light_of(Course at, int part, out float share)
+{
+    uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
+    uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
+    return light_draw(part, light_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
+}
+#else
+LightSample light_in(int number, out float share)
+{
+    int row = LIGHT_ROWS * number;
+    vec4 a = light_table[row], b = light_table[row + 1], c = light_table[row + 2], d = light_table[row + 3];
+    share = d.z;
+#ifdef HAS_PROFILES
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0, int(d.w));
+#else
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
+#endif
+}
+
+// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
+LightSample light_of(Course at, int part, out float share)
+{
+    uint other = 5u * uint(at.depth + at.branch);
+    int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS));
+    return light_in(first + part, share);
+}
+#endif
+
+// Direct light, shadows not asked for; views: see light_share.
+// There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
+DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+{
+    int taken = 0;
+    float scale = 1.0, share;
+#if PARTS > 1
+    float weights[PARTS], sum = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        LightSample one = light_of(at, k, share);
+        vec3 light = light_from(one, position, normal, views).light;
+        weights[k] = share * (light.r + light.g + light.b);
+        sum += weights[k];
+    }
+    float number = choice_number(at) * sum, upto = 0.0, weight = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        bool beyond = weights[k] > 0.0 && upto <= number;
+        taken = beyond ? k : taken;
+        weight = beyond ? weights[k] : weight;
+        upto += weights[k];
+    }
+    scale = weight > 0.0 ? sum / weight : 0.0;
+#endif
+    light_sample = light_of(at, taken, share);
+    DirectLight direct = light_from(light_sample, position, normal, views);
+    direct.light *= scale * share;
+    return direct;
+}
+
+// What a light sample would bring, as far as nothing is in its way. start: off the surface by `rounding`, of a triangle.
+void add_unblocked(
+    inout vec3 L, vec3 lit, Course at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
+{
+    if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
+        // To just before the light, whose own triangle does not stand in its way.
+        vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
+        float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+#ifdef HAS_ALPHA
+        opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+        if (!is_blocked(start, to_light, tmax, triangle)) {
+#ifdef HAS_PANES
+            lit *= through_panes;
+#endif
+            L += lit;
+#ifdef SPLIT_LIGHT
+            if (scattered == 0) direct_part += lit;
+#endif
+        }
+    }
+}
+
+// A vertex that a path leaves.
+struct Leaving
+{
+    PathVertex v;
+    vec3 start;  // off the surface
+    int guide;   // its number
+#ifdef HAS_LOBES
+    Lobes lobes;
+#endif
+};
+
+// Radiance of the path of a pixel of the window, and the rays that it cast. Its branches part at the first vertex.
+vec4 trace_path(ivec2 pixel)
+{
+    Course at = Course(path_in_image(pixel), 0, 0);
+#ifdef START_POINTS
+    vec3 origin = vec3(0.0), direction = vec3(0.0);
+    if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
+#else
+    vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
+#endif
+    int triangle = int(texel(eye_buffer, pixel).r) - 1;
+    vec3 L = vec3(0.0), beta = vec3(1.0);
+#ifdef LAMP_EDGES
+    float seen = lamps_seen(pixel, L) ? 0.0 : 1.0;  // the path's share of the light that the eye sees
+#ifdef SPLIT_LIGHT
+    direct_part = L;
+#endif
+#else
+    const float seen = 1.0;
+#endif
+#ifdef HAS_LOBES
+    int bounces = 0;          // off a dull surface: where a gather looks up, mirrors and glass do not count
+    bool was_dull = false;    // the last one
+    vec3 inside = vec3(0.0);  // attenuation of what the path goes through
+#endif
+    float way = 0.0, reached = 0.0;  // of the ray: up to the last pane that it went through, and in all
+    float density = 0.0;  // of the direction, per solid angle
+    float rays = 0.0;
+    int vertices = max_depth;
+    bool goes_on = true;
+#ifdef GUIDED
+    float dearer = 1.0;  // what the path weighs more for where guides sent it
+#endif
+    Leaving from;
+#if BRANCHES > 1
+    Leaving first;
+#endif
+    for (;;)
+    {
+        // What is at the end of the ray.
+        bool arrived = goes_on;
+        goes_on = false;
+#ifdef HAS_SKY
+        if (arrived && triangle < 0 && !AT_START) {
+            // Shared with the light sample of the vertex before, as emission is.
+            float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
+            L += beta * sky(direction) * share;
+#ifdef SPLIT_LIGHT
+            if (scattered <= 1) direct_part += beta * sky(direction) * share;
+#endif
+        }
+#endif
+        if (arrived && (triangle >= 0 || AT_START)) {
+            float t, light_point;
+#ifdef START_POINTS
+            PathVertex v;
+            if (AT_START) {
+                v = start_vertex(pixel, triangle);
+                triangle = v.triangle;
+                t = 0.0;
+            } else {
+                v = vertex_on(triangle, origin, direction, t);
+            }
+#else
+            PathVertex v = vertex_on(triangle, origin, direction, t);
+#endif
+            vec3 position = v.surface.position;
+            bool front = v.front;
+            reached = way + t;
+#ifdef HAS_GLASS
+            beta *= exp(-inside * t);
+#endif
+
+            vec3 Le = vec3(0.0);
+            if (!AT_START) Le = emitted(v.surface, front, light_point);
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+#ifdef SPLIT_LIGHT
+            if (scattered <= 1)
+                direct_part += beta * Le
+                    * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+#endif
+
+            vec3 reflected = beta;  // of direct light
+            goes_on = at.depth < vertices - 1;
+#if defined(GATHER) || defined(GUIDED)
+            LatticePlace place = lattice_place(AT_START ? max(triangle, 0) : triangle, position);
+#endif
+#ifdef GATHER
+#ifdef HAS_LOBES
+            bool mirrored = at.depth > 0 && !was_dull;
+            goes_on = bounces < lookup_depth;
+#else
+            const bool mirrored = false;
+            int bounces = at.depth;
+#endif
+            if (bounces >= lookup_depth) {
+                goes_on = bounces < lookup_depth + FURTHER && !mirrored
+                    && t < lookup_distance * random_at(at, USE_LOOKUP) * place.width;
+                if (goes_on) {
+                    vertices = at.depth + 2;
+                } else {
+                    vec4 found = irradiance_at(place, front);
+                    L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;
+                    reflected *= 1.0 - found.a;
+                }
+            }
+#endif
+            // Off the surface by more than rounding, or its other triangles would be met.
+            vec3 far = abs(position);
+            float rounding = RAY_ROUNDING * ((AT_START ? start_extent : t) + max(far.x, max(far.y, far.z)));
+            vec3 start = position + rounding * v.normal;
+            LightSample light_sample;
+#ifdef HAS_LOBES
+#ifdef GATHER
+            const bool beyond = false;
+            bool others_go_on = at.depth < MIRRORS;
+#else
+            // Of the last vertex's mirrors and glass, light samples know nothing: one ray more finds what shines there.
+            bool beyond = at.depth >= vertices, others_go_on = !beyond;
+#endif
+            DirectLight direct = direct_light(at, position, v.normal, 0, light_sample);
+            if (beyond || (!goes_on && ambient_instead(light_sample.kind))) direct.light = vec3(0.0);
+            Lobes lobes = lobes_of(v, goes_on, others_go_on);
+            vec3 dull, others;
+            lit_lobes(v, lobes, direct, dull, others);
+            vec3 lit = reflected * dull + beta * others;
+            bool ends = !goes_on && !beyond;
+#ifdef HAS_GLASS
+            if (is_frosted(v.bsdf) && !beyond) {
+                LightSample other;
+                DirectLight behind = direct_light(at, position, -v.normal, 0, other);
+                vec3 through = beta * lit_through(v, lobes, behind);
+                add_unblocked(L, through, at, behind, other, position - rounding * v.normal, rounding, triangle);
+            }
+#endif
+            goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
+#else
+            DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
+            if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
+            vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+                     * shading_cosine(v.n, v.normal, direct.wi);
+            bool ends = !goes_on;
+#endif
+            add_unblocked(L, lit, at, direct, light_sample, start, rounding, triangle);
+            if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
+            from.v = v;
+            from.start = start;
+#ifdef HAS_LOBES
+            from.lobes = lobes;
+#endif
+#ifdef GUIDED
+            from.guide = front && triangle >= 0 ? guide_at(place) : -1;
+#endif
+        }
+#if BRANCHES > 1
+        if (goes_on && at.depth == 0) {
+            first = from;
+            beta = vec3(1.0 / float(BRANCHES));
+        } else if (!goes_on && at.depth > 0 && at.branch < BRANCHES - 1) {
+            from = first;
+            beta = vec3(1.0 / float(BRANCHES));
+            at = Course(at.path, 0, at.branch + 1);
+            vertices = max_depth;
+            goes_on = true;
+#ifdef GUIDED
+            dearer = 1.0;
+#endif
+#ifdef HAS_LOBES
+            bounces = 0;
+            was_dull = false;
+            way = 0.0;
+            inside = vec3(0.0);
+#endif
+#ifdef SPLIT_LIGHT
+            scattered = 0;
+#endif
+        }
+#endif
+        if (!goes_on) break;
+        vec2 numbers = direction_numbers(at);
+        PathVertex v = from.v;
+        origin = from.start;
+        float chance = 1.0, cosine;
+#ifdef HAS_LOBES
+        float chosen = random_at(at, USE_LOBE) - from.lobes.dull;
+        bool by_dull = chosen < 0.0;
+        if (!by_dull) {
+            bool stays = chosen < from.lobes.microfacets + from.lobes.coat + from.lobes.mirror;
+            Departure leaving = leave_by(v, from.lobes, chosen, numbers);
+            direction = leaving.direction;
+            beta *= stays ? leaving.weight : vec3(0.0);
+#ifdef HAS_PANES
+            // To its light samples a vertex sees through panes: what it finds behind them is shared with these, and the
+            // pane is no vertex of the path.
+            if (leaving.straight) {
+                way = reached;
+                vertices += 1;
+                if (at.depth == 0) density = MIRRORED;
+#ifdef SPLIT_LIGHT
+                scattered -= 1;
+#endif
+            } else
+#endif
+            {
+                density = leaving.density;
+                was_dull = false;
+                way = 0.0;
+            }
+            cosine = 1.0;
+#ifdef HAS_GLASS
+            if (leaving.through) {
+                origin = 2.0 * v.surface.position - from.start;
+                if (v.bsdf.eta > 0.0) inside = v.front ? material_texel(v.surface.material, MATERIAL_INSIDE).rgb : vec3(0.0);
+            }
+#endif
+        } else
+#endif
+        {
+#ifdef HAS_LOBES
+            chance = from.lobes.dull;
+            bounces += 1;
+            was_dull = true;
+            way = 0.0;
+#endif
+#ifdef GUIDED
+            // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
+            if (from.guide >= 0) {
+                float chosen;
+                numbers = guided(from.guide, numbers, chosen);
+                beta /= chosen;
+                dearer /= chosen;
+            }
+#endif
+            direction = cosine_direction(v.normal, numbers);
+            cosine = dot(v.normal, direction);
+            beta *= dull_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
+            density = chance * cosine / PI;
+        }
+        float most = max(beta.r, max(beta.g, beta.b));
+        if (at.depth + 1 >= roulette_depth) {
+#ifdef GUIDED
+            // Not by what guides did: a path on its way to the light has a small weight for that reason alone.
+            float stay = min(1.0, most / dearer);
+#else
+            float stay = min(1.0, most);
+#endif
+            goes_on = random_at(at, USE_ROULETTE) < stay;
+            beta /= stay;
+        }
+        goes_on = goes_on && most > 0.0 && cosine > 0.0;
+        at.depth += 1;
+#ifdef SPLIT_LIGHT
+        scattered += 1;
+#endif
+        if (goes_on) {
+            rays += 1.0;
+#ifdef HAS_ALPHA
+            opacity_key_at(at, USE_OPACITY);
+#endif
+            triangle = nearest_triangle(origin, direction, v.triangle);
+        }
+#if BRANCHES == 1
+        if (!goes_on) break;
+#endif
+    }
+    // More casts than their bits hold count as so many; what stands above them is a path that was cut.
+    return vec4(L, min(rays, float((1 << CAST_BITS) - 1)) + (at.depth >= cut_depth ? float(1 << CAST_BITS) : 0.0));
+}

@@ -1,0 +1,36 @@
+// path_result.glsl: what a scan found for a path.
+// Needs: path_flight.glsl
+#include <CONSTANTS>
+#include "gl/texels.glsl"
+UINT_TEXELS(rgba32ui, path_flights);
+UINT_TEXELS(rgba32ui, cell_slots);
+TEXELS(rgba32f, cell_found);
+
+// The triangle found, or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: how many paths of the cell this one stands for.
+int path_result(ivec2 path, out float weight)
+{
+    weight = 1.0;
+    uint where = texel(path_flights, path).x;
+    if (where == NO_FLIGHT) return PATH_DEAD;
+    ivec2 cell = ivec2(where & 0xffffu, where >> 16u);
+    uvec4 slots = texel(cell_slots, cell);
+    bvec4 own = equal(slots & NUMBER_MASK, uvec4(permute(path_number(path))));
+    if (!any(own)) return PATH_LOST;
+    uint lost = (slots.x >> NUMBER_BITS) | ((slots.y >> NUMBER_BITS) << 12u);
+    weight = 1.0 + 0.25 * float(lost);
+
+    vec4 found = texel(cell_found, cell);
+    float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
+#ifdef PACKED
+    if (word >= NOTHING_FOUND) return PATH_MISSED;
+    return int((floatBitsToUint(word) - LEAST_NORMAL) & ((1u << ID_BITS) - 1u));
+#else
+    return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - LEAST_NORMAL);
+#endif
+}
+
+// What a scan adds to the events of a path that was launched: a cast, and a loss where it lost.
+float scan_events(int found)
+{
+    return found == PATH_LOST ? float((1 << CAST_BITS) + 1) : 1.0;
+}

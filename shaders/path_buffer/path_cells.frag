@@ -1,0 +1,50 @@
+// path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and place of the paths in each cell.
+// Runs over: cells. A channel is a slot, so that one fragment of the scene serves four paths. Of a longer list the four
+// whose permuted numbers are least stay; the others lost the collision, and the four stand for them.
+//   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include "path/path_flight.glsl"
+
+UINT_TEXELS(rgba32ui, path_flights);
+
+layout(std430, binding = 0) readonly buffer Heads { uint head[]; };
+uniform uint scan_epoch;
+uniform int cell_columns;
+
+layout(location = 0) out vec4 z0;
+layout(location = 1) out uvec4 place;
+layout(location = 2) out uvec4 slots;
+
+// GLSL 4.3 has mix() by booleans for floats only.
+uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
+{
+    return uvec4(which.x ? chosen.x : otherwise.x, which.y ? chosen.y : otherwise.y,
+                 which.z ? chosen.z : otherwise.z, which.w ? chosen.w : otherwise.w);
+}
+
+void main()
+{
+    // An empty slot starts behind everything: nothing is beyond it.
+    z0 = vec4(INFINITE_DEPTH);
+    place = uvec4(0u);
+    slots = uvec4(NO_FLIGHT);
+    uint count = 0u;
+    uint first = head[int(gl_FragCoord.y) * cell_columns + int(gl_FragCoord.x)];
+    uint next = (first >> NUMBER_BITS) == scan_epoch ? first & NUMBER_MASK : NO_FLIGHT;
+    while (next != NO_FLIGHT) {
+        uvec4 flight = texel(path_flights, path_of(next));
+        uint key = permute(next);
+        float z = uintBitsToFloat(flight.w);
+        // Sorted in: from the first slot with a larger number on, all move up by one.
+        bvec4 here = lessThan(uvec4(key), slots);
+        bvec4 moved = bvec4(false, here.xyz);
+        slots = choose(choose(slots, uvec4(key), here), slots.xxyz, moved);
+        place = choose(choose(place, uvec4(flight.z), here), place.xxyz, moved);
+        z0 = mix(mix(z0, vec4(z), here), z0.xxyz, moved);
+        count++;
+        next = flight.y;
+    }
+    slots &= NUMBER_MASK;
+    if (count > 4u) slots.xy |= uvec2(count - 4u, (count - 4u) >> 12u) << NUMBER_BITS;
+}

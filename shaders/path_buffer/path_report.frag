@@ -1,0 +1,11 @@
+// path_report.frag: the result of a scan for each path, to be read back: triangle or PATH_...
+#include "path/path_flight.glsl"
+#include "path/path_result.glsl"
+
+layout(location = 0) out int triangle;
+
+void main()
+{
+    float weight;
+    triangle = path_result(ivec2(gl_FragCoord.xy), weight);
+}

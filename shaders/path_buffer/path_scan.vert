@@ -1,0 +1,127 @@
+// path_scan.vert: a triangle in the cell space of a view (the instance), grown so that it covers every cell it touches.
+// The exact test is the fragment shader's; here only no cell may be missed. A triangle's edges are moved outwards by
+// half a cell (Hasselgren et al. 2005, Conservative Rasterization); one that is seen nearly edge-on, whose corners
+// would run away, is covered by a right triangle around the rectangle along its longest edge instead.
+#include <SCENE>
+#include "path/path_view.glsl"
+
+flat out vec4 corner_ab;
+flat out vec2 corner_c;
+flat out vec3 depth_plane;  // slope per cell in x and y, depth at corner a
+flat out uint triangle_id;
+#ifdef HAS_ALPHA
+flat out uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where corners b and c are exchanged
+#endif
+
+#ifdef SKIPS_NEAR
+flat out float skipped;     // a path meets nothing nearer, in scene diameters
+uniform float skipped_share;  // of a simpler shape's deviation
+#endif
+
+uniform int cell_columns;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle; they share no vertices
+#endif
+
+// Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
+const float REACH = 0.52;
+
+vec2 meet(vec2 n1, float c1, vec2 n2, float c2)
+{
+    return vec2(c1 * n2.y - c2 * n1.y, n1.x * c2 - n2.x * c1) / (n1.x * n2.y - n1.y * n2.x);
+}
+
+// The line through p along e, moved outwards (to the right of e) by the cell's half width in that direction.
+void outer_line(vec2 p, vec2 e, out vec2 n, out float c)
+{
+    n = vec2(e.y, -e.x);
+    c = dot(n, p) + REACH * (abs(n.x) + abs(n.y));
+}
+
+vec2 grown_corner(vec2 before, vec2 here, vec2 after)
+{
+    vec2 n1, n2;
+    float c1, c2;
+    // Relative to the corner itself, or large coordinates would eat the digits.
+    outer_line(vec2(0.0), here - before, n1, c1);
+    outer_line(vec2(0.0), after - here, n2, c2);
+    return here + meet(n1, c1, n2, c2);
+}
+
+vec2 around_sliver(vec2 a, vec2 b, vec2 c, int k)
+{
+    vec2 ab = b - a, bc = c - b, ca = a - c;
+    vec2 p = a, along = ab;
+    if (dot(bc, bc) > dot(along, along)) { p = b; along = bc; }
+    if (dot(ca, ca) > dot(along, along)) { p = c; along = ca; }
+    vec2 x = along / max(length(along), 1e-20);
+    if (dot(along, along) < 1e-30) x = vec2(1.0, 0.0);
+    vec2 y = vec2(-x.y, x.x);
+    float reach = REACH * (abs(x.x) + abs(x.y));  // the same for y: a square cell
+    vec3 s = vec3(dot(a - p, x), dot(b - p, x), dot(c - p, x));
+    vec3 t = vec3(dot(a - p, y), dot(b - p, y), dot(c - p, y));
+    vec2 low = vec2(min(s.x, min(s.y, s.z)), min(t.x, min(t.y, t.z))) - reach;
+    vec2 high = vec2(max(s.x, max(s.y, s.z)), max(t.x, max(t.y, t.z))) + reach;
+    vec2 q = low + 2.0 * (high - low) * vec2(k == 1, k == 2);
+    return p + q.x * x + q.y * y;
+}
+
+void main()
+{
+    int triangle = gl_VertexID / 3;
+    int k = gl_VertexID - 3 * triangle;
+    PathView view = path_view(gl_InstanceID);
+#ifdef STREAMED_CHUNK
+    uvec3 face = uvec3(0u, 1u, 2u) + 3u * uint(triangle);
+#else
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+#endif
+    vec3 a = cell_space(view, path_space(gl_InstanceID, vertex_position(face.x)));
+    vec3 b = cell_space(view, path_space(gl_InstanceID, vertex_position(face.y)));
+    vec3 c = cell_space(view, path_space(gl_InstanceID, vertex_position(face.z)));
+    vec2 ab = b.xy - a.xy, ac = c.xy - a.xy;
+    float twice_area = ab.x * ac.y - ab.y * ac.x;
+#ifdef HAS_ALPHA
+    bool exchanged = twice_area < 0.0;
+#endif
+    if (twice_area < 0.0) {
+        vec3 swap = b; b = c; c = swap;
+        ab = b.xy - a.xy; ac = c.xy - a.xy;
+        twice_area = -twice_area;
+    }
+
+#ifdef STREAMED_CHUNK
+    triangle_id = uint(triangle + chunk_first);
+#else
+    triangle_id = uint(triangle);
+#endif
+#ifdef HAS_ALPHA
+    see_through = shape_texel(int(face.w), SHAPE_MATERIAL).z == 0u ? 0u : exchanged ? 2u : 1u;
+#endif
+#ifdef SKIPS_NEAR
+    skipped = skipped_share * uintBitsToFloat(shape_texel(int(face.w), SHAPE_MATERIAL).w) / scene_diameter;
+#endif
+    vec2 first = vec2(view.first_column, 0.0);
+    corner_ab = vec4(a.xy + first, b.xy + first);
+    corner_c = c.xy + first;
+    vec2 dz = vec2(b.z - a.z, c.z - a.z);
+    depth_plane = vec3(vec2(dz.x * ac.y - dz.y * ab.y, dz.y * ab.x - dz.x * ac.x) / twice_area, a.z);
+
+    vec2 bc = c.xy - b.xy;
+    float longest = sqrt(max(dot(ab, ab), max(dot(ac, ac), dot(bc, bc))));
+    vec2 p;
+    if (twice_area < longest)  // an altitude of less than a cell
+        p = around_sliver(a.xy, b.xy, c.xy, k);
+    else if (k == 0)
+        p = grown_corner(c.xy, a.xy, b.xy);
+    else if (k == 1)
+        p = grown_corner(a.xy, b.xy, c.xy);
+    else
+        p = grown_corner(b.xy, c.xy, a.xy);
+    // Seen exactly edge-on no ray can hit it.
+    if (!(twice_area > 1e-9 * longest)) p = vec2(-10.0);
+    // Views lie side by side; neither may draw into the other.
+    gl_ClipDistance[0] = p.x;
+    gl_ClipDistance[1] = view_cells.x - p.x;
+    gl_Position = vec4(2.0 * (p + first) / vec2(cell_columns, view_cells.y) - 1.0, 0.0, 1.0);
+}

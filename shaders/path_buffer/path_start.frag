@@ -1,0 +1,65 @@
+// path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions], or, with
+// START_POINTS, at a point.
+// Runs over: the pixels of the window. Output: see path_state.glsl
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+#include "camera/camera.glsl"
+#include "sampling/random.glsl"
+#include "lights/direct.glsl"
+#include "path/path_course.glsl"
+#include "path/path_vertex.glsl"
+#include "path/path_next.glsl"
+#include "path/path_state.glsl"
+#ifdef START_POINTS
+#define START_VERTEX
+#include "camera/start_points.glsl"
+#endif
+
+UINT_TEXELS(r32ui, eye_buffer);
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    int triangle = int(texel(eye_buffer, pixel).r) - 1;
+#ifdef START_POINTS
+    if (texel(start_positions, pixel).w == 0.0) {
+        leave(pixel, ended(vec3(0.0)), 0.0);
+        return;
+    }
+    PathVertex v = start_vertex(pixel, triangle);
+    // A point's own rounding may be that of coordinates far from the origin: scans, which begin at it, leave its surface.
+    v.surface.position += RAY_ROUNDING * start_distance(v.surface.position) * v.normal;
+    vec3 Le = vec3(0.0);
+#else
+    if (triangle < 0) {
+#ifdef HAS_SKY
+#ifdef SPLIT_LIGHT
+        direct_part = sky(eye_direction(pixel));
+#endif
+        leave(pixel, ended(sky(eye_direction(pixel))), 0.0);
+#else
+        leave(pixel, ended(vec3(0.0)), 0.0);
+#endif
+        return;
+    }
+    vec4 plane = plane_met(triangle, pixel);
+    vec3 d = eye_direction(pixel), o = eye_origin(pixel);
+    vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
+    Surface s = surface_met(triangle, pixel, x, plane);
+    bool front = front_hit(plane.xyz, d);
+    float light_point;
+    vec3 Le = emitted(s, front, light_point);
+    PathVertex v = path_vertex(s, triangle, plane, front, -d);
+#endif
+    PathState next = lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le);
+#ifdef SPLIT_LIGHT
+    direct_part = next.radiance;
+#ifdef LAST_VERTEX
+    // Ambient light stands for what comes by way of other surfaces.
+    direct_part = Le + last_lit;
+#endif
+#endif
+    leave(pixel, next, 0.0);
+}

@@ -1,0 +1,196 @@
+// object_intersect.glsl: where a ray meets a primitive; one routine per kind, shared by every engine [TB V].
+// Needs:  <SCENE>
+// Frame:  world; directions are unit, so t is a distance in scene units.
+//
+// Each routine has two halves: what follows from the ray's start alone, which a buffer works out once per primitive,
+// and what is left for every ray. Everything is `precise`: the same start and direction give the same bits of t in
+// every program, so that engines can be compared by equality.
+//
+// `exclude` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
+// at the start itself is taken to be exactly 0, so that the far side is still met from inside, without any bias.
+#include "sampling/directions.glsl"
+const float NO_HIT = 3e38;
+
+// xyz: start relative to the centre, f; w: |f|^2 - r^2, with the digits kept that cancel where the start is near the
+// surface, above all for a huge sphere below or above everything.
+vec4 sphere_from(vec3 origin, vec3 centre, float radius)
+{
+    precise vec3 f = origin - centre;
+    vec3 size = abs(f);
+    float most = max(size.x, max(size.y, size.z));
+    vec2 rest = size.x == most ? f.yz : size.y == most ? f.xz : f.xy;
+    precise float c = (most - radius) * (most + radius) + dot(rest, rest);
+    return vec4(f, c);
+}
+
+// The first root of |f + t direction|^2 = r^2 beyond tmin. Far from the sphere the discriminant is taken from the ray's
+// closest point, as b^2 and c are then large and alike; near it they are not.
+// Source: Haines, Günther & Akenine-Möller 2019, Precision Improvements for Ray/Sphere Intersection.
+float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
+{
+    precise float b = -dot(from.xyz, direction);
+    precise vec3 closest = from.xyz + b * direction;
+    precise float square2 = radius * radius;
+    precise float afar = square2 - dot(closest, closest);
+    precise float near = b * b - from.w;
+    float square = from.w > 3.0 * square2 ? afar : near;
+    precise float root = sqrt(max(square, 0.0));
+    precise float q = b < 0.0 ? b - root : b + root;
+    precise float other = from.w / q;
+    float t = min(q, other);
+    t = t > tmin ? t : max(q, other);
+    return square >= 0.0 && t > tmin ? t : NO_HIT;
+}
+
+// A sphere under an affine map is met in the space of its unit sphere.
+struct UnitSpace
+{
+    mat3 rows;  // unit_from_world, its rows as columns
+    vec4 from;  // of the unit sphere
+};
+
+vec3 to_unit(mat3 rows, vec3 v)
+{
+    precise vec3 u = vec3(dot(rows[0], v), dot(rows[1], v), dot(rows[2], v));
+    return u;
+}
+
+UnitSpace ellipsoid_from(vec3 origin, vec4 row0, vec4 row1, vec4 row2)
+{
+    UnitSpace space;
+    space.rows = mat3(row0.xyz, row1.xyz, row2.xyz);
+    precise vec3 f = origin - vec3(row0.w, row1.w, row2.w);
+    space.from = sphere_from(to_unit(space.rows, f), vec3(0.0), 1.0);
+    return space;
+}
+
+float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
+{
+    precise vec3 d = to_unit(space.rows, direction);
+    precise float scale = sqrt(dot(d, d));
+    precise vec3 unit = d / scale;
+    float at = sphere_hit(space.from, 1.0, unit, tmin * scale);
+    precise float t = at / scale;
+    // Asked before the division: of two divisions alike, a graphics card may round one up and one down.
+    return at < NO_HIT && t < NO_HIT ? t : NO_HIT;
+}
+
+// corner*: relative to the start; plane: a normal, and its product with the way to the plane.
+struct TriangleFrom
+{
+    vec3 corner0;
+    vec3 corner1;
+    vec3 corner2;
+    vec4 plane;
+};
+
+TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2)
+{
+    precise vec3 a = corner0 - origin, b = corner1 - origin, c = corner2 - origin;
+    precise vec3 ab = b - a, bc = c - b;
+    precise vec3 normal = cross(ab, bc);
+    precise float offset = dot(normal, a);
+    return TriangleFrom(a, b, c, vec4(normal, offset));
+}
+
+// The weights of the corners at the ray, not yet divided by their sum; all of one sign where it passes inside.
+// A corner is projected on its own, so that triangles that share it agree on where it is, and the difference of two
+// products is 0 or has the right sign: no ray slips through between them.
+// Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation for the shear, and 0 counted
+// as inside for both instead of a second look in double precision.
+vec3 triangle_weights(TriangleFrom from, vec3 direction, out float extent)
+{
+    vec3 x, y;
+    axes_across(direction, x, y);
+    precise vec2 a = vec2(dot(from.corner0, x), dot(from.corner0, y));
+    precise vec2 b = vec2(dot(from.corner1, x), dot(from.corner1, y));
+    precise vec2 c = vec2(dot(from.corner2, x), dot(from.corner2, y));
+    precise vec3 first = vec3(b.x * c.y, c.x * a.y, a.x * b.y), second = vec3(b.y * c.x, c.y * a.x, a.y * b.x);
+    precise vec3 weights = first - second;
+    vec2 most = max(abs(a), max(abs(b), abs(c)));
+    extent = max(most.x, most.y);
+    return weights;
+}
+
+float triangle_hit(TriangleFrom from, vec3 direction, float tmin)
+{
+    float extent;
+    vec3 weight = triangle_weights(from, direction, extent);
+    precise float sum = weight.x + weight.y + weight.z;
+    precise float t = from.plane.w / dot(from.plane.xyz, direction);
+    float least = min(weight.x, min(weight.y, weight.z)), most = max(weight.x, max(weight.y, weight.z));
+    // Seen edge-on, all weights are nothing but rounding, also past its ends: such a triangle is not met.
+    bool inside = (least >= 0.0 || most <= 0.0) && abs(sum) > 5e-7 * extent * extent;
+    return inside && t > tmin && t < NO_HIT ? t : NO_HIT;
+}
+
+float plane_from(vec3 origin, vec3 normal, vec3 point)
+{
+    precise vec3 way = point - origin;
+    precise float height = dot(normal, way);
+    return height;
+}
+
+float plane_hit(float height, vec3 normal, vec3 direction, float tmin)
+{
+    precise float t = height / dot(normal, direction);
+    return t > tmin && t < NO_HIT ? t : NO_HIT;
+}
+
+// The same by a primitive's number.
+
+float intersect_sphere(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
+{
+    vec4 sphere = sphere_texel(primitive, SPHERE_BALL);
+    vec4 from = sphere_from(origin, sphere.xyz, abs(sphere.w));
+    if (primitive == exclude) from.w = 0.0;
+    return sphere_hit(from, sphere.w, direction, tmin);
+}
+
+float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
+{
+    UnitSpace space = ellipsoid_from(
+        origin, unit_texel(primitive, UNIT_ROW0), unit_texel(primitive, UNIT_ROW1), unit_texel(primitive, UNIT_ROW2));
+    if (primitive == exclude) space.from.w = 0.0;
+    return ellipsoid_hit(space, direction, tmin);
+}
+
+TriangleFrom triangle_of(int primitive, vec3 origin)
+{
+    uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+    return triangle_from(origin, vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
+}
+
+float intersect_triangle(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
+{
+    return primitive == exclude ? NO_HIT : triangle_hit(triangle_of(primitive, origin), direction, tmin);
+}
+
+float intersect_plane(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
+{
+    int plane = primitive - first_plane;
+    vec3 normal = plane_texel(plane, PLANE_NORMAL).xyz;
+    float height = plane_from(origin, normal, plane_texel(plane, PLANE_POINT).xyz);
+    return primitive == exclude ? NO_HIT : plane_hit(height, normal, direction, tmin);
+}
+
+// Any primitive. llvmpipe runs the routines of all kinds for it, so kinds that the scene lacks are left out.
+float intersect(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
+{
+    float t = NO_HIT;
+#ifdef HAS_SPHERES
+    if (primitive < first_ellipsoid) t = intersect_sphere(primitive, origin, direction, tmin, exclude);
+#endif
+#ifdef HAS_ELLIPSOIDS
+    if (primitive >= first_ellipsoid && primitive < first_triangle)
+        t = intersect_ellipsoid(primitive, origin, direction, tmin, exclude);
+#endif
+#ifdef HAS_TRIANGLES
+    if (primitive >= first_triangle && primitive < first_plane)
+        t = intersect_triangle(primitive, origin, direction, tmin, exclude);
+#endif
+#ifdef HAS_PLANES
+    if (primitive >= first_plane) t = intersect_plane(primitive, origin, direction, tmin, exclude);
+#endif
+    return t;
+}

@@ -1,0 +1,62 @@
+// opacity.glsl: does light pass through a surface where a ray meets it? A mask lets it through where opacity is below the
+// cutoff, blended surfaces by chance, so that on average their share of it is met (Enderton et al. 2010, Stochastic
+// Transparency): whatever is behind them needs no order. Everything here is for scenes that have such (HAS_ALPHA).
+// Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS
+#include "sampling/random.glsl"
+#ifdef HAS_TEXTURES
+#include "scene/texture.glsl"
+#endif
+
+#ifdef HAS_ALPHA
+uniform uint opacity_seed;  // (seed, path set) folded on the CPU
+// What chance depends on, besides the surface: another for each ray, set before it is cast.
+uint opacity_key = 0u;
+
+bool is_see_through(int shape) { return shape_texel(shape, SHAPE_MATERIAL).z != 0u; }
+
+// A key for what follows of a pixel of the image in this path set.
+void new_opacity_key(ivec2 pixel_of_image, uint use)
+{
+    opacity_key = pcg(uint(pixel_of_image.x) + (uint(pixel_of_image.y) << 16u) + pcg(opacity_seed + use));
+}
+
+// alpha: of the texture and the vertices; number: of the surface, as of its triangle.
+bool alpha_lets_through(int material, float alpha, uint number)
+{
+    vec4 cover = cover_texel(material, COVER_OPACITY);
+    float opacity = cover.x * alpha;
+    bool mask = slots_texel(material, SLOTS_SECOND).y == ALPHA_MASK;
+    return mask ? opacity < cover.y : random_unit(opacity_key + pcg(number)) >= opacity;
+}
+
+// By the weights of the triangle's corners.
+bool triangle_lets_through(int triangle, uvec4 face, vec3 weight)
+{
+    int material = int(shape_texel(int(face.w), SHAPE_MATERIAL).x);
+    float alpha = 1.0;
+#ifdef HAS_TEXTURES
+    int slot = int(slots_texel(material, SLOTS_FIRST).x) - 1;
+    if (slot >= 0) {
+        vec4 uv = weight.x * uv_texel(int(face.x), UV_BOTH) + weight.y * uv_texel(int(face.y), UV_BOTH)
+                + weight.z * uv_texel(int(face.z), UV_BOTH);
+        alpha = slot_value(slot, uv.xy, uv.zw).a;
+    }
+#endif
+#ifdef HAS_VERTEX_COLOURS
+    alpha *= weight.x * colour_texel(int(face.x), COLOUR_LINEAR).a + weight.y * colour_texel(int(face.y), COLOUR_LINEAR).a
+           + weight.z * colour_texel(int(face.z), COLOUR_LINEAR).a;
+#endif
+    return alpha_lets_through(material, alpha, uint(triangle));
+}
+
+// At a point of the triangle's plane.
+bool lets_through(int triangle, vec3 position)
+{
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    if (!is_see_through(int(face.w))) return false;
+    vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    vec3 n = cross(ab, ac), d = position - a;
+    vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
+    return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc));
+}
+#endif

@@ -1,0 +1,40 @@
+// stream_record.comp: what shading needs of the streamed triangles of a chunk that a buffer names, while it is there.
+// Runs over: the texels of an area, 8 x 8 in a group; what names another triangle keeps its record. Output: see
+//         stream_records.glsl
+// Needs:  OF_PATHS: the triangle that a scan has found for each path; otherwise a buffer of numbers + 1
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/stream_records.glsl"
+#ifdef OF_PATHS
+#include "path/path_flight.glsl"
+#include "path/path_result.glsl"
+#else
+UINT_TEXELS(r32ui, seen_buffer);
+#endif
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+uniform ivec4 area;  // x, y, width, height
+uniform int chunk_first;
+uniform int chunk_count;
+uniform int chunk_shape;
+layout(rgba32f) writeonly uniform image2D kept_records;
+
+void main()
+{
+    ivec2 place = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(place, area.zw))) return;
+#ifdef OF_PATHS
+    float weight;
+    int triangle = path_result(place, weight) - chunk_first;
+#else
+    int triangle = int(texel(seen_buffer, place).r) - 1 - chunk_first;
+#endif
+    if (triangle < 0 || triangle >= chunk_count) return;
+    uint corner = 3u * uint(triangle);
+    imageStore(kept_records, record_place(place, RECORD_CORNER_A), vec4(vertex_position(corner), float(chunk_shape)));
+    imageStore(kept_records, record_place(place, RECORD_CORNER_B), vec4(vertex_position(corner + 1u), 0.0));
+    imageStore(kept_records, record_place(place, RECORD_CORNER_C), vec4(vertex_position(corner + 2u), 0.0));
+    imageStore(kept_records, record_place(place, RECORD_PLANE), facet_texel(triangle, FACET_PLANE));
+}

@@ -1,0 +1,325 @@
+// surface.glsl: what is hit, and what it does with light: the only place that reads materials and textures.
+// Needs:  <SCENE>; where the scene has them:
+//         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
+//         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
+//                                 HAS_TRANSMISSION_TEXTURES; see also texture.glsl
+//         HAS_BRUSHES             microfacets that are rougher one way
+//         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
+//         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light points of different densities
+// Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is told in units of a white Lambertian surface's, 1 / pi, so that
+//         what leaves is beta * bsdf_eval * cos * E / pi.
+#include <CONSTANTS>
+#include "bsdf/bsdf.glsl"
+#ifdef HAS_TEXTURES
+#include "scene/texture.glsl"
+#endif
+
+struct Surface
+{
+    vec3 position;
+    vec3 normal;   // geometric, unit, out of the front
+    vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them
+    vec2 uv;
+    vec2 uv1;      // the second texture coordinates
+#ifdef HAS_BRUSHES
+    vec3 along_u;  // unit, in the triangle's plane: where u grows, and across it to where v grows; 0 where neither does
+    vec3 along_v;
+#endif
+    vec4 colour;   // of the vertices, linear Rec. 709 and alpha
+    int triangle;  // its number; -1 for another primitive
+    int shape;
+    int material;
+    bool emits_back;  // where it emits at all
+};
+
+// Does a ray along `direction` arrive on the front?
+bool front_hit(vec3 normal, vec3 direction)
+{
+    return dot(normal, direction) < 0.0;
+}
+
+// All that follows from the shape that was hit.
+Surface surface_of_shape(int shape, vec3 position, vec3 normal)
+{
+    uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
+    Surface s;
+    s.position = position;
+    s.normal = s.smooth_normal = normal;
+    s.uv = s.uv1 = vec2(0.0);
+#ifdef HAS_BRUSHES
+    s.along_u = s.along_v = vec3(0.0);
+#endif
+    s.colour = vec4(1.0);
+    s.triangle = -1;
+    s.shape = shape;
+    s.material = int(of_shape.x);
+    s.emits_back = of_shape.y != 0u;
+    return s;
+}
+
+#ifdef HAS_NORMAL_MAPS
+// The normal that a normal map has, about the smooth one [glTF 2.0, 3.9.3]. along_u, along_v: of any length, on the
+// surface, the directions in which only u and only v of the slot grow; where they are mirrored, so is the map.
+void map_normal(inout Surface s, int slot, vec3 along_u, vec3 along_v)
+{
+    vec3 n = s.smooth_normal;
+    vec3 t = along_u - dot(along_u, n) * n;
+    float square = dot(t, t);
+    if (!(square > 0.0)) return;
+    t *= inversesqrt(square);
+    vec3 b = cross(n, t);
+    if (dot(b, along_v) < 0.0) b = -b;
+    vec3 stored = 2.0 * slot_value(slot, s.uv, s.uv1).xyz - 1.0;
+    stored.xy *= slot_map_texel(slot, SLOT_MAP_U).w;
+    vec3 mapped = stored.x * t + stored.y * b + stored.z * n;
+    float length2 = dot(mapped, mapped);
+    if (length2 > 0.0) s.smooth_normal = mapped * inversesqrt(length2);
+}
+
+int normal_slot(int material) { return int(slots_texel(material, SLOTS_FIRST).z) - 1; }
+#endif
+
+// What the vertices of a triangle bring, by the weights of its corners; ab, ac: its edges from the first.
+void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
+{
+#if defined(HAS_TEXTURES) || defined(HAS_BRUSHES)
+    vec4 uv_a = uv_texel(int(face.x), UV_BOTH), uv_b = uv_texel(int(face.y), UV_BOTH), uv_c = uv_texel(int(face.z), UV_BOTH);
+    s.uv = weight.x * uv_a.xy + weight.y * uv_b.xy + weight.z * uv_c.xy;
+#ifdef HAS_UV1
+    s.uv1 = weight.x * uv_a.zw + weight.y * uv_b.zw + weight.z * uv_c.zw;
+#endif
+#endif
+#ifdef HAS_BRUSHES
+    vec2 q = uv_b.xy - uv_a.xy, r = uv_c.xy - uv_a.xy;
+    float side = q.x * r.y - q.y * r.x < 0.0 ? -1.0 : 1.0;
+    vec3 along = side * (r.y * ab - q.y * ac);
+    if (dot(along, along) > 0.0) {
+        s.along_u = normalize(along);
+        s.along_v = side * cross(s.normal, s.along_u);
+    }
+#endif
+#ifdef HAS_VERTEX_COLOURS
+    s.colour = weight.x * colour_texel(int(face.x), COLOUR_LINEAR) + weight.y * colour_texel(int(face.y), COLOUR_LINEAR)
+             + weight.z * colour_texel(int(face.z), COLOUR_LINEAR);
+#endif
+#ifdef HAS_VERTEX_NORMALS
+    vec3 n = weight.x * shading_texel(int(face.x), SHADING_NORMAL).xyz
+           + weight.y * shading_texel(int(face.y), SHADING_NORMAL).xyz
+           + weight.z * shading_texel(int(face.z), SHADING_NORMAL).xyz;
+    // A mesh without vertex normals has zeros; one whose normals are those of another surface is shaded flat.
+    if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
+#endif
+#ifdef HAS_NORMAL_MAPS
+    int slot = normal_slot(s.material);
+    if (slot >= 0) {
+        vec2 p = slot_uv(slot, uv_a.xy, uv_a.zw);
+        vec2 to_b = slot_uv(slot, uv_b.xy, uv_b.zw) - p, to_c = slot_uv(slot, uv_c.xy, uv_c.zw) - p;
+        float turn = to_b.x * to_c.y - to_b.y * to_c.x < 0.0 ? -1.0 : 1.0;
+        map_normal(s, slot, turn * (to_c.y * ab - to_b.y * ac), turn * (to_b.x * ac - to_c.x * ab));
+    }
+#endif
+}
+
+// The normal to shade with, on the side that is seen. Where it looks away from the eye, which the surface does not, it is
+// turned until it does not any more, or the outline of a smooth object would be black.
+vec3 shading_normal(Surface s, bool front, vec3 wo)
+{
+    vec3 n = front ? s.smooth_normal : -s.smooth_normal;
+#ifdef HAS_NORMALS
+    float away = dot(n, wo);
+    if (away < 1e-3) n = normalize(n + (1e-3 - away) * wo);
+#endif
+    return n;
+}
+
+// The normal to mirror with. Where the shading normal `n` sends the mirror direction below the surface, that direction is
+// lifted to just above it, and the normal is the half vector of it and wo: as `n` turns, so does this, without a step. It
+// depends on wo, so that what is bent is not reciprocal. `normal`: geometric, on wo's side.
+// Source: Keller et al. 2017, The Iray light transport simulation and rendering system, A.3 (bent normals); the height
+// above the surface is that of Cycles' ensure_valid_specular_reflection, which leaves a flat surface as it is.
+vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
+{
+#ifdef HAS_NORMALS
+    vec3 mirrored = reflect(-wo, n);
+    float height = dot(mirrored, normal), least = min(0.9 * dot(normal, wo), 0.01);
+    if (height < least) n = normalize(wo + normalize(mirrored + (least - height) * normal));
+#endif
+    return n;
+}
+
+// By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
+// faces wi. Light from between the two planes is lost: of a uniform surrounding (1 + cos of the angle between the
+// normals) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
+float shading_cosine(vec3 n, vec3 normal, vec3 wi)
+{
+#ifdef HAS_NORMALS
+    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6) * (2.0 / (1.0 + max(dot(n, normal), 0.0)));
+#else
+    return 1.0;
+#endif
+}
+
+#ifdef HAS_MICROFACETS
+// Of microfacets and varnish, with the cosine to the normal that they mirror with over that to the surface's own.
+vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
+{
+    mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
+    vec3 o = wo * axes, i = wi * axes;
+    return (microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f) * (max(i.z, 0.0) / max(dot(normal, wi), 1e-6));
+}
+#endif
+
+// A point of a triangle whose plane (see FACET_PLANE) is at hand.
+Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
+{
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    Surface s = surface_of_shape(int(face.w), position, plane.xyz);
+    s.triangle = triangle;
+#if defined(HAS_TEXTURES) || defined(HAS_NORMALS) || defined(HAS_VERTEX_COLOURS) || defined(HAS_BRUSHES)
+    vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    vec3 n = cross(ab, ac), d = position - a;
+    vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
+    interpolate(s, face, vec3(1.0 - bc.x - bc.y, bc), ab, ac);
+#endif
+    return s;
+}
+
+// The same for the triangle that a pixel's eye ray or path has met, which may be a streamed one.
+#ifdef STREAMED
+#include "scene/stream_records.glsl"
+uniform int resident_triangles;
+TEXELS(rgba32f, met_records);
+
+vec4 plane_met(int triangle, ivec2 pixel)
+{
+    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    return texel(met_records, record_place(pixel, RECORD_PLANE));
+}
+
+// A streamed triangle has nothing but its corners: it is shaded flat.
+int shape_met(int triangle, ivec2 pixel)
+{
+    if (triangle < resident_triangles) return shape_of(triangle);
+    return int(texel(met_records, record_place(pixel, RECORD_CORNER_A)).w);
+}
+
+Surface surface_met(int triangle, ivec2 pixel, vec3 position, vec4 plane)
+{
+    if (triangle < resident_triangles) return surface_of_triangle(triangle, position, plane);
+    Surface s = surface_of_shape(shape_met(triangle, pixel), position, plane.xyz);
+    s.triangle = triangle;
+    return s;
+}
+#else
+#define shape_met(primitive, pixel) shape_of(primitive)
+#define plane_met(triangle, pixel) facet_texel(triangle, FACET_PLANE)
+#define surface_met(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
+#endif
+
+// What textures and the colours of vertices multiply a material by. Each is 1 where there are none.
+
+#ifdef HAS_TEXTURES
+vec4 slot_or_one(uint slot, Surface s)
+{
+    return slot == 0u ? vec4(1.0) : slot_value(int(slot) - 1, s.uv, s.uv1);
+}
+#endif
+
+// Reflectance by rgb, opacity by a.
+vec4 base_colour(Surface s)
+{
+    vec4 colour = vec4(1.0);
+#ifdef HAS_TEXTURES
+    colour = slot_or_one(slots_texel(s.material, SLOTS_FIRST).x, s);
+#endif
+#ifdef HAS_VERTEX_COLOURS
+    colour *= s.colour;
+#endif
+    return colour;
+}
+
+// Roughness by x, metallic by y.
+vec2 roughness_metallic(Surface s)
+{
+#ifdef HAS_SURFACE_TEXTURES
+    return slot_or_one(slots_texel(s.material, SLOTS_FIRST).y, s).yz;
+#else
+    return vec2(1.0);
+#endif
+}
+
+float transmission_factor(Surface s)
+{
+#ifdef HAS_TRANSMISSION_TEXTURES
+    return slot_or_one(slots_texel(s.material, SLOTS_SECOND).x, s).x;
+#else
+    return 1.0;
+#endif
+}
+
+// What a surface does with light on the side that is seen.
+Bsdf bsdf_at(Surface s, bool front)
+{
+    vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
+    float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0;
+    vec3 base = diffuse.rgb;
+#if defined(HAS_TEXTURES) || defined(HAS_VERTEX_COLOURS)
+    base *= base_colour(s).rgb;
+#endif
+    Bsdf b = lambertian(base * reflects);
+#ifdef HAS_HIGHLIGHTS
+    vec4 phong = material_texel(s.material, MATERIAL_SPECULAR);
+    b.specular = phong.rgb * reflects;
+    b.exponent = phong.w;
+#endif
+#ifdef HAS_MIRRORS
+    b.mirror = material_texel(s.material, MATERIAL_MIRROR).rgb * reflects;
+#endif
+#ifdef HAS_MICROFACETS
+    vec4 surface = material_texel(s.material, MATERIAL_SURFACE);
+    if (surface.x >= 0.0) {
+        vec4 layer = material_texel(s.material, MATERIAL_LAYER), coat = material_texel(s.material, MATERIAL_COAT);
+        surface.xy *= roughness_metallic(s);
+        float metal = surface.y, clear = 0.0;
+#ifdef HAS_GLASS
+        vec4 glass = material_texel(s.material, MATERIAL_GLASS);
+        clear = (1.0 - metal) * glass.x * transmission_factor(s);
+        // The back of glass is its inside.
+        if (clear > 0.0) reflects = 1.0;
+        b.clear = base * clear;
+        b.eta = glass.w != 0.0 ? PANE : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+#endif
+        b.diffuse = base * ((1.0 - metal - clear) * reflects);
+        b.metal = base * metal * reflects;
+        b.metallic = metal * reflects;
+        b.dielectric = layer.rgb;
+        b.grazing = layer.w;
+        b.layered = (1.0 - metal) * reflects;
+        b.alpha = ggx_alpha(surface.x, surface.z);
+#ifdef HAS_BRUSHES
+        b.brush = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
+#endif
+        b.coat = coat.x * reflects;
+        b.coat_alpha = coat.y * coat.y;
+    }
+#endif
+    return b;
+}
+
+// Radiance that a surface emits to the side that is seen; `density` per area of a light point there, 0 without light.
+vec3 emitted(Surface s, bool front, out float density)
+{
+    vec4 emission = emission_texel(s.shape, EMISSION_RADIANCE);
+    density = emission.w;
+#ifdef HAS_TRIANGLE_DENSITIES
+    if (density > 0.0 && s.triangle >= 0) density = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
+#endif
+#ifdef HAS_EMISSION_TEXTURES
+    emission.rgb *= slot_or_one(slots_texel(s.material, SLOTS_FIRST).w, s).rgb;
+#endif
+#ifdef HAS_COLOURED_LIGHT
+    if (slots_texel(s.material, SLOTS_SECOND).z != 0u) emission.rgb *= s.colour.rgb;
+#endif
+    return front || s.emits_back ? emission.rgb : vec3(0.0);
+}

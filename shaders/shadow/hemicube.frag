@@ -1,0 +1,27 @@
+// hemicube.frag: which triangle the light point sees; its number + 1, 0 for none.
+// Depth is linear: a perspective depth with so near a near plane, for a shade close to a lamp, has no digits left.
+// Blended surfaces are there by chance, texel by texel.
+#include "gl/texels.glsl"
+#include <SCENE>
+#include "scene/opacity.glsl"
+uniform vec2 light_range;
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle
+#else
+const int chunk_first = 0;
+#endif
+#ifdef HAS_ALPHA
+in vec3 world;
+#endif
+
+layout(location = 0) out uint seen;
+
+void main()
+{
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy), 0u);
+    if (lets_through(gl_PrimitiveID, world)) discard;
+#endif
+    gl_FragDepth = 1.0 / (gl_FragCoord.w * light_range.y);
+    seen = uint(gl_PrimitiveID + chunk_first) + 1u;
+}

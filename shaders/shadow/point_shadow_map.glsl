@@ -1,0 +1,76 @@
+// point_shadow_map.glsl: which cell of a point light's shadow-buffer a direction falls into, and back.
+// Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells; a place on a face is
+//         in cells, (0, 0) at its lower corner, centres of cells at halves.
+// Needs:  SHADOW_CUBE: the cube; otherwise the sphere
+// Source: [TB III.C, III.D], with three corrections. (4) lets theta run over [0, pi] where (5) uses it as a latitude and
+//         (7) gets it from arcsin, in [-pi/2, pi/2]: as printed, half the sphere is never addressed. And (7) takes phi from
+//         arccos, which cannot tell y from -y. Here, for an entry of row r and column c of r_max x c_max,
+//             theta = ((r + 1/2) / r_max - 1/2) pi         the latitude, by atan2 of z and the distance from the axis
+//             phi   = ((c + 1/2) / c_max) 2 pi             the longitude, by atan2 of y and x
+//         at the centres of cells, where their rays are shot. arcsin would do for theta but for its rounding at the poles.
+#include "sampling/angles.glsl"
+
+uniform vec2 shadow_cells;  // columns and rows of a face
+
+struct ShadowPlace
+{
+    int face;
+    vec2 at;  // in cells
+};
+
+#ifdef SHADOW_CUBE
+// Cells are equal steps of angle across a face rather than of length, so that all are of about one size: the solid angle
+// of the largest is 1.4 times that of the smallest, in place of 5.2 (Brown 2017, Equi-Angular Cubemaps).
+// Faces 0 to 5 look along +x, -x, +y, -y, +z, -z. Within one: x and y across it, z along its axis. Opposite faces are
+// mirror images of each other.
+vec3 shadow_to_face(int face, vec3 d)
+{
+    vec3 f = face < 2 ? d.yzx : face < 4 ? d.zxy : d;
+    return vec3(f.xy, (face & 1) == 0 ? f.z : -f.z);
+}
+
+vec3 shadow_from_face(int face, vec3 f)
+{
+    f.z = (face & 1) == 0 ? f.z : -f.z;
+    return face < 2 ? f.zxy : face < 4 ? f.yzx : f;
+}
+
+ShadowPlace shadow_place(vec3 d)
+{
+    vec3 a = abs(d);
+    int axis = a.x >= max(a.y, a.z) ? 0 : a.y >= a.z ? 1 : 2;
+    int face = 2 * axis + int(d[axis] < 0.0);
+    vec3 f = shadow_to_face(face, d);
+    vec2 slope = f.xy / f.z;
+    return ShadowPlace(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
+}
+
+// Of any length. A place (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
+vec3 shadow_direction(int face, vec2 at)
+{
+    vec2 right_angles = at / shadow_cells - 0.5;
+    return shadow_from_face(face, vec3(tangent(right_angles.x), tangent(right_angles.y), 1.0));
+}
+#else
+ShadowPlace shadow_place(vec3 d)
+{
+    float theta = arc_tangent(d.z, length(d.xy));
+    float phi = arc_tangent(d.y, d.x);
+    vec2 at = vec2(fract(phi / (2.0 * PI)), theta / PI + 0.5) * shadow_cells;
+    return ShadowPlace(0, at);
+}
+
+// Unit. A place beyond a pole comes down on the other side, one beyond the seam goes on behind it.
+vec3 shadow_direction(int face, vec2 at)
+{
+    vec2 theta = cosine_sine(2.0 * (at.y / shadow_cells.y - 0.5));
+    vec2 phi = cosine_sine(4.0 * (at.x / shadow_cells.x));
+    return vec3(theta.x * phi, theta.y);
+}
+#endif
+
+// The cell's lower corner.
+vec2 shadow_cell(vec2 at)
+{
+    return clamp(floor(at), vec2(0.0), shadow_cells - 1.0);
+}

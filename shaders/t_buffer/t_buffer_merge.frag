@@ -1,0 +1,27 @@
+// t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower
+// number. Where this device's programs differ in the last bits of t, those decide instead.
+// Needs:  <T_BUFFER>
+#include <T_BUFFER>
+#include "gl/texels.glsl"
+
+UINT_TEXELS(rg32ui, drawn);  // number + 1, bits of t
+uniform ivec2 eye_size;
+
+layout(std430, binding = 2) buffer Nearest { uint least_t[]; };
+layout(std430, binding = 3) buffer Numbers { uint lowest[]; };
+
+layout(location = 0) out uvec2 found;
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    int at = pixel.y * eye_size.x + pixel.x;
+    found = texel(drawn, pixel).rg;
+    uint number = lowest[at];
+    if (number != NOTHING)
+    {
+        // Bits of positive floats have their order.
+        uvec2 small = uvec2((number & NUMBER) + 1u, least_t[at]);
+        if (found.x == 0u || small.y < found.y || (small.y == found.y && small.x < found.x)) found = small;
+    }
+}

@@ -1,0 +1,200 @@
+// whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
+// Needs:  <SCENE>; BY_BVH: rays that leave a surface go by it, else by the classical algorithm;
+//         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
+//         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709.
+//
+//   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
+// where a light is punctual, or a point of an emitting shape, or a direction of the sky: LIGHT_SAMPLES of these.
+#include <SCENE>
+#include "scene/surface_at.glsl"
+#include "camera/camera.glsl"
+#include "scene/object_classic.glsl"
+#ifdef BY_BVH
+#include "scene/object_bvh.glsl"
+#endif
+#include "film/accumulate.glsl"
+#ifdef LIGHT_SAMPLES
+#include "lights/light_samples.glsl"
+#endif
+#include "lights/punctual.glsl"
+#include "lights/profile.glsl"
+#include "lights/sky.glsl"
+#ifdef SHADOW_BUFFERS
+#include "shadow/point_shadow.glsl"
+#endif
+
+UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
+uniform int max_depth;         // surfaces on the way of light to the eye
+uniform vec3 ambient;
+
+#ifdef COUNT_TESTS
+layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
+#endif
+
+#ifdef HAS_ALPHA
+uint rays_cast = 0u;  // of the pixel
+#endif
+
+// Another chance for every ray to pass through blended surfaces.
+void begin_ray()
+{
+#ifdef HAS_ALPHA
+    new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, ++rays_cast);
+#endif
+}
+
+bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
+{
+    begin_ray();
+#ifdef BY_BVH
+    return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
+#else
+    return blocked_classic(origin, direction, tmin, tmax, exclude);
+#endif
+}
+
+// Radiance towards -direction of the light that comes straight from the lights. `normal` is on the side that is seen.
+vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
+{
+    vec3 sum = vec3(0.0);
+    for (int light = 0; light < light_count; ++light)
+    {
+        vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
+        uvec3 punctual = punctual_texel(light, PUNCTUAL_KIND).xyz;
+        uint kind = punctual.x;
+        vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - s.position;
+        float square = dot(to_light, to_light), distance = sqrt(square);
+        vec3 wi = to_light / max(distance, 1e-37);
+        bool spot = kind == LIGHT_SPOT;
+        vec2 cone = spot ? light_texel(light, LIGHT_CONE).xy : vec2(0.0);
+        vec3 intensity = light_texel(light, LIGHT_INTENSITY).rgb;
+        vec3 E = punctual_irradiance(intensity, punctual.y != 0u, square, spot, cone, -dot(wi, axis));
+#ifdef HAS_PROFILES
+        if (punctual.z != 0u) E *= profile_intensity(int(punctual.z) - 1, -wi);
+#endif
+        float cosine = dot(normal, wi);
+        bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
+        float visible = reaches ? 1.0 : 0.0;
+#ifdef SHADOW_BUFFERS
+        if (reaches && kind != LIGHT_DIRECTIONAL)
+        {
+            visible = point_light_visibility(light, s.position, normal, s.shape);
+            reaches = false;
+        }
+#endif
+#if !defined(SHADOW_BUFFERS) || defined(HAS_DIRECTIONAL_LIGHTS)
+        if (reaches)
+        {
+            float tmax = kind == LIGHT_DIRECTIONAL ? NO_HIT : distance * (1.0 - RAY_ROUNDING);
+            if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
+        }
+#endif
+        vec3 f = dull_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi));
+#ifdef HAS_MICROFACETS
+        f += mirroring_eval(bsdf, n, normal, wo, wi) * cosine;
+#endif
+        sum += f * E * (visible / PI);
+    }
+    return sum;
+}
+
+#ifdef LIGHT_SAMPLES
+// The same, of light points and the sky: always by rays, as the points are others in every path set.
+vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
+{
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < LIGHT_SAMPLES; ++i)
+    {
+        Incident light = light_sample(i, s.position, normal);
+        if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
+        float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
+        if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
+        {
+            vec3 f = dull_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi);
+#ifdef HAS_MICROFACETS
+            f += mirroring_eval(bsdf, n, normal, wo, light.wi);
+#endif
+            sum += f * light.E;
+        }
+    }
+    return sum;
+}
+#endif
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    uvec2 seen = texel(eye_buffer, pixel).rg;
+    vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
+    int primitive = int(seen.x) - 1;
+    float t = uintBitsToFloat(seen.y), rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    vec3 L = vec3(0.0), weight = vec3(1.0);
+#ifdef COUNT_TESTS
+    uint shadow_tests = 0u;
+#endif
+    for (int depth = 1; depth <= max_depth; ++depth)
+    {
+        if (primitive < 0)
+        {
+            L += weight * sky(direction);
+#ifdef SPLIT_LIGHT
+            if (depth <= 2) direct_part += weight * sky(direction);
+#endif
+            break;
+        }
+        Surface s = surface_at(primitive, origin, direction, t);
+        bool front = front_hit(s.normal, direction);
+        vec3 normal = front ? s.normal : -s.normal;
+        vec3 n = shading_normal(s, front, -direction);
+        Bsdf bsdf = bsdf_at(s, front);
+        vec3 size = abs(s.position);
+        rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
+
+        float light_point;
+        L += weight * (ambient * bsdf.diffuse + emitted(s, front, light_point));
+#ifdef SPLIT_LIGHT
+        if (depth <= 2) direct_part += weight * emitted(s, front, light_point);
+#endif
+#ifdef COUNT_TESTS
+        uint before = tests;
+#endif
+        vec3 lit = light_from_lights(primitive, s, normal, n, bsdf, -direction, rounding);
+        L += weight * lit;
+#ifdef SPLIT_LIGHT
+        if (depth == 1) direct_part += weight * lit;
+#endif
+#ifdef LIGHT_SAMPLES
+        lit = light_from_samples(primitive, s, normal, n, bsdf, -direction, rounding);
+        L += weight * lit;
+#ifdef SPLIT_LIGHT
+        if (depth == 1) direct_part += weight * lit;
+#endif
+#endif
+#ifdef COUNT_TESTS
+        shadow_tests += tests - before;
+#endif
+#ifdef REFLECTIONS
+        vec3 mirroring = mirroring_normal(n, normal, -direction);
+        weight *= mirrored(bsdf, dot(mirroring, -direction));
+        if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
+
+        origin = s.position;
+        direction = normalize(reflect(direction, mirroring));
+        begin_ray();
+#ifdef BY_BVH
+        primitive = nearest_by_bvh(origin, direction, rounding, primitive, t);
+#else
+        primitive = nearest_classic(origin, direction, rounding, primitive, t);
+#endif
+#else
+        break;
+#endif
+    }
+    accumulate(pixel, vec4(L, 0.0));
+#ifdef COUNT_TESTS
+    int at = 2 * (pixel.y * eye_size.x + pixel.x);
+    tests_of_pixel[at] += shadow_tests;
+    tests_of_pixel[at + 1] += tests - shadow_tests;
+#endif
+}
