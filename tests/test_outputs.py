@@ -135,7 +135,7 @@ def test_a_solution_is_kept_where_its_file_cannot_be_written(tmp_path: Path, tem
     (kept,) = temporary.glob("*/*")
     assert result.exit_code == 1
     assert f"The solution is kept in {kept}" in result.stderr
-    result = run("bake", "cornell-box-36", "-o", full(tmp_path, "b.glb"), "--radiosity", kept, "-q")
+    result = run("radiosity", "cornell-box-36", "-o", full(tmp_path, "b.glb"), "--radiosity", kept, "-q")
     assert (result.exit_code, len(list(temporary.glob("*/*")))) == (1, 2)
     again = [RadiositySolution.load(path).elements for path in temporary.glob("*/*")]
     assert np.array_equal(*again)
@@ -445,9 +445,9 @@ def test_standard_output_takes_a_png_from_a_real_render() -> None:
 # A scene from standard input.
 
 
-@pytest.mark.parametrize("command", ["render", "radiosity", "bake", "export", "info", "validate"])
+@pytest.mark.parametrize("command", ["render", "radiosity", "export", "info", "validate"])
 def test_a_scene_comes_from_standard_input(command: str, tmp_path: Path, film: Film) -> None:
-    out = {"render": "a.png", "radiosity": "s.npz", "bake": "b.glb", "export": "e.xml"}.get(command)
+    out = {"render": "a.png", "radiosity": "s.npz", "export": "e.xml"}.get(command)
     text = SCENE.replace('type = "sphere"\nradius = 1.0', 'type = "box"\nmin = [0, 0, 0]\nmax = [1, 1, 1]')
     options = () if out is None else ("-o", tmp_path / out)
     result = run(command, "-", *options, stdin=text)

@@ -1,4 +1,4 @@
-"""`glpath radiosity` and `glpath bake`: what they write, what they say, and how they end."""
+"""`glpath radiosity`: what it writes, what it says, and how it ends."""
 
 from __future__ import annotations
 
@@ -111,10 +111,10 @@ def test_ctrl_c_keeps_what_was_solved(tmp_path):
         (["radiosity", "furnace", "-D", "reflectance=1", "-o", "s.npz"], 1, "below 1 for radiosity"),
         (["radiosity", "furnace", "-D", "radiance=0", "-o", "s.npz"], 1, "no shape with an emission"),
         (["radiosity", "three-spheres", "-o", "s.npz"], 1, "cannot render"),
-        (["bake", "cornell-box-36", "-o", "s.obj"], 2, "written as .glb"),
-        (["bake", "cornell-box-36", "-o", "s.glb", "--exposure", "1e9"], 2, "-100 to 100"),
-        (["bake", "cornell-box-36", "-o", "s.glb", "--radiosity", "none.npz"], 1, "no such file"),
-        (["bake", "cornell-box-36", "-o", "s.glb", "--radiosity", "a.npz", "--size", "1"], 2, "contradict"),
+        (["radiosity", "cornell-box-36", "-o", "s.obj"], 2, "or as .glb with vertex colours"),
+        (["radiosity", "cornell-box-36", "-o", "s.glb", "--exposure", "1e9"], 2, "-100 to 100"),
+        (["radiosity", "cornell-box-36", "-o", "s.glb", "--radiosity", "none.npz"], 1, "no such file"),
+        (["radiosity", "cornell-box-36", "-o", "s.glb", "--radiosity", "a.npz", "--size", "1"], 2, "contradict"),
     ],
 )
 def test_mistakes_are_explained_and_nothing_is_written(arguments, code, message, tmp_path, monkeypatch):
@@ -127,7 +127,7 @@ def test_mistakes_are_explained_and_nothing_is_written(arguments, code, message,
 
 
 def test_the_solution_of_another_scene_is_refused(solved, tmp_path):
-    done = run("bake", "cornell-box", "-o", tmp_path / "b.glb", "--radiosity", solved[0])
+    done = run("radiosity", "cornell-box", "-o", tmp_path / "b.glb", "--radiosity", solved[0])
     assert done.exit_code == 1
     assert "belongs to another scene" in done.output
 
@@ -156,7 +156,7 @@ def test_progress_is_shown(mode, capsys):
 def test_a_baked_scene_is_what_was_solved(solved, tmp_path):
     path, solution = solved
     out = tmp_path / "b.glb"
-    done = run("bake", "cornell-box-36", "-o", out, "--radiosity", path, "--exposure", -1)
+    done = run("radiosity", "cornell-box-36", "-o", out, "--radiosity", path, "--exposure", -1)
     assert done.exit_code == 0, done.output
     scene = load_scene("cornell-box-36")
 
@@ -230,9 +230,9 @@ def test_both_sides_of_a_two_sided_shape_are_there_and_up_is_up(tmp_path):
     np.testing.assert_allclose(bounds[1] - bounds[0], [2, 1, 2], atol=1e-4)  # its z is up, as glTF's y
 
 
-def test_bake_solves_where_there_is_no_solution(tmp_path):
+def test_a_glb_is_written_from_what_is_solved(tmp_path):
     out = tmp_path / "b.glb"
-    done = run("bake", "cornell-box-36", "-o", out, "--patches", 60, "--adaptive", 1, "-q")
+    done = run("radiosity", "cornell-box-36", "-o", out, "--patches", 60, "--adaptive", 1, "-q")
     assert done.exit_code == 0, done.output
     assert out.stat().st_size > 5000
     assert done.output == ""

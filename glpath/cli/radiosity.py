@@ -1,10 +1,10 @@
-"""`glpath radiosity`: a solution of the light between diffuse surfaces; `glpath bake`: the same as glTF."""
+"""`glpath radiosity`: the light between diffuse surfaces, as a solution or as glTF with vertex colours."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -61,17 +61,25 @@ MethodOption = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Put the commands on the main program."""
+    """Put the command on the main program."""
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
     later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
     later += " 134: ended by --hang-limit."
     app.command(epilog=codes + later)(radiosity)
-    app.command(epilog=codes)(bake)
 
 
 def radiosity(
     scene: SceneArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="Where the solution goes.")],
+    out: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE.npz|.glb",
+            help="Several allowed. The solution, for --radiosity; or the scene with its light as vertex colours, "
+            "for any glTF viewer.",
+        ),
+    ],
     method: MethodOption = "progressive",
     patches: Patches = None,
     size: Size = None,
@@ -79,9 +87,12 @@ def radiosity(
         int, typer.Option(help="Split patches in four so many times, for elements.", rich_help_panel=_MESH)
     ] = 0,
     adaptive: Annotated[
-        int,
-        typer.Option(help="So many times, split elements where the radiosity changes fast.", rich_help_panel=_MESH),
-    ] = 0,
+        int | None,
+        typer.Option(
+            help="So many times, split elements where the radiosity changes fast; by default 0, for a .glb 2.",
+            rich_help_panel=_MESH,
+        ),
+    ] = None,
     threshold: Annotated[
         float,
         typer.Option(help="Fast: by this share of the scene's mean in an element.", rich_help_panel=_MESH),
@@ -112,6 +123,11 @@ def radiosity(
     ] = 4,
     particles: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 1_000_000,
     seed: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 0,
+    radiosity: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.npz", help="A solution to write as .glb, instead of solving."),
+    ] = None,
+    exposure: Annotated[float, typer.Option(metavar="STOPS", help="Brightness of a .glb: 1 doubles it.")] = 0.0,
     check: Annotated[
         bool,
         typer.Option(
@@ -146,16 +162,35 @@ def radiosity(
     Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
     once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C ends it, and what was solved
     until then is written; so do SIGTERM and SIGUSR1, or with --checkpoint or --resume they write that alone.
-    """
-    from glpath.radiosity.solution import check_suffix
 
-    check_suffix(out)
+    Colours of a .glb are radiance times 2^STOPS, linear, at most 1; its material is unlit (KHR_materials_unlit).
+    """
+    for path in out:
+        _writer(path, exposure)
+    if not abs(exposure) <= 100:
+        raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
     check_choice("--progress", progress, MODES)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     with nullcontext() if check else aside("camera"):
         loaded = read_scene(scene, parameters)
-    check_writable(out)
-    keeper = _checkpoint(out, checkpoint, resume)
+    for path in out:
+        check_writable(path)
+    if radiosity is not None:
+        mesh = {"patches": patches, "size": size, "adaptive": adaptive, "checkpoint": checkpoint}
+        for name in (name for name, value in mesh.items() if value is not None):
+            raise UsageError(
+                f"--radiosity and --{name} contradict each other: {radiosity} is solved already.",
+                "Leave one of them out.",
+            )
+        from glpath.radiosity import RadiositySolution
+
+        _save(RadiositySolution.load(radiosity, loaded), loaded, out, exposure)
+        if not quiet:
+            say(f"wrote {', '.join(map(str, out))}", err=True)
+        return
+    keeper = _checkpoint(out[0], checkpoint, resume)
+    if adaptive is None:
+        adaptive = 2 if any(path.suffix.lower() == ".glb" for path in out) else 0
     options: dict[str, Any] = {
         "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
@@ -174,7 +209,7 @@ def radiosity(
             say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
             raise typer.Exit(GO_ON_LATER)
         if solution is not None:
-            _save(solution, out, solution.save)
+            _save(solution, loaded, out, exposure)
         if keeper is not None and not arrived():
             keeper.path.unlink(missing_ok=True)
     _end(solution, out, loaded, quiet or progress == "json")
@@ -183,58 +218,6 @@ def radiosity(
 
         found = result_of(lambda: element_error(loaded, solution))
         say(json.dumps(found.recorded()) if progress == "json" else str(found), err=True)
-
-
-def bake(
-    scene: SceneArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.glb", help="Where the baked scene goes.")],
-    radiosity: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.npz", help="A solution of `glpath radiosity`; without it, one is made."),
-    ] = None,
-    exposure: Annotated[float, typer.Option(metavar="STOPS", help="Brightness: 1 doubles it.")] = 0.0,
-    patches: Patches = None,
-    size: Size = None,
-    adaptive: Annotated[
-        int | None,
-        typer.Option(
-            help="So many times, split elements where the radiosity changes fast; by default 2.",
-            rich_help_panel=_MESH,
-        ),
-    ] = None,
-    parameters: Parameters = None,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
-) -> None:
-    """Write a scene with its light baked into vertex colours, as glTF (.glb), for any viewer.
-
-    Colours are radiance times 2^STOPS, linear, at most 1; the material is unlit (KHR_materials_unlit).
-    """
-    from glpath.radiosity import RadiositySolution
-    from glpath.radiosity.glb import check_suffix
-
-    check_suffix(out)
-    check_choice("--progress", progress, MODES)
-    if not abs(exposure) <= 100:
-        raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
-    mesh = {"patches": patches, "size": size, "adaptive": adaptive}
-    given = {name: value for name, value in mesh.items() if value is not None}
-    if radiosity is not None and given:
-        raise UsageError(
-            f"--radiosity and --{next(iter(given))} contradict each other: the mesh is that of the solution.",
-            "Leave one of them out.",
-        )
-    with aside("camera"):
-        loaded = read_scene(scene, parameters)
-    check_writable(out)
-    if radiosity is not None:
-        solution: RadiositySolution | None = RadiositySolution.load(radiosity, loaded)
-    else:
-        mode = "none" if quiet and progress == "auto" else progress
-        solution = _solve(loaded, {"adaptive": 2} | given, mode)
-    if solution is not None:
-        _save(solution, out, lambda path: solution.to_glb(loaded, path, exposure=exposure))
-    _end(solution, out, loaded, quiet or progress == "json", radiosity is None)
 
 
 def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint | None:
@@ -261,21 +244,37 @@ def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolutio
         return stop.solution
 
 
-def _save(solution: RadiositySolution, out: Path, save: Save) -> None:
-    kept = "The solution is kept in {}; --radiosity of render and bake takes it."
-    _, failure = save_all({out: save}, {"solution.npz": solution.save}, kept)
+def _writer(path: Path, exposure: float) -> Callable[[RadiositySolution, Scene], Save]:
+    """What writes a solution to a file of that name. Raises UsageError where no format has its suffix."""
+    if path.suffix.lower() == ".npz":
+        return lambda solution, scene: solution.save
+    if path.suffix.lower() == ".glb":
+        return lambda solution, scene: lambda to: solution.to_glb(scene, to, exposure=exposure)
+    raise UsageError(
+        f"{path}: a radiosity solution is written as .npz, or as .glb with vertex colours.",
+        "For example -o solution.npz -o lit.glb.",
+    )
+
+
+def _save(solution: RadiositySolution, scene: Scene, out: list[Path], exposure: float) -> None:
+    kept = "The solution is kept in {}; --radiosity of render and radiosity takes it."
+    saves = {path: _writer(path, exposure)(solution, scene) for path in out}
+    _, failure = save_all(saves, {"solution.npz": solution.save}, kept)
     if failure is not None:
         raise failure
 
 
-def _end(solution: RadiositySolution | None, out: Path, scene: Scene, quiet: bool, solved: bool = True) -> None:
+def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quiet: bool) -> None:
     """Say what there is; of what was interrupted, exit as such."""
+    names = ", ".join(map(str, out))
     if solution is not None and not quiet:
-        for line in (*_summary(solution), f"  {light_of(scene)}") if solved else ():
+        for line in (*_summary(solution), f"  {light_of(scene)}"):
             say(line, err=True)
-        say(f"wrote {out}", err=True)
+        say(f"wrote {names}", err=True)
     if arrived():
-        left = "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {out}"
+        left = (
+            "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {names}"
+        )
         say(f"glpath: interrupted: {left}", err=True)
         raise typer.Exit(INTERRUPTED)
 
