@@ -20,9 +20,9 @@ from glpath.io.gltf import read_gltf
 from glpath.io.ies import read_ies
 from glpath.lights.samples import incident
 from glpath.scene.model import Float64, Light, LightProfile
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
-PLACE = Place("room.toml", "lights[0].profile")
+PLACE = SourceLocation("room.toml", "lights[0].profile")
 
 
 def written(numbers: object) -> str:

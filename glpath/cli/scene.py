@@ -16,7 +16,7 @@ from glpath.errors import UsageError
 from glpath.io import load_scene, parameters_from_options
 from glpath.io.load import scene_from_toml
 from glpath.scene import Environment, Scene
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."
 
@@ -37,13 +37,13 @@ def parameters_option(panel: str | None = None) -> Any:
 Parameters = Annotated[list[str] | None, parameters_option()]
 
 
-class OptionPlace(Place):
+class OptionPlace(SourceLocation):
     """An option of the command line: --camera-up, whose value is written 0,1,0."""
 
     def __str__(self) -> str:
         return self.path
 
-    def field(self, name: str) -> Place:
+    def field(self, name: str) -> SourceLocation:
         word = name.replace("_", "-")
         path = f"{self.path}-{word}" if self.path else f"--{word}"
         return OptionPlace("", path.replace("--film-", "--"))
@@ -74,7 +74,7 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
         return load_scene(scene, values)
     if values:
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
-    return scene_from_toml(sys.stdin.buffer.read(), Place("standard input"), Path(), "scene")
+    return scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
 
 
 def light_of(scene: Scene) -> str:

@@ -20,7 +20,7 @@ from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.film.units import Unit, symbol
 from glpath.io import scene_cameras, scene_parameters, scene_schema, shipped_scenes
 from glpath.scene import check_scene
-from glpath.scene.place import coordinates
+from glpath.scene.source_location import coordinates
 from glpath.system.files import write_bytes
 from glpath.system.terminal import clean_console, say, say_json
 

@@ -23,7 +23,7 @@ from glpath.io.values import LARGEST, nearby_files, unknown
 from glpath.scene import tessellate
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,18 @@ class Assets:
     _said: set[str] = field(default_factory=set)
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
-    def add(self, given: Sequence[Asset], place: Place) -> None:
-        """Take them in; `place` is their list's. Raises SceneError; warns of what is not used of a file, once."""
+    def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
+        """Add them; `location` is their list. Raises SceneError; warns once of what is not used of a file."""
         for index, asset in enumerate(given):
-            self._add(asset, place.item(index))
+            self._add(asset, location.item(index))
 
-    def _add(self, given: Asset, place: Place) -> None:
-        read = self._model(given, place)
+    def _add(self, given: Asset, location: SourceLocation) -> None:
+        read = self._model(given, location)
         model, path = read.model, Path(given.file)
         name = path.stem if isinstance(given.name, UnsetType) else given.name
-        world = transform.world_from_shape(given.transform, place.field("transform"))
-        replaced = self._replaced(given, read, place.field("materials"))
-        moved = motion_of(given.motion, world[None, :3], place.field("motion"))
+        world = transform.world_from_shape(given.transform, location.field("transform"))
+        replaced = self._replaced(given, read, location.field("materials"))
+        moved = motion_of(given.motion, world[None, :3], location.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
         unit = model.unit if isinstance(given.unit, UnsetType) else given.unit
         factor = 1.0 if unit is None else conversion(unit, self.unit)
@@ -79,26 +79,26 @@ class Assets:
             if shape.material in replaced:
                 # Its light belongs to the material that it had.
                 material, emission = replaced[shape.material], np.zeros(3)
-            here = self._placed(shape, world, self.materials[material].needs_uv, place)
+            here = self._placed(shape, world, self.materials[material].needs_uv, location)
             here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
         if given.lights:
             if moved is not None:
                 world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
                 if model.lights and moved.moves_within(*self.shutter):
-                    text = f"{place}: its punctual lights stay where they are when the shutter opens."
+                    text = f"{location}: its punctual lights stay where they are when the shutter opens."
                     warn(text)
             for light in model.lights:
                 placed = _placed_light(light, world, f"{name}/{light.name}")
                 self.lights.append(replace(placed, intensity=factor * light.intensity))
 
-    def _model(self, given: Asset, place: Place) -> _Read:
-        path, here = self.folder / given.file, place.field("file")
+    def _model(self, given: Asset, location: SourceLocation) -> _Read:
+        path, here = self.folder / given.file, location.field("file")
         time = None if isinstance(given.time, UnsetType) else given.time
         if path.suffix.lower() not in FORMATS:
             raise here.wrong(given.file, f"a model file that ends in {', '.join(FORMATS)}", "Export it as .glb.")
         if time is not None and path.suffix.lower() not in GLTF_FORMATS:
-            raise place.field("time").error(f"is for animations of glTF files, but the file is {given.file}.")
+            raise location.field("time").error(f"is for animations of glTF files, but the file is {given.file}.")
         if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
             there = "is not a file" if os.path.exists(path) else "does not exist"
             raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
@@ -144,12 +144,12 @@ class Assets:
             motion = Motion(times, np.array(maps), own.placed)
         return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
-    def _replaced(self, given: Asset, read: _Read, place: Place) -> dict[int, int]:
+    def _replaced(self, given: Asset, read: _Read, location: SourceLocation) -> dict[int, int]:
         """For numbers of the model's materials, those of the scene's that stand in for them."""
         names = [material.name for material in read.model.materials]
         found: dict[int, int] = {}
         for old, new in given.materials.items():
-            here = place.field(old)
+            here = location.field(old)
             if old not in names:
                 near = difflib.get_close_matches(old, names, 1)
                 raise here.error(
@@ -161,7 +161,7 @@ class Assets:
             found |= {index: self.number[new] for index, name in enumerate(names) if name == old}
         return found
 
-    def _placed(self, shape: Shape, world: Float64, textured: bool, place: Place) -> Shape:
+    def _placed(self, shape: Shape, world: Float64, textured: bool, location: SourceLocation) -> Shape:
         """The shape in the world; where it is `textured` with coordinates, as a mesh of the scene's has them."""
         maps = shape.world_from_object
         whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)
@@ -171,7 +171,7 @@ class Assets:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
         if not np.all(np.abs(centre) + np.abs(maps[:, :, :3]) @ ((high - low) / 2) <= LARGEST):
-            raise place.error(
+            raise location.error(
                 f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                 "Check its transform, or choose a larger unit of length.",
             )

@@ -25,7 +25,7 @@ from glpath.scene import tessellate
 from glpath.scene.check import check_camera
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 
@@ -36,7 +36,9 @@ DEFAULT_MATERIAL = "default"
 _FOV = 40.0
 
 
-def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]) -> Scene:
+def build(
+    file: SceneFile, location: SourceLocation, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]
+) -> Scene:
     """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
     folder : where relative paths of mesh and picture files start
@@ -44,9 +46,9 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
     meshes : of shapes whose mesh or stream is there already, by the index of the shape
     """
     camera = _camera(file)
-    check_camera(camera, place.source)
+    check_camera(camera, location.source)
     if not (file.shapes or file.assets):
-        raise place.error(
+        raise location.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
         )
     heights = {
@@ -54,15 +56,15 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         for shape in file.shapes
         if isinstance(shape, description.Patches) and not isinstance(shape.displacement, UnsetType)
     }
-    textures = materials.textures(file.textures, file.materials, place.field("textures"), folder, heights)
+    textures = materials.textures(file.textures, file.materials, location.field("textures"), folder, heights)
     texture_number = {texture.name: index for index, texture in enumerate(textures)}
-    surfaces = materials.materials(_with_default(file), texture_number, place.field("materials"))
+    surfaces = materials.materials(_with_default(file), texture_number, location.field("materials"))
     number = {material.name: index for index, material in enumerate(surfaces)}
 
     shapes = []
     known: dict[tuple[object, bool, bool], Mesh] = {}
     for index, given in enumerate(file.shapes):
-        here = place.field("shapes").item(index)
+        here = location.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
         shape_name = f"{kind}-{index}" if isinstance(given.name, UnsetType) else given.name
         if given.material not in number:
@@ -107,17 +109,20 @@ def build(file: SceneFile, place: Place, folder: Path, name: str, meshes: Mappin
         shapes.append(lights.emission(given.emission, here.field("emission"), file.unit, shape, surfaces[material]))
 
     assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, file.unit)
-    assets.add(file.assets, place.field("assets"))
+    assets.add(file.assets, location.field("assets"))
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
         camera=camera,
         shapes=Shapes([*shapes, *assets.shapes]),
         materials=tuple(assets.materials),
-        source=place.source,
+        source=location.source,
         textures=tuple(assets.textures),
-        lights=(*lights.lights(file.lights, place.field("lights"), folder, camera.up, file.unit), *assets.lights),
-        ambient=light(file.ambient, place.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, place.field("sky"), folder, file.unit),
+        lights=(
+            *lights.lights(file.lights, location.field("lights"), folder, camera.up, file.unit),
+            *assets.lights,
+        ),
+        ambient=light(file.ambient, location.field("ambient")),
+        sky=lights.sky(file.sky, camera.up, location.field("sky"), folder, file.unit),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
         unit=file.unit,
     )
@@ -151,32 +156,32 @@ def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
     return given
 
 
-def _world(given: AnyShape, place: Place) -> Float64:
+def _world(given: AnyShape, location: SourceLocation) -> Float64:
     """(4, 4): world_from_shape."""
-    return transform.world_from_shape(given.transform, place.field("transform"))
+    return transform.world_from_shape(given.transform, location.field("transform"))
 
 
-def _sphere(given: description.Sphere, place: Place) -> Float64:
+def _sphere(given: description.Sphere, location: SourceLocation) -> Float64:
     """(3, 4) world_from_unit, its determinant negative where the front is inside."""
     unit_to_shape = np.column_stack([given.radius * np.identity(3), given.center])
     matrix = unit_to_shape
     if given.transform:
-        world = _world(given, place)
+        world = _world(given, location)
         matrix = world[:3, :3] @ unit_to_shape
         matrix[:, 3] += world[:3, 3]
-    _check_extent(np.abs(matrix[:, 3]) + np.linalg.norm(matrix[:, :3], axis=1), place)
+    _check_extent(np.abs(matrix[:, 3]) + np.linalg.norm(matrix[:, :3], axis=1), location)
     thinnest = np.linalg.svd(matrix[:, :3], compute_uv=False)[2]
     if not thinnest >= SMALLEST:
-        raise place.error(
+        raise location.error(
             f"is only {thinnest:.3g} scene units thick, where 32 bit numbers end ({SMALLEST:g}).",
             "Check its radius and transform, or choose a smaller unit of length.",
         )
     return turned(matrix) if transform.mirrors(matrix) != given.flip_normals else matrix
 
 
-def _plane(given: description.Plane, place: Place) -> Float64:
+def _plane(given: description.Plane, location: SourceLocation) -> Float64:
     """(3, 4) world_from_plane; u, v and the normal are right-handed, so that textures read well from the front."""
-    normal = unit(given.normal, place.field("normal"), "normal = [0, 1, 0]")
+    normal = unit(given.normal, location.field("normal"), "normal = [0, 1, 0]")
     if isinstance(given.u, UnsetType):
         along = np.array([0.0, 1.0, 0.0] if abs(normal[0]) > 0.9 else [1.0, 0.0, 0.0])
         along = along - (along @ normal) * normal
@@ -186,16 +191,16 @@ def _plane(given: description.Plane, place: Place) -> Float64:
         length = np.linalg.norm(along)
         along = along - (along @ normal) * normal
         if not np.linalg.norm(along) > 1e-6 * length:
-            raise place.field("u").wrong(
+            raise location.field("u").wrong(
                 given.u,
                 f"a direction in the plane, not along its normal {shown(given.normal)}",
                 "It is the way in which the texture coordinate u grows.",
             )
     across = np.cross(normal, along)
-    world = _world(given, place)
+    world = _world(given, location)
     linear = world[:3, :3]
     point = linear @ given.point + world[:3, 3]
-    _check_extent(np.abs(point), place)
+    _check_extent(np.abs(point), location)
     normal = np.linalg.inv(linear).T @ normal
     normal /= np.linalg.norm(normal)
     u, v = linear @ along, linear @ across
@@ -209,30 +214,30 @@ def _plane(given: description.Plane, place: Place) -> Float64:
 
 def _stream(
     given: description.Stream | description.Patches,
-    place: Place,
+    location: SourceLocation,
     folder: Path,
     material: Material,
     ready: Mesh | Chunks | None,
 ) -> Stream:
     if not isinstance(given.emission, UnsetType):
-        raise place.field("emission").error(
+        raise location.field("emission").error(
             "makes a stream a light, but light points are drawn from triangles in memory.",
             "Make the parts that shine a mesh, or several.",
         )
     if material.needs_uv or material.alpha != "opaque":
-        raise place.field("material").error(
+        raise location.field("material").error(
             f'names "{material.name}", which has textures or a brush, or lets light through; a stream\'s triangles '
             "have no texture coordinates.",
             "Give it a plain, opaque material.",
         )
     file = UNSET if isinstance(given, description.Patches) else given.file
     if ready is None and isinstance(file, UnsetType):
-        raise place.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
+        raise location.error("lacks the field `file`, which must be there.", 'For example: file = "terrain.npy".')
     if ready is not None and not isinstance(file, UnsetType):
-        raise place.error("has stream and file, but a stream is one of them.", "Leave one away.")
-    chunks = NpyTriangles.open(folder / str(file), place.field("file")) if ready is None else ready
-    matrix = _world(given, place)[:3]
-    return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), place)  # type: ignore[arg-type]
+        raise location.error("has stream and file, but a stream is one of them.", "Leave one away.")
+    chunks = NpyTriangles.open(folder / str(file), location.field("file")) if ready is None else ready
+    matrix = _world(given, location)[:3]
+    return stream_of(chunks, matrix, given.flip_normals != transform.mirrors(matrix), location)  # type: ignore[arg-type]
 
 
 def _mesh_of(ready: Mesh | Chunks | None) -> Mesh | None:
@@ -242,7 +247,7 @@ def _mesh_of(ready: Mesh | Chunks | None) -> Mesh | None:
 
 def _mesh(
     given: description.Quad | description.Box | description.Mesh,
-    place: Place,
+    location: SourceLocation,
     folder: Path,
     textured: bool,
     mirrored: bool,
@@ -259,10 +264,10 @@ def _mesh(
     reverse = given.flip_normals != mirrored
     match given:
         case description.Quad():
-            _check_quad(np.array(given.corners), place.field("corners"))
+            _check_quad(np.array(given.corners), location.field("corners"))
             mesh = tessellate.quad_mesh(given.corners)
         case description.Box():
-            mesh = tessellate.box_mesh(*_box_corners(given, place))
+            mesh = tessellate.box_mesh(*_box_corners(given, location))
         case description.Mesh() if ready is not None:
             if (ready, textured, reverse) not in known:
                 known[ready, textured, reverse] = _finished(ready, textured, reverse)
@@ -270,12 +275,12 @@ def _mesh(
         case description.Mesh(file=str(name)) if _only_a_file(given):
             path = folder / name
             if (path, False, False) not in known:  # so a file is read, and warned of, once
-                known[path, False, False] = _finished(read_mesh(path, place.field("file")), False, False)
+                known[path, False, False] = _finished(read_mesh(path, location.field("file")), False, False)
             if (path, textured, reverse) not in known:
                 known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)
             return known[path, textured, reverse]
         case _:
-            mesh = _inline_mesh(given, place)
+            mesh = _inline_mesh(given, location)
     return _finished(mesh, textured, reverse)
 
 
@@ -286,21 +291,21 @@ def _finished(mesh: Mesh, textured: bool, reverse: bool) -> Mesh:
     return mesh.turned() if reverse else mesh
 
 
-def _check_extent(coordinates: Float64, place: Place) -> None:
+def _check_extent(coordinates: Float64, location: SourceLocation) -> None:
     if not np.all(np.abs(coordinates) <= LARGEST):
-        raise place.error(
+        raise location.error(
             f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
             "Check its transform and coordinates, or choose a larger unit of length.",
         )
 
 
-def _check_quad(corners: Float64, place: Place) -> None:
+def _check_quad(corners: Float64, location: SourceLocation) -> None:
     """corners: (4, 3). Raises SceneError for one that is not planar or not convex."""
     edges = np.roll(corners, -1, axis=0) - corners
     diameter = max(np.linalg.norm(corners[2] - corners[0]), np.linalg.norm(corners[3] - corners[1]))
     normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
     if not np.linalg.norm(normal) > FLAT * diameter**2:
-        raise place.error(
+        raise location.error(
             "has no area: its corners lie on a line, coincide, or are listed crosswise.",
             "List four corners around the outline.",
         )
@@ -308,20 +313,20 @@ def _check_quad(corners: Float64, place: Place) -> None:
     # The normal is perpendicular to both diagonals, so the two diagonals lie in parallel planes.
     height = abs(normal @ (corners[1] - corners[0]))
     if height > _PLANAR * diameter:
-        raise place.error(
+        raise location.error(
             f"is not planar: its diagonals pass each other at a distance of {height:.3g}.",
             "Mend a corner, or write two triangles as a mesh: vertices = [...], faces = [[0, 1, 2, 3]].",
         )
     turns = np.cross(np.roll(edges, 1, axis=0), edges) @ normal
     bad = np.flatnonzero(turns <= FLAT * diameter**2)
     if len(bad):
-        raise place.error(
+        raise location.error(
             f"is not convex: the outline does not turn the same way at corner {bad[0]} as at the others.",
             "List the corners around the outline, not crosswise; split an outline with a dent into several shapes.",
         )
 
 
-def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64]:
+def _box_corners(given: description.Box, location: SourceLocation) -> tuple[Float64, Float64]:
     fields = {"min": given.min, "max": given.max, "center": given.center, "size": given.size}
     pairs = {name: value for name, value in fields.items() if not isinstance(value, UnsetType)}
     if set(pairs) == {"min", "max"}:
@@ -329,7 +334,7 @@ def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64
         for axis in range(3):
             if not lower[axis] < upper[axis]:
                 raise (
-                    place.field("min")
+                    location.field("min")
                     .item(axis)
                     .wrong(
                         lower[axis],
@@ -342,9 +347,11 @@ def _box_corners(given: description.Box, place: Place) -> tuple[Float64, Float64
         center, size = np.array(pairs["center"]), np.array(pairs["size"])
         for axis in range(3):
             if not size[axis] > 0:
-                raise place.field("size").item(axis).wrong(size[axis], "above 0", "For a flat shape take a quad.")
+                raise (
+                    location.field("size").item(axis).wrong(size[axis], "above 0", "For a flat shape take a quad.")
+                )
         return center - size / 2, center + size / 2
-    raise place.error(
+    raise location.error(
         f"has {', '.join(pairs) or 'no corners'}, but a box is `min` and `max`, or `center` and `size`.",
         "For example: min = [0, 0, 0], max = [1, 2, 1].",
     )
@@ -354,23 +361,23 @@ def _only_a_file(given: description.Mesh) -> bool:
     return all(isinstance(each, UnsetType) for each in (given.vertices, given.faces, given.uv))
 
 
-def _inline_mesh(given: description.Mesh, place: Place) -> Mesh:
+def _inline_mesh(given: description.Mesh, location: SourceLocation) -> Mesh:
     if isinstance(given.file, UnsetType) and not (
         isinstance(given.vertices, UnsetType) or isinstance(given.faces, UnsetType)
     ):
-        mesh = inline_mesh(given.vertices, given.faces, place)
-        return mesh if isinstance(given.uv, UnsetType) else replace(mesh, uv=_inline_uv(given.uv, mesh, place))
+        mesh = inline_mesh(given.vertices, given.faces, location)
+        return mesh if isinstance(given.uv, UnsetType) else replace(mesh, uv=_inline_uv(given.uv, mesh, location))
     fields = ("vertices", "faces", "uv", "file")
     names = [name for name in fields if not isinstance(getattr(given, name), UnsetType)]
-    raise place.error(
+    raise location.error(
         f"has {' and '.join(names) or 'no geometry'}, but a mesh is `vertices` and `faces`, or `file`.",
         'For example: file = "bunny.obj".',
     )
 
 
-def _inline_uv(given: list[tuple[float, float]], mesh: Mesh, place: Place) -> Float64:
+def _inline_uv(given: list[tuple[float, float]], mesh: Mesh, location: SourceLocation) -> Float64:
     if len(given) != len(mesh.vertices):
-        raise place.field("uv").error(
+        raise location.field("uv").error(
             f"has {len(given)} pairs, but the mesh has {len(mesh.vertices)} vertices.",
             "List one pair [u, v] for each vertex, in the same order.",
         )

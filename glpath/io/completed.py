@@ -13,7 +13,7 @@ import numpy as np
 from glpath.errors import warn
 from glpath.scene.camera import framing
 from glpath.scene.model import Camera, Scene, Shape, Sky
-from glpath.scene.place import shown
+from glpath.scene.source_location import shown
 
 #: Pixels, where nothing says how many.
 RESOLUTION = (512, 512)

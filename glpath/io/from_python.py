@@ -23,7 +23,7 @@ from glpath.io.gltf.surfaces import Surface
 from glpath.io.load import scene_of
 from glpath.io.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
-from glpath.scene.place import Place, PythonPlace, shown
+from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 
 if TYPE_CHECKING:
     import trimesh
@@ -46,8 +46,8 @@ def scene_from_python(scene: Any) -> Scene:
         scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
     elif _of_trimesh(scene, "Scene"):
         found, others = lights(scene)
-        return _complete(_dictionary(scene, others), PythonPlace("scene"), Path(), found)
-    return _complete(scene, PythonPlace("scene"), Path())
+        return _complete(_dictionary(scene, others), PythonLocation("scene"), Path(), found)
+    return _complete(scene, PythonLocation("scene"), Path())
 
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
@@ -63,7 +63,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
     if isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
-    part = _scene_with_looks(data, PythonPlace("shape"), Path(), "shape")
+    part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape")
     (new,) = part.shapes
     if new.motion is not None:
         new = replace(new, world_from_object=new.motion.at(scene.camera.shutter[0]))
@@ -85,9 +85,13 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
 shapes_are_built_by(added)
 
 
-def _complete(data: Mapping[str, Any], place: Place, folder: Path, lights: Sequence[Light] = ()) -> Scene:
+def _complete(
+    data: Mapping[str, Any], location: SourceLocation, folder: Path, lights: Sequence[Light] = ()
+) -> Scene:
     """The scene with a camera and a light, with a warning of what had to be added."""
-    scene = _scene_with_looks({"camera": _NO_CAMERA, **data}, place, folder, str(data.get("name", place.source)))
+    scene = _scene_with_looks(
+        {"camera": _NO_CAMERA, **data}, location, folder, str(data.get("name", location.source))
+    )
     scene = replace(scene, lights=(*scene.lights, *lights))
     return completed(scene, has_camera="camera" in data)
 
@@ -127,11 +131,11 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     return data
 
 
-def _scene_with_looks(data: Mapping[str, Any], place: Place, folder: Path, name: str) -> Scene:
+def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str) -> Scene:
     """The scene of a dictionary, where meshes of trimesh that are given no material have their own."""
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
-        return scene_of(data, place, folder, name)
+        return scene_of(data, location, folder, name)
     surfaces = Surfaces()
     made: dict[int, tuple[Mesh, Surface | None]] = {}  # by identity: instances share a mesh
     looks: dict[int, Surface] = {}
@@ -141,14 +145,14 @@ def _scene_with_looks(data: Mapping[str, Any], place: Place, folder: Path, name:
         if isinstance(shape, Mapping) and _of_trimesh(shape.get("mesh"), "Trimesh") and "material" not in shape:
             given = shape["mesh"]
             if id(given) not in made:
-                here = place.field("shapes").item(index).field("mesh")
+                here = location.field("shapes").item(index).field("mesh")
                 made[id(given)] = surfaces.of(given, mesh_of_trimesh(given, here))
             mesh, surface = made[id(given)]
             table = {**shape, "mesh": mesh}
             if surface is not None:
                 looks[index] = surface
         tables.append(table)
-    scene = scene_of({**data, "shapes": tables}, place, folder, name)
+    scene = scene_of({**data, "shapes": tables}, location, folder, name)
     return _with_looks(scene, looks, surfaces.textures)
 
 

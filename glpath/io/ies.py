@@ -27,8 +27,8 @@ import numpy as np
 from glpath.errors import warn
 from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.model import Float64
-from glpath.scene.place import Place
 from glpath.scene.profile import LightProfile
+from glpath.scene.source_location import SourceLocation
 
 SUFFIXES = (".ies",)
 #: Bytes of a file, and angles of each kind: steps of a twentieth of a degree.
@@ -42,35 +42,35 @@ _TYPES = {"1": "C", "2": "B", "3": "A"}
 _SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
 
 
-def read_ies(path: Path, place: Place) -> LightProfile:
-    """The profile of a file that a scene names at `place`. Raises SceneError, with the line; warns of a TILT."""
+def read_ies(path: Path, location: SourceLocation) -> LightProfile:
+    """The profile of a file that a scene names at `location`. Raises SceneError, with the line; warns of a TILT."""
     if path.suffix.lower() not in SUFFIXES:
-        raise place.error(f"names {path}, but a photometric web is a file that ends in {', '.join(SUFFIXES)}.")
+        raise location.error(f"names {path}, but a photometric web is a file that ends in {', '.join(SUFFIXES)}.")
     if not os.path.isfile(path):
-        raise place.error(
+        raise location.error(
             f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Photometric files", path, SUFFIXES),
         )
     size = os.path.getsize(path)
     if size > MAX_BYTES:
-        raise place.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
+        raise location.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise place.error(f"names {path}, which cannot be read ({error.strerror}).") from error
-    return parse_ies(data, path, place)
+        raise location.error(f"names {path}, which cannot be read ({error.strerror}).") from error
+    return parse_ies(data, path, location)
 
 
-def parse_ies(data: bytes, path: Path | str, place: Place) -> LightProfile:
+def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
     """The same of what is in a file, at most MAX_BYTES; `path` is what errors call it."""
-    return _Reader(data.decode("latin-1"), path, place).profile()
+    return _Reader(data.decode("latin-1"), path, location).profile()
 
 
 class _Reader:
     """The numbers of a file, one after another, with the line of each."""
 
-    def __init__(self, text: str, path: Path | str, place: Place) -> None:
-        self._path, self._place = path, place
+    def __init__(self, text: str, path: Path | str, location: SourceLocation) -> None:
+        self._path, self._place = path, location
         self._lines = text.splitlines()
         self._line = 0  # of the last number, from 1
         self._numbers: list[tuple[str, int]] = []

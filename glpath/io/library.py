@@ -32,7 +32,7 @@ from glpath.io.shipped.teapot import teapot
 from glpath.io.shipped.terrain import terrain
 from glpath.scene import tessellate
 from glpath.scene.model import Scene
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
@@ -77,7 +77,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         )
     text = os.fspath(scene)
     if isinstance(scene, str) and text in GENERATED:
-        return _made(GENERATED[text], Place(text), parameters or {})
+        return _made(GENERATED[text], SourceLocation(text), parameters or {})
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():
         path = _scene_files()[text]
@@ -85,10 +85,10 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         raise _no_such_scene(text)
     refuse_other_file(path)
     if path.suffix.lower() in GLTF_FORMATS:
-        return scene_of_model(_made(read_gltf_as_asked, Place(text), parameters or {}, path))
+        return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters or {}, path))
     if path.suffix.lower() in MODEL_FORMATS:
-        return _without_parameters(scene_of_model(read_model(path, Place(str(path)))), text, parameters)
-    return _made(_read_as_asked, Place(text), parameters or {}, path)
+        return _without_parameters(scene_of_model(read_model(path, SourceLocation(str(path)))), text, parameters)
+    return _made(_read_as_asked, SourceLocation(text), parameters or {}, path)
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -200,7 +200,9 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 }
 
 
-def _made(make: Callable[..., _Made], place: Place, parameters: Mapping[str, object], *given: Path) -> _Made:
+def _made(
+    make: Callable[..., _Made], location: SourceLocation, parameters: Mapping[str, object], *given: Path
+) -> _Made:
     """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
     known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
@@ -208,14 +210,14 @@ def _made(make: Callable[..., _Made], place: Place, parameters: Mapping[str, obj
     for key, value in parameters.items():
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
-            raise place.error(
+            raise location.error(
                 f"has no parameter `{key}`. Allowed: " + ", ".join(f"{k}={v[0]}" for k, v in known.items()) + ".",
                 f"Did you mean `{near[0]}`?" if near else "",
             )
         try:
             values[key] = convert(value, hints[key], strict=False)
         except msgspec.ValidationError as error:
-            raise place.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
+            raise location.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
     return make(*given, **values)
 
 

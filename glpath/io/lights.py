@@ -18,33 +18,35 @@ from glpath.io.ies import read_ies
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
 from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Shape, Sky
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 
 
 def lights(
-    given: Sequence[AnyLight], place: Place, folder: Path, camera_up: Float64, scene_unit: Unit
+    given: Sequence[AnyLight], location: SourceLocation, folder: Path, camera_up: Float64, scene_unit: Unit
 ) -> tuple[Light, ...]:
     """Those of the file, in the unit of the scene. Raises SceneError.
 
-    place, folder : of their list; where relative paths start
+    location, folder : of their list; where relative paths start
     """
     profiles: dict[Path, LightProfile] = {}
-    made = (_light(each, index, place.item(index), folder, camera_up, profiles) for index, each in enumerate(given))
+    made = (
+        _light(each, index, location.item(index), folder, camera_up, profiles) for index, each in enumerate(given)
+    )
     return tuple(
         replace(
-            light, intensity=light.intensity * conversion(_unit_of(each, place.item(i), scene_unit), scene_unit)
+            light, intensity=light.intensity * conversion(_unit_of(each, location.item(i), scene_unit), scene_unit)
         )
         for i, (light, each) in enumerate(zip(made, given, strict=True))
     )
 
 
-def _unit_of(given: AnyLight, place: Place, scene_unit: Unit) -> Unit:
+def _unit_of(given: AnyLight, location: SourceLocation, scene_unit: Unit) -> Unit:
     """The unit that a light's numbers are in. Raises SceneError for a profile in watts."""
     if isinstance(given, description.PointLight) and not isinstance(given.profile, UnsetType):
         if given.unit == "radiometric":
-            raise place.field("unit").error(
+            raise location.field("unit").error(
                 "is radiometric, but the candela of a profile are photometric.",
                 "Leave it out: the light is converted to the unit of the scene.",
             )
@@ -55,7 +57,7 @@ def _unit_of(given: AnyLight, place: Place, scene_unit: Unit) -> Unit:
 def _light(
     given: AnyLight,
     index: int,
-    place: Place,
+    location: SourceLocation,
     folder: Path,
     camera_up: Float64,
     profiles: dict[Path, LightProfile],
@@ -66,16 +68,16 @@ def _light(
             position = np.array(given.position, np.float64)
             if isinstance(given.profile, UnsetType):
                 return Light(
-                    name, "point", _plain_intensity(given, place), position=position, falloff=given.falloff
+                    name, "point", _plain_intensity(given, location), position=position, falloff=given.falloff
                 )
             path = folder / given.profile
             if path not in profiles:  # a file is read once, however many lamps it is of
-                profiles[path] = read_ies(path, place.field("profile"))
-            direction, c0 = _orientation(given, camera_up, place)
+                profiles[path] = read_ies(path, location.field("profile"))
+            direction, c0 = _orientation(given, camera_up, location)
             return Light(
                 name,
                 "point",
-                _times_candela(given, profiles[path], place),
+                _times_candela(given, profiles[path], location),
                 position=position,
                 direction=direction,
                 falloff=given.falloff,
@@ -87,15 +89,15 @@ def _light(
             axis = target - position
             length = np.linalg.norm(axis)
             if not length > 1e-12 * np.linalg.norm(position):
-                raise place.field("target").error(
+                raise location.field("target").error(
                     "is the same point as position, so that the light shines nowhere.", "Move one of them."
                 )
-            cone = _cone(given.cone, place.field("cone"))
+            cone = _cone(given.cone, location.field("cone"))
             return Light(
                 name,
                 "spot",
                 # Between the two angles it fades evenly about the middle of their cosines.
-                _intensity(given, 2 * np.pi * (1 - float(np.cos(np.radians(cone)).mean())), place),
+                _intensity(given, 2 * np.pi * (1 - float(np.cos(np.radians(cone)).mean())), location),
                 position=position,
                 direction=axis / length,
                 cone=cone,
@@ -105,78 +107,86 @@ def _light(
             return Light(
                 name,
                 "directional",
-                light(given.irradiance, place.field("irradiance")),
-                direction=unit(given.direction, place.field("direction"), "direction = [0, -1, 0]"),
+                light(given.irradiance, location.field("irradiance")),
+                direction=unit(given.direction, location.field("direction"), "direction = [0, -1, 0]"),
             )
 
 
-def _plain_intensity(given: description.PointLight, place: Place) -> Float64:
+def _plain_intensity(given: description.PointLight, location: SourceLocation) -> Float64:
     """(3,) of a light without a profile."""
     for name in ("direction", "c0"):
         if not isinstance(getattr(given, name), UnsetType):
-            raise place.field(name).error(
+            raise location.field(name).error(
                 "turns a profile, which the light does not have.", 'Add profile = "lamp.ies", or leave it out.'
             )
-    return _intensity(given, 4 * np.pi, place)
+    return _intensity(given, 4 * np.pi, location)
 
 
-def _intensity(given: description.PointLight | description.SpotLight, angle: float, place: Place) -> Float64:
+def _intensity(
+    given: description.PointLight | description.SpotLight, angle: float, location: SourceLocation
+) -> Float64:
     """(3,) of a light without a profile, by its intensity or by its flux.
 
     angle : steradians, by which its flux is divided
     """
     if not isinstance(given.flux, UnsetType):
         if not isinstance(given.intensity, UnsetType):
-            raise place.error("has intensity and flux, but a light has one of them.", "Leave one away.")
-        return _flux(given, place) / angle
+            raise location.error("has intensity and flux, but a light has one of them.", "Leave one away.")
+        return _flux(given, location) / angle
     if isinstance(given.intensity, UnsetType):
-        raise place.error(
+        raise location.error(
             "lacks the field `intensity`, which a light without a `profile` must have, or `flux`.",
             "Intensity in W sr^-1, or cd where photometric, one number or [r, g, b]: intensity = 10.",
         )
-    return light(given.intensity, place.field("intensity"))
+    return light(given.intensity, location.field("intensity"))
 
 
-def _times_candela(given: description.PointLight, profile: LightProfile, place: Place) -> Float64:
+def _times_candela(given: description.PointLight, profile: LightProfile, location: SourceLocation) -> Float64:
     """(3,): what the candela of a profile are multiplied by."""
     if isinstance(given.flux, UnsetType):
-        return light(1.0 if isinstance(given.intensity, UnsetType) else given.intensity, place.field("intensity"))
+        return light(
+            1.0 if isinstance(given.intensity, UnsetType) else given.intensity, location.field("intensity")
+        )
     if not isinstance(given.intensity, UnsetType):
-        raise place.error("has intensity and flux, but a light has one of them.", "Leave one away.")
+        raise location.error("has intensity and flux, but a light has one of them.", "Leave one away.")
     if not profile.flux > 0:
-        raise place.field("flux").error("is of a profile that is dark.")
-    return _flux(given, place) / profile.flux
+        raise location.field("flux").error("is of a profile that is dark.")
+    return _flux(given, location) / profile.flux
 
 
-def _flux(given: description.PointLight | description.SpotLight, place: Place) -> Float64:
+def _flux(given: description.PointLight | description.SpotLight, location: SourceLocation) -> Float64:
     """(3,), W or lm."""
     if given.falloff == "none":
-        raise place.field("flux").error(
+        raise location.field("flux").error(
             'is of a light whose falloff is "none", which has no flux.', "Give it an intensity."
         )
-    return light(given.flux, place.field("flux"))  # type: ignore[arg-type]
+    return light(given.flux, location.field("flux"))  # type: ignore[arg-type]
 
 
-def _orientation(given: description.PointLight, camera_up: Float64, place: Place) -> tuple[Float64, Float64]:
+def _orientation(
+    given: description.PointLight, camera_up: Float64, location: SourceLocation
+) -> tuple[Float64, Float64]:
     """Where gamma is 0, and C at gamma 90: (3,) each, unit and perpendicular."""
     down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
-    direction = unit(down, place.field("direction"), "direction = [0, -1, 0]")
+    direction = unit(down, location.field("direction"), "direction = [0, -1, 0]")
     if isinstance(given.c0, UnsetType):
         # Not the axis that the light goes along.
         towards = np.array([0.0, 0.0, 1.0] if abs(direction[0]) > 0.999 else [1.0, 0.0, 0.0])
     else:
-        towards = unit(given.c0, place.field("c0"), "c0 = [1, 0, 0]")
+        towards = unit(given.c0, location.field("c0"), "c0 = [1, 0, 0]")
     across = towards - (towards @ direction) * direction
     length = float(np.linalg.norm(across))
     if length < 1e-6:
-        raise place.field("c0").error("goes along `direction`, so that C = 0 is nowhere.", "Turn it away from it.")
+        raise location.field("c0").error(
+            "goes along `direction`, so that C = 0 is nowhere.", "Turn it away from it."
+        )
     return direction, across / length
 
 
-def _cone(cone: tuple[float, float], place: Place) -> tuple[float, float]:
+def _cone(cone: tuple[float, float], location: SourceLocation) -> tuple[float, float]:
     full, end = cone
     if not (0 <= full <= end <= 180 and end > 0):
-        raise place.wrong(
+        raise location.wrong(
             list(cone),
             "two angles from 0 to 180 degrees, the first not above the second, the second not 0",
             "Half angles: full light within the first, none beyond the second. For example cone = [30, 40].",
@@ -185,7 +195,7 @@ def _cone(cone: tuple[float, float], place: Place) -> tuple[float, float]:
 
 
 def emission(
-    given: Emission | UnsetType, place: Place, scene_unit: Unit, shape: Shape, material: Material
+    given: Emission | UnsetType, location: SourceLocation, scene_unit: Unit, shape: Shape, material: Material
 ) -> Shape:
     """The shape with the radiance of its description, in the unit of the scene. Raises SceneError."""
     if isinstance(given, UnsetType):
@@ -193,15 +203,17 @@ def emission(
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     if isinstance(given.flux, UnsetType) == isinstance(given.radiance, UnsetType):
         has = "lacks the field `radiance`" if isinstance(given.flux, UnsetType) else "has radiance and flux"
-        raise place.error(f"{has}, but an emission is one of `radiance` and `flux`.", "For example radiance = 10.")
+        raise location.error(
+            f"{has}, but an emission is one of `radiance` and `flux`.", "For example radiance = 10."
+        )
     if not isinstance(given.radiance, UnsetType):
-        radiance = light(given.radiance, place.field("radiance"))
+        radiance = light(given.radiance, location.field("radiance"))
     elif material.emission_texture is not None or shape.primitive not in ("triangle", "sphere"):
         what = "a material with an emission_texture" if material.emission_texture else f"a {shape.primitive}"
-        raise place.field("flux").error(f"is of {what}, for which it is not known.", "Give it a radiance.")
+        raise location.field("flux").error(f"is of {what}, for which it is not known.", "Give it a radiance.")
     else:
         area = _area_of(shape) * (2 if given.two_sided else 1)
-        radiance = light(given.flux, place.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
+        radiance = light(given.flux, location.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
     return replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
 
 
@@ -221,7 +233,7 @@ def _area_of(shape: Shape) -> float:
 
 
 def sky(
-    given: description.Sky | UnsetType, camera_up: Float64, place: Place, folder: Path, scene_unit: Unit
+    given: description.Sky | UnsetType, camera_up: Float64, location: SourceLocation, folder: Path, scene_unit: Unit
 ) -> Sky | Environment | None:
     """The sky in the unit of the scene, or None where the file has none. Raises SceneError.
 
@@ -230,34 +242,34 @@ def sky(
     if isinstance(given, UnsetType):
         return None
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
-    up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, place.field("up"), "up = [0, 1, 0]")
+    up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, location.field("up"), "up = [0, 1, 0]")
     others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
     found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
     if not isinstance(given.file, UnsetType) and not found:
         scale = 1.0 if isinstance(given.scale, UnsetType) else given.scale
         rotation = 0.0 if isinstance(given.rotation, UnsetType) else given.rotation
-        return _environment(folder / given.file, factor * scale, rotation, up, place)
+        return _environment(folder / given.file, factor * scale, rotation, up, location)
     if isinstance(given.zenith, UnsetType) or found:
         names = ("zenith", "horizon", "file", "scale", "rotation")
         has = [name for name in names if not isinstance(getattr(given, name), UnsetType)]
-        raise place.error(
+        raise location.error(
             f"has {' and '.join(has) or 'no radiance'}, but a sky is `zenith`, perhaps with `horizon`, or `file`, "
             "perhaps with `scale` and `rotation`.",
             'For example: zenith = [0.3, 0.5, 1.0], or file = "sky.hdr".',
         )
-    zenith = light(given.zenith, place.field("zenith"))
-    horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, place.field("horizon"))
+    zenith = light(given.zenith, location.field("zenith"))
+    horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, location.field("horizon"))
     return Sky(factor * zenith, factor * horizon, up)
 
 
-def _environment(path: Path, scale: float, rotation: float, up: Float64, place: Place) -> Environment:
+def _environment(path: Path, scale: float, rotation: float, up: Float64, location: SourceLocation) -> Environment:
     """The environment map of a file. Raises SceneError; warns of what it clips."""
-    place, sky = place.field("file"), place
-    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, place, read_image)
+    location, sky = location.field("file"), location
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:
         warn(
-            f"{place}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
+            f"{location}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
             "they were taken for 0, as light cannot be negative."
         )
     if stored.max() * scale > LARGEST:

@@ -32,7 +32,7 @@ from glpath.io.streams import Chunks
 from glpath.io.values import LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
@@ -51,27 +51,27 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
 
     later : seconds that the camera's shutter opens and closes later than the file says
     """
-    place = Place(str(path))
+    location = SourceLocation(str(path))
     # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
-        raise place.error(
+        raise location.error(
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
         content = read_bytes(path)
     except OSError as error:
-        raise place.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
-    return scene_from_toml(content, place, path.parent, path.stem, later)
+        raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
+    return scene_from_toml(content, location, path.parent, path.stem, later)
 
 
-def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
+def scene_from_toml(content: bytes, location: SourceLocation, folder: Path, name: str, later: float = 0.0) -> Scene:
     """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` as of
     `read_scene_file`. Raises SceneError."""
     try:
         # As text is read: an end of line is "\n".
         text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
-        raise place.error(
+        raise location.error(
             f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."
         ) from error
     try:
@@ -79,23 +79,23 @@ def scene_from_toml(content: bytes, place: Place, folder: Path, name: str, later
             raise RecursionError  # before tomllib takes minutes for it
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise _syntax_error(error, text, place) from error
+        raise _syntax_error(error, text, location) from error
     except RecursionError as error:
-        raise _too_deep(place) from error
+        raise _too_deep(location) from error
     except ValueError as error:  # of an integer of thousands of digits
-        raise place.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
+        raise location.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     if "camera" not in data and is_aside("camera"):
-        _check_no_camera_is_needed(data, place)
+        _check_no_camera_is_needed(data, location)
         camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
-        scene = scene_of({**data, "camera": camera}, place, folder, name, later)
+        scene = scene_of({**data, "camera": camera}, location, folder, name, later)
         return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
-    return scene_of(data, place, folder, name, later)
+    return scene_of(data, location, folder, name, later)
 
 
-def _check_no_camera_is_needed(data: Mapping[str, Any], place: Place) -> None:
+def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation) -> None:
     """Raise SceneError where a scene file without a camera has what goes by the camera or by what is up in it."""
 
-    def needs(field: Place, what: str, example: str) -> SceneError:
+    def needs(field: SourceLocation, what: str, example: str) -> SceneError:
         return field.error(
             f"is missing: {what} goes by the camera's `up` without it, and the file has no camera.",
             f"For example {example}.",
@@ -104,14 +104,14 @@ def _check_no_camera_is_needed(data: Mapping[str, Any], place: Place) -> None:
     lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
     for index, each in enumerate(shapes if isinstance(shapes, list) else ()):
         if isinstance(each, dict) and "pixels" in each:
-            here = place.field("shapes").item(index).field("pixels")
+            here = location.field("shapes").item(index).field("pixels")
             raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
     for index, each in enumerate(lights if isinstance(lights, list) else ()):
         if isinstance(each, dict) and "profile" in each and "direction" not in each:
-            here = place.field("lights").item(index).field("direction")
+            here = location.field("lights").item(index).field("direction")
             raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
     if isinstance(sky, dict) and "up" not in sky and ("file" in sky or "horizon" in sky):
-        raise needs(place.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
+        raise needs(location.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
 
 
 def scene_from_dict(
@@ -126,19 +126,21 @@ def scene_from_dict(
     folder : where relative paths of mesh files start; the current folder without it
     name   : the name of a scene which does not name itself; `source` without it
     """
-    return scene_of(data, Place(source), folder or Path(), name or source)
+    return scene_of(data, SourceLocation(source), folder or Path(), name or source)
 
 
-def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str, later: float = 0.0) -> Scene:
-    """See `scene_from_dict`; `place` is that of the whole dictionary, for errors."""
-    data, meshes = _without_meshes(data, place)
+def scene_of(
+    data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str, later: float = 0.0
+) -> Scene:
+    """See `scene_from_dict`; `location` is that of the whole dictionary, for errors."""
+    data, meshes = _without_meshes(data, location)
     try:
         plain = _plain(data)
     except RecursionError as error:
-        raise _too_deep(place) from error
+        raise _too_deep(location) from error
     keys = _unusable(plain)
     if keys is not None:
-        number, here = plain, place
+        number, here = plain, location
         for key in keys:
             number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
@@ -146,13 +148,15 @@ def scene_of(data: Mapping[str, Any], place: Place, folder: Path, name: str, lat
     try:
         file = convert(plain, SceneFile)
     except msgspec.ValidationError as error:
-        raise _explained(error, SceneFile, plain, place) from error
+        raise _explained(error, SceneFile, plain, location) from error
     opened, closed = file.camera.shutter
     file.camera.shutter = (opened + later, closed + later)
-    return build(file, place, folder, name, meshes)
+    return build(file, location, folder, name, meshes)
 
 
-def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
+def _without_meshes(
+    data: Mapping[str, Any], location: SourceLocation
+) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
     """`data` without meshes that are arrays or objects and without streams, and these by the index of their shape.
 
     A million faces as lists would take a minute and a gigabyte.
@@ -163,7 +167,7 @@ def _without_meshes(data: Mapping[str, Any], place: Place) -> tuple[Mapping[str,
     meshes: dict[int, Mesh | Chunks] = {}
     shapes = []
     for index, shape in enumerate(data["shapes"]):
-        here = place.field("shapes").item(index)
+        here = location.field("shapes").item(index)
         if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
             meshes[index] = shape["stream"]
             shapes.append({key: value for key, value in shape.items() if key != "stream"} | {"type": "stream"})
@@ -212,21 +216,21 @@ def _name_default_types(data: Any) -> None:
             material.setdefault("type", "diffuse")
 
 
-def _too_deep(place: Place) -> SceneError:
-    return place.error(
+def _too_deep(location: SourceLocation) -> SceneError:
+    return location.error(
         "has tables or lists in each other, a hundred deep or more; a scene needs five.",
         "`glpath schema` prints the format.",
     )
 
 
-def _syntax_error(error: tomllib.TOMLDecodeError, text: str, place: Place) -> SceneError:
+def _syntax_error(error: tomllib.TOMLDecodeError, text: str, location: SourceLocation) -> SceneError:
     found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
     if not found:
-        return place.error(f"is not valid TOML: {error}.")
+        return location.error(f"is not valid TOML: {error}.")
     lines = text.splitlines() or [""]
     number = int(found[2] or len(lines))
     column = int(found[3] or len(lines[-1]) + 1)
-    return Place(place.source, f"line {number}, column {column}").error(
+    return SourceLocation(location.source, f"line {number}, column {column}").error(
         f"is not valid TOML: {found[1]}.", f"{lines[min(number, len(lines)) - 1]}\n{' ' * (column - 1)}^"
     )
 
@@ -242,30 +246,32 @@ def _other_files(path: Path) -> str:
 # --- msgspec's errors in the words of the scene format ---
 
 
-def _explained(error: msgspec.ValidationError, kind: Any, data: Any, place: Place) -> SceneError:
-    """The SceneError for a failed conversion of `data`, which stands at `place`, to the type `kind`."""
+def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:
+    """The SceneError for a failed conversion of `data`, which stands at `location`, to the type `kind`."""
     text, _, path = str(error).partition(" - at `$")
     keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
     declared: Any = inspect.type_info(kind)
     owner, description = declared, ""
     for name, index in keys:
         if index == "...":  # msgspec does not say which value of a table it means
-            return _first_bad_entry(declared, data, place)
+            return _first_bad_entry(declared, data, location)
         if name:
             owner = _meant(declared, data)
             declared = _field_type(owner, name)
             description = _description(declared) or description
-            data, place = data.get(name) if isinstance(data, dict) else None, place.field(name)
+            data, location = data.get(name) if isinstance(data, dict) else None, location.field(name)
         else:
             declared = getattr(_meant(declared, data), "item_type", None)
-            data, place = data[int(index)], place.item(int(index))
-    return _in_words(text, _meant(declared, data), owner, data, description, place)
+            data, location = data[int(index)], location.item(int(index))
+    return _in_words(text, _meant(declared, data), owner, data, description, location)
 
 
-def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str, place: Place) -> SceneError:
+def _in_words(
+    text: str, declared: Any, owner: Any, data: Any, description: str, location: SourceLocation
+) -> SceneError:
     if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
         allowed = _field_names(declared)
-        return place.field(found[1]).error(
+        return location.field(found[1]).error(
             f"is not a field of {_title(declared)}. Allowed: {', '.join(allowed)}.",
             _instead_of(found[1], declared, allowed),
         )
@@ -274,23 +280,25 @@ def _in_words(text: str, declared: Any, owner: Any, data: Any, description: str,
         about = _description(_field_type(declared, missing))
         if missing == "type":
             about = f"type is one of: {', '.join(_tags(declared))}."
-        return place.error(f"lacks the field `{missing}`, which must be there.", about)
+        return location.error(f"lacks the field `{missing}`, which must be there.", about)
     if re.fullmatch(r"Invalid (enum )?value .*", text):
         is_choice = isinstance(declared, inspect.LiteralType)
         tags = [str(each) for each in declared.values] if is_choice else _tags(owner)
         near = difflib.get_close_matches(str(data), tags, 1)
-        return place.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
+        return location.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
     if found := re.fullmatch(r"Expected `([\w |]+)`(?: of length)?(?: ([<>]=?) (\S+)| (\d+))?(?:, got .*)?", text):
         kinds, relation, limit, length = found.groups()
         allowed_text = " or ".join(_WORDS.get(word, word) for word in kinds.split(" | "))
         if length:
             allowed_text = f"a list of {length} {'numbers' if length in '234' else 'values'}"
-            return place.error(f"is {shown(data)}, a list of {len(data)}, but must be {allowed_text}.", description)
+            return location.error(
+                f"is {shown(data)}, a list of {len(data)}, but must be {allowed_text}.", description
+            )
         if relation:
             number = f"{float(limit):g}"
             allowed_text += f" {'with a length ' if kinds == 'array' else ''}{_RELATIONS[relation]} {number}"
-        return place.wrong(data, allowed_text, description)
-    return place.error(f"cannot be used: {text}.", description)
+        return location.wrong(data, allowed_text, description)
+    return location.error(f"cannot be used: {text}.", description)
 
 
 def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
@@ -311,7 +319,7 @@ def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
     return f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format."
 
 
-def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
+def _first_bad_entry(table: Any, data: Any, location: SourceLocation) -> SceneError:
     """The error of the first value of a table (of materials, of textures) that does not convert to its type."""
     each = _meant(table, data).value_type
     kind = str if isinstance(each, inspect.StrType) else functools.reduce(operator.or_, (m.cls for m in each.types))
@@ -319,7 +327,7 @@ def _first_bad_entry(table: Any, data: Any, place: Place) -> SceneError:
         try:
             convert(value, kind)
         except msgspec.ValidationError as error:
-            return _explained(error, kind, value, place.field(name))
+            return _explained(error, kind, value, location.field(name))
     raise AssertionError("msgspec refused a table of which it takes every value")
 
 

@@ -28,49 +28,53 @@ from glpath.io.description import (
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import rgb, share, unknown
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 _NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
 
 def materials(
-    given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], place: Place
+    given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], location: SourceLocation
 ) -> tuple[Material, ...]:
-    """Those of the file; `place` is their table's. Raises SceneError."""
-    return tuple(_material(name, each, texture_number, place.field(name)) for name, each in given.items())
+    """Those of the file; `location` is their table's. Raises SceneError."""
+    return tuple(_material(name, each, texture_number, location.field(name)) for name, each in given.items())
 
 
-def _material(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
+def _material(
+    name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
+) -> Material:
     return replace(
-        _reflecting(name, given, texture_number, place),
-        normal_texture=_slot(given.normal_texture, texture_number, place.field("normal_texture")),
+        _reflecting(name, given, texture_number, location),
+        normal_texture=_slot(given.normal_texture, texture_number, location.field("normal_texture")),
         normal_scale=given.normal_scale,
-        emission_texture=_slot(given.emission_texture, texture_number, place.field("emission_texture")),
+        emission_texture=_slot(given.emission_texture, texture_number, location.field("emission_texture")),
         alpha=given.alpha,
         cutoff=given.cutoff,
         opacity=given.opacity,
     )
 
 
-def _reflecting(name: str, given: AnyMaterial, texture_number: Mapping[str, int], place: Place) -> Material:
-    texture = _slot(given.texture, texture_number, place.field("texture"))
+def _reflecting(
+    name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
+) -> Material:
+    texture = _slot(given.texture, texture_number, location.field("texture"))
     reflectance = given.reflectance
     if isinstance(reflectance, UnsetType):
         reflectance = 0.5 if texture is None else 1.0
     diffuse = share(
         reflectance,
-        place.field("reflectance"),
+        location.field("reflectance"),
         "A surface reflects at most what it receives; 0.8 is a white wall. Light is an emission.",
     )
     if isinstance(given, Principled):
-        return _principled(name, given, diffuse, texture, texture_number, place)
+        return _principled(name, given, diffuse, texture, texture_number, location)
     if not isinstance(given, Phong):
         return Material(name, diffuse, given.two_sided, texture=texture)
     specular = rgb(given.specular)
     if np.any(specular < 0):
-        raise place.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
-    mirror = share(given.mirror, place.field("mirror"), "1 is a perfect mirror, 0 none.")
+        raise location.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
+    mirror = share(given.mirror, location.field("mirror"), "1 is a perfect mirror, 0 none.")
     return Material(name, diffuse, given.two_sided, specular, given.exponent, mirror, texture)
 
 
@@ -80,12 +84,12 @@ def _principled(
     base: Float64,
     texture: TextureSlot | None,
     texture_number: Mapping[str, int],
-    place: Place,
+    location: SourceLocation,
 ) -> Material:
     colour, attenuation = rgb(given.specular_color), rgb(given.attenuation)
     for field, value in (("specular_color", colour), ("attenuation", attenuation)):
         if np.any(value < 0):
-            raise place.field(field).wrong(getattr(given, field), "0 or more")
+            raise location.field(field).wrong(getattr(given, field), "0 or more")
     return Material(
         name,
         base,
@@ -103,16 +107,20 @@ def _principled(
         transmission=given.transmission,
         thin=given.thin,
         clearcoat=given.clearcoat,
-        surface_texture=_slot(given.surface_texture, texture_number, place.field("surface_texture")),
-        transmission_texture=_slot(given.transmission_texture, texture_number, place.field("transmission_texture")),
+        surface_texture=_slot(given.surface_texture, texture_number, location.field("surface_texture")),
+        transmission_texture=_slot(
+            given.transmission_texture, texture_number, location.field("transmission_texture")
+        ),
     )
 
 
-def _slot(given: str | UnsetType, texture_number: Mapping[str, int], place: Place) -> TextureSlot | None:
+def _slot(
+    given: str | UnsetType, texture_number: Mapping[str, int], location: SourceLocation
+) -> TextureSlot | None:
     if isinstance(given, UnsetType):
         return None
     if given not in texture_number:
-        raise unknown("texture", given, list(texture_number), place, 'type = "checker" or "image"')
+        raise unknown("texture", given, list(texture_number), location, 'type = "checker" or "image"')
     return TextureSlot(texture_number[given])
 
 
@@ -127,11 +135,11 @@ class _Use(NamedTuple):
 def textures(
     given: Mapping[str, AnyTexture],
     used_by: Mapping[str, AnyMaterial],
-    place: Place,
+    location: SourceLocation,
     folder: Path,
     heights: Collection[str] = (),
 ) -> tuple[Texture, ...]:
-    """Those of the file; `place` is their table's, `folder` where relative paths start. Raises SceneError.
+    """Those of the file; `location` is their table's, `folder` where relative paths start. Raises SceneError.
 
     used_by : materials by name: those that look through alpha, and those that read what is no colour
     heights : names of those that displace surfaces
@@ -142,24 +150,26 @@ def textures(
     shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
     for name in given:
         if name in values and name in colours:
-            raise place.field(name).error(
+            raise location.field(name).error(
                 "is used both for colours and for what is no colour: a normal map, roughness, transmission or "
                 "a displacement.",
                 "Give the picture two names, one for each.",
             )
     return tuple(
-        _texture(name, each, place.field(name), folder, _Use(name in alpha, name not in values, name in shining))
+        _texture(name, each, location.field(name), folder, _Use(name in alpha, name not in values, name in shining))
         for name, each in given.items()
     )
 
 
-def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use) -> Texture:
+def _texture(name: str, given: AnyTexture, location: SourceLocation, folder: Path, use: _Use) -> Texture:
     u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
     if not (u > 0 and v > 0):
-        raise place.field("scale").wrong(given.scale, "above 0", "It counts repeats: 2 shows the texture smaller.")
+        raise location.field("scale").wrong(
+            given.scale, "above 0", "It counts repeats: 2 shows the texture smaller."
+        )
     if isinstance(given, description.Image):
         path = folder / given.file
-        image = _picture(path, place.field("file"), use.shines)
+        image = _picture(path, location.field("file"), use.shines)
         bytes_ = image.dtype == np.uint8
         if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
@@ -167,7 +177,7 @@ def _texture(name: str, given: AnyTexture, place: Place, folder: Path, use: _Use
             image = image[..., :3].copy()
         wrap = (given.wrap, given.wrap)
         return Texture(name, image, (u, v), given.filter, srgb=bytes_ and use.colour, wrap=wrap)
-    colors = place.field("colors")
+    colors = location.field("colors")
     remedy = "They multiply the reflectance of the material."
     first, second = (share(each, colors.item(i), remedy) for i, each in enumerate(given.colors))
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
@@ -178,12 +188,12 @@ def _as_stored(path: Path) -> Float64 | NDArray[np.uint8]:
     return read_image(path) if eight_bits is None else eight_bits
 
 
-def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
+def _picture(path: Path, location: SourceLocation, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
     """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
 
     Row 0 is the top. What `shines` may be above 1. Raises SceneError; warns of what it clips.
     """
-    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, place, _as_stored)
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _as_stored)
     if stored.dtype == np.uint8:
         return stored.astype(np.uint8, copy=False)
     if shines:
@@ -191,7 +201,7 @@ def _picture(path: Path, place: Place, shines: bool) -> NDArray[np.float32] | ND
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:
         warn(
-            f"{place}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
+            f"{location}: {beyond} of {stored.size} values of {path} are below 0 or above 1, down to "
             f"{stored.min():.3g} and up to {stored.max():.3g}; they were clipped, as no surface reflects so."
         )
     return np.clip(stored, 0, 1).astype(np.float32)

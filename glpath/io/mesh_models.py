@@ -17,25 +17,25 @@ from glpath.io.pictures import Pictures, UnusableError
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import with_area, without_area
 
 _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
-def read_mesh_model(path: Path, place: Place) -> Model:
-    """The model of an OBJ, PLY or STL file; `place` is where it is named. Raises SceneError as `read_mesh`.
+def read_mesh_model(path: Path, location: SourceLocation) -> Model:
+    """The model of an OBJ, PLY or STL file; `location` is where it is named. Raises SceneError as `read_mesh`.
 
     Warns of triangles without area.
     """
-    file = read_mesh_file(path, place, colours=True)
-    return _Reader(path, place, file).model()
+    file = read_mesh_file(path, location, colours=True)
+    return _Reader(path, location, file).model()
 
 
 @dataclass
 class _Reader:
     path: Path
-    place: Place
+    location: SourceLocation
     file: MeshFile
     surfaces: list[Surface] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
@@ -53,8 +53,8 @@ class _Reader:
         ):  # which trimesh hands out from the last to the first
             number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
-                told = which(self.path, self.place)
-                raise self.place.error(
+                told = which(self.path, self.location)
+                raise self.location.error(
                     f"{told}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Choose a larger unit of length.",
                 )
@@ -69,7 +69,7 @@ class _Reader:
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
                 self.notes[f'"{name}", which has no area.'] = None
                 continue
-            mesh = with_area(mesh, IDENTITY, name, self.place)
+            mesh = with_area(mesh, IDENTITY, name, self.location)
             shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
         if self.file.coloured and not uses_colours:
             self.notes["Colours, of some vertices only or beside materials, textures or their coordinates."] = None

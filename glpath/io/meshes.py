@@ -27,7 +27,7 @@ from glpath.io.text import decoded
 from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import split_faces
 from glpath.system.files import read_bytes
 
@@ -41,22 +41,24 @@ _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
 
-def inline_mesh(vertices: list[tuple[float, float, float]], faces: list[list[int]], place: Place) -> Mesh:
-    """Of vertices, and faces of three or four of them; `place` is the shape's. Raises SceneError."""
+def inline_mesh(
+    vertices: list[tuple[float, float, float]], faces: list[list[int]], location: SourceLocation
+) -> Mesh:
+    """Of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
     for name, given in (("vertices", vertices), ("faces", faces)):
         if not given:
-            raise place.field(name).error("is empty, but a mesh needs three vertices and one face.")
+            raise location.field(name).error("is empty, but a mesh needs three vertices and one face.")
     for index, face in enumerate(faces):
         for vertex in face:
             if not 0 <= vertex < len(vertices):
-                raise _no_such_vertex(place.field("faces").item(index), vertex, len(vertices))
+                raise _no_such_vertex(location.field("faces").item(index), vertex, len(vertices))
     return Mesh(np.array(vertices, np.float64), split_faces(faces))
 
 
-def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]) -> Mesh | None:
+def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dict[int, Mesh]) -> Mesh | None:
     """The mesh of a shape's table where it is an object or arrays; None where it is described by plain values.
 
-    place : the shape's
+    location : the shape's
     known : meshes of trimesh's, by identity, which grows
     """
     if table.get("type", "mesh") != "mesh":
@@ -65,17 +67,19 @@ def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]
     if given is not None:
         others = [key for key in (*MESH_KEYS[1:], "file") if key in table]
         if others:
-            raise place.error(f"has mesh and {' and '.join(others)}, but a mesh is one of them.", "Leave one away.")
+            raise location.error(
+                f"has mesh and {' and '.join(others)}, but a mesh is one of them.", "Leave one away."
+            )
         if isinstance(given, Mesh):
             return given
         trimesh = sys.modules.get("trimesh")
         if trimesh is None or not isinstance(given, trimesh.Trimesh):
-            raise place.field("mesh").error(
+            raise location.field("mesh").error(
                 f"is a {type(given).__name__}, but must be a trimesh.Trimesh.",
                 "Arrays go into `vertices` and `faces`; a trimesh.Scene is a scene: load_scene(it).",
             )
         if id(given) not in known:
-            known[id(given)] = mesh_of_trimesh(given, place.field("mesh"))
+            known[id(given)] = mesh_of_trimesh(given, location.field("mesh"))
         return known[id(given)]
     arrays = [table.get(key) for key in MESH_KEYS[1:]]
     if (
@@ -84,21 +88,23 @@ def mesh_of_table(table: Mapping[str, Any], place: Place, known: dict[int, Mesh]
         or not isinstance(arrays[2], np.ndarray | None)
     ):
         return None
-    return mesh_of_arrays(arrays[0], arrays[1], arrays[2], place)  # type: ignore[arg-type]
+    return mesh_of_arrays(arrays[0], arrays[1], arrays[2], location)  # type: ignore[arg-type]
 
 
-def mesh_of_trimesh(mesh: Any, place: Place) -> Mesh:
+def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
     """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
-    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, place)
+    made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, location)
     normals = _of_each(_given_normals(mesh), mesh, 3)
     return made if normals is None else replace(made, normals=unit_normals(normals))
 
 
-def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, place: Place) -> Mesh:
+def mesh_of_arrays(
+    vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, location: SourceLocation
+) -> Mesh:
     """Of vertices (V, 3), faces (F, 3) or (F, 4) and texture coordinates (V, 2). Raises SceneError.
 
-    Faces of four are split along the line from the first vertex to the third. `place` is the shape's.
+    Faces of four are split along the line from the first vertex to the third. `location` is the shape's.
     """
     numbers, whole = "numbers", "whole numbers"
     for name, array, columns, kinds, what in (
@@ -110,7 +116,7 @@ def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any]
             continue
         if array.ndim != 2 or array.shape[1] not in columns or array.dtype.kind not in kinds or not len(array):
             allowed = " or ".join(f"(n, {width})" for width in columns)
-            raise place.field(name).error(
+            raise location.field(name).error(
                 f"is an array of shape {array.shape} and type {array.dtype}, but must be {what} of shape "
                 f"{allowed}, n at least 1.",
                 "One row for each face, of vertices counted from 0." if name == "faces" else "",
@@ -119,7 +125,7 @@ def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any]
         if name != "faces" and len(beyond):
             row, column = beyond[0]
             raise (
-                place.field(name)
+                location.field(name)
                 .item(int(row))
                 .item(int(column))
                 .wrong(float(array[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
@@ -127,9 +133,9 @@ def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any]
     beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
     if len(beyond):
         row, column = beyond[0]
-        raise _no_such_vertex(place.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
+        raise _no_such_vertex(location.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
     if uv is not None and len(uv) != len(vertices):
-        raise place.field("uv").error(
+        raise location.field("uv").error(
             f"has {len(uv)} pairs, but the mesh has {len(vertices)} vertices.",
             "List one pair [u, v] for each vertex, in the same order.",
         )
@@ -140,13 +146,13 @@ def mesh_of_arrays(vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any]
     )
 
 
-def read_mesh(path: Path, place: Place) -> Mesh:
+def read_mesh(path: Path, location: SourceLocation) -> Mesh:
     """The mesh of a file, with texture coordinates where the file has them for all faces, and so with normals.
 
-    `place` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
+    `location` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
     broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
     """
-    file = read_mesh_file(path, place, colours=False)
+    file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
     meshes = [mesh_of_loaded(mesh, path) for mesh in file.meshes]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -183,17 +189,17 @@ class MeshFile:
     single: bool = False
 
 
-def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
-    """What a file holds. `place` and errors as of `read_mesh`.
+def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
+    """What a file holds. `location` and errors as of `read_mesh`.
 
     colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
     """
     if path.suffix.lower() not in FORMATS:
-        raise place.wrong(
+        raise location.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
         )
     if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
-        raise place.error(
+        raise location.error(
             f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Mesh files", path, FORMATS),
         )
@@ -203,27 +209,27 @@ def read_mesh_file(path: Path, place: Place, *, colours: bool) -> MeshFile:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = f"{type(error).__name__}: {error}".rstrip(" .!")
-        raise place.error(
-            f"{which(path, place)}cannot be read as {path.suffix[1:].upper()}: {reason}.",
+        raise location.error(
+            f"{which(path, location)}cannot be read as {path.suffix[1:].upper()}: {reason}.",
             "Open the file in another program to see whether it is whole, and write it anew.",
         ) from error
     if not file.meshes:
-        raise place.error(
-            f"{which(path, place)}has no triangles.",
+        raise location.error(
+            f"{which(path, location)}has no triangles.",
             "The file is empty, broken, of another format than its suffix says, or holds points or lines only.",
         )
     if file.single:
         corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
         if np.isfinite(corners).all():
             low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-            source = place if place == Place(str(path)) else f"{place} names {path}:"
+            source = location if location == SourceLocation(str(path)) else f"{location} names {path}:"
             warn_of_steps(source, step_at(low, high), low, high)
     return file
 
 
-def which(path: Path, place: Place) -> str:
-    """How a sentence about a file begins where `place` names it: with its name, but not of a model by itself."""
-    return "" if place == Place(str(path)) else f"names {path}, which "
+def which(path: Path, location: SourceLocation) -> str:
+    """How a sentence about a file begins where `location` names it: with its name, but not of a model by itself."""
+    return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
 def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
@@ -232,13 +238,13 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
     beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
     if len(beyond):
         face, corner = beyond[0]
-        raise _no_such_vertex(Place(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
+        raise _no_such_vertex(SourceLocation(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     normals = _of_each(_given_normals(mesh), mesh, 3)
     for name, values in (("vertex", vertices), ("texture coordinate", uv), ("normal of vertex", normals)):
         if values is not None and not np.isfinite(values).all():
             number = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
-            raise Place(str(path), f"{name} {number}").wrong(
+            raise SourceLocation(str(path), f"{name} {number}").wrong(
                 values[number], f"{'two' if values is uv else 'three'} finite numbers", "Mend the file."
             )
     return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else unit_normals(normals))
@@ -323,8 +329,8 @@ def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
         )
 
 
-def _no_such_vertex(place: Place, vertex: int, count: int) -> SceneError:
-    return place.error(
+def _no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:
+    return location.error(
         f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
         "Face indices count from 0; OBJ files count from 1.",
     )

@@ -24,7 +24,7 @@ from glpath.io.mesh_models import read_mesh_model
 from glpath.io.meshes import FORMATS as MESH_FORMATS
 from glpath.scene.check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 #: Of the files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
@@ -71,14 +71,14 @@ def read_gltf_as_asked(
     )
 
 
-def read_model(path: Path, place: Place, time: float | None = None, shutter: float = 0.0) -> Model:
-    """The model of a file of one of `FORMATS`; `place` is where it is named. Raises SceneError.
+def read_model(path: Path, location: SourceLocation, time: float | None = None, shutter: float = 0.0) -> Model:
+    """The model of a file of one of `FORMATS`; `location` is where it is named. Raises SceneError.
 
     time, shutter : as of `read_gltf`
     """
     if path.suffix.lower() in GLTF_FORMATS:
         return read_gltf(path, time=time, shutter=shutter)
-    return read_mesh_model(path, place)
+    return read_mesh_model(path, location)
 
 
 def gltf_cameras(path: Path) -> tuple[str, ...]:
@@ -91,9 +91,9 @@ def gltf_cameras(path: Path) -> tuple[str, ...]:
 
 def scene_of_model(model: Model) -> Scene:
     """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used."""
-    place = Place(model.source)
+    location = SourceLocation(model.source)
     if not model.shapes:
-        raise place.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
+        raise location.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
     for note in model.notes:
         warn(f"{model.source}: not used: {note}")
     scene = Scene(
@@ -107,7 +107,7 @@ def scene_of_model(model: Model) -> Scene:
         unit=model.unit or "radiometric",
     )
     if model.camera is not None:
-        check_camera(scene.camera, place)
+        check_camera(scene.camera, location)
     return completed(scene, has_camera=model.camera is not None, glow_is_light=False)
 
 

@@ -12,7 +12,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.camera import CameraKey
 from glpath.scene.model import Float64
 from glpath.scene.motion import Motion
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 
 def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
@@ -27,8 +27,8 @@ def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
     )
 
 
-def motion_of(keys: Sequence[description.Key], placed: Float64, place: Place) -> Motion | None:
-    """The motion of what stands at `placed` (N, 3, 4); None without keys. `place` is that of the list.
+def motion_of(keys: Sequence[description.Key], placed: Float64, location: SourceLocation) -> Motion | None:
+    """The motion of what stands at `placed` (N, 3, 4); None without keys. `location` is that of the list.
 
     Raises SceneError for keys that are not in order, that mirror or that lead too far away.
     """
@@ -36,7 +36,7 @@ def motion_of(keys: Sequence[description.Key], placed: Float64, place: Place) ->
         return None
     maps = []
     for index, key in enumerate(keys):
-        here = place.item(index)
+        here = location.item(index)
         if index and not key.time > keys[index - 1].time:
             raise here.field("time").wrong(
                 key.time, f"above {keys[index - 1].time:g}, the key before", "Sort them."

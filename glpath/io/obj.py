@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from glpath.io.text import decoded, statements
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 # Numbers of a vertex, texture coordinate and normal that are used; a vertex may have a weight or a colour behind.
 _USED = {"v": 3, "vt": 2, "vn": 3}
@@ -107,7 +107,7 @@ def _corner(text: str, seen: dict[str, int], totals: dict[str, int], source: str
         # trimesh takes 0 for the last without a word.
         if not 1 <= index <= totals[kind]:
             total = totals[kind]
-            raise Place(source, f"line {line}").error(
+            raise SourceLocation(source, f"line {line}").error(
                 f"names {_NAMES[kind]} {written}, but the file has {total} {_PLURALS[kind]} (1 to {total}).",
                 "Vertex indices of OBJ files count from 1.",
             )

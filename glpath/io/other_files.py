@@ -7,7 +7,7 @@ from pathlib import Path
 
 from glpath.errors import SceneError
 from glpath.io import ies
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 _MODEL = "Export the scene as glTF (.glb) from the program that wrote it."
 _PICTURE = 'It may light a scene as its environment map: [sky] with file = "{0}".'
@@ -44,17 +44,17 @@ def refuse_other_file(path: Path) -> None:
     suffix = path.suffix.lower()
     if not os.path.isfile(path):
         return
-    place = Place(str(path))
+    location = SourceLocation(str(path))
     if suffix in ies.SUFFIXES:
-        raise _of_profile(path, place)
+        raise _of_profile(path, location)
     if suffix in _KINDS:
         what, remedy = _KINDS[suffix]
-        raise place.error(f"is {what}, not a scene.", remedy.format(path.name))
+        raise location.error(f"is {what}, not a scene.", remedy.format(path.name))
 
 
-def _of_profile(path: Path, place: Place) -> SceneError:
-    profile = ies.read_ies(path, place)
-    return place.error(
+def _of_profile(path: Path, location: SourceLocation) -> SceneError:
+    profile = ies.read_ies(path, location)
+    return location.error(
         f"is the profile of a lamp (IES LM-63: up to {profile.max:,.4g} cd, {profile.flux:,.4g} lm in all), not a "
         "scene.",
         "Hang it in one:\n"

@@ -16,7 +16,7 @@ from glpath.scene.appearance import texture_at
 from glpath.scene.geometry import Float64, Mesh, placed
 from glpath.scene.model import Camera, Texture
 from glpath.scene.patches import Heights, PatchChunks, Patches, diced, triangle_counts
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 DEFAULT_LEVEL = 8
 #: A mesh of more is no slip of the pen, but takes gigabytes.
@@ -28,7 +28,7 @@ class PatchSurface:
     """A surface and how it is divided, in its own space; pieces of it on demand, and all of it as a mesh."""
 
     chunks: PatchChunks
-    place: Place
+    location: SourceLocation
 
     def __len__(self) -> int:
         return len(self.chunks)
@@ -41,36 +41,40 @@ class PatchSurface:
         of = self.chunks
         count = int(triangle_counts(of.levels).sum())
         if count > MAX_TRIANGLES:
-            raise self.place.error(
+            raise self.location.error(
                 f"would be {count:,} triangles; at most {MAX_TRIANGLES:,} are kept in memory.",
                 "Lower its level, or set streamed = true.",
             )
         mesh = diced(of.patches, of.levels, of.heights)
         if not len(mesh.faces):
-            raise self.place.error("has no triangles with an area.", "Its control points coincide: check them.")
+            raise self.location.error("has no triangles with an area.", "Its control points coincide: check them.")
         return mesh
 
 
 def patch_surface(
-    given: description.Patches, place: Place, camera: Camera, world: Float64, textures: Sequence[Texture]
+    given: description.Patches,
+    location: SourceLocation,
+    camera: Camera,
+    world: Float64,
+    textures: Sequence[Texture],
 ) -> PatchSurface:
     """The surface of a shape's table. Raises SceneError.
 
     camera : which decides how finely it is divided, where that is said in pixels
     world  : (3, 4) world_from_shape
     """
-    patches = _control(given, place)
+    patches = _control(given, location)
     if not isinstance(given.level, UnsetType) and not isinstance(given.pixels, UnsetType):
-        raise place.error("has level and pixels, but edges are divided by one of them.", "Leave one away.")
+        raise location.error("has level and pixels, but edges are divided by one of them.", "Leave one away.")
     if isinstance(given.pixels, UnsetType):
         levels = patches.levels(DEFAULT_LEVEL if isinstance(given.level, UnsetType) else given.level)
     else:
         seen = Patches(placed(patches.control, world), patches.uv)
         levels = seen.levels_seen(camera, given.pixels)
-    return PatchSurface(PatchChunks(patches, levels, _heights(given, place, textures)), place)
+    return PatchSurface(PatchChunks(patches, levels, _heights(given, location, textures)), location)
 
 
-def _control(given: description.Patches, place: Place) -> Patches:
+def _control(given: description.Patches, location: SourceLocation) -> Patches:
     fields = {name: getattr(given, name) for name in ("points", "patches", "net")}
     named = {name: value for name, value in fields.items() if not isinstance(value, UnsetType)}
     if set(named) == {"net"}:
@@ -78,7 +82,7 @@ def _control(given: description.Patches, place: Place) -> Patches:
         for index, row in enumerate(rows):
             if len(row) != len(rows[0]):
                 raise (
-                    place.field("net")
+                    location.field("net")
                     .item(index)
                     .error(
                         f"has {len(row)} points, but the first row {len(rows[0])}.", "All rows are of one length."
@@ -88,12 +92,12 @@ def _control(given: description.Patches, place: Place) -> Patches:
     if set(named) == {"points", "patches"}:
         count = len(named["points"])
         if not named["patches"]:
-            raise place.field("patches").error("is empty, but a surface needs a patch.")
+            raise location.field("patches").error("is empty, but a surface needs a patch.")
         for index, numbers in enumerate(named["patches"]):
             for number in numbers:
                 if not 0 <= number < count:
                     raise (
-                        place.field("patches")
+                        location.field("patches")
                         .item(index)
                         .error(
                             f"names point {number}, but there are {count} (0 to {count - 1}).",
@@ -101,15 +105,15 @@ def _control(given: description.Patches, place: Place) -> Patches:
                         )
                     )
         if any(given.closed):
-            raise place.field("closed").error("is for a net; Bézier patches close where their points do.")
+            raise location.field("closed").error("is for a net; Bézier patches close where their points do.")
         return Patches.bezier(named["points"], named["patches"])
-    raise place.error(
+    raise location.error(
         f"has {', '.join(named) or 'no control points'}, but patches are `points` and `patches`, or a `net`.",
         "For example: net = [[[0, 0, 0], ...], ...], rows of control points.",
     )
 
 
-def _heights(given: description.Patches, place: Place, textures: Sequence[Texture]) -> Heights | None:
+def _heights(given: description.Patches, location: SourceLocation, textures: Sequence[Texture]) -> Heights | None:
     if isinstance(given.displacement, UnsetType):
         return None
     said = given.displacement
@@ -119,7 +123,7 @@ def _heights(given: description.Patches, place: Place, textures: Sequence[Textur
             "texture",
             said.texture,
             list(found),
-            place.field("displacement").field("texture"),
+            location.field("displacement").field("texture"),
             'file = "height.png"',
         )
     return TextureHeights(found[said.texture], said.scale, said.offset)

@@ -11,13 +11,18 @@ from glpath.errors import ImageError
 from glpath.film.image import picture_size
 from glpath.io.description import MAX_TEXTURE_SIDE
 from glpath.io.values import nearby_files
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 _Picture = TypeVar("_Picture")
 
 
 def stored_picture(
-    path: Path, what: str, formats: Sequence[str], most_pixels: int, place: Place, read: Callable[[Path], _Picture]
+    path: Path,
+    what: str,
+    formats: Sequence[str],
+    most_pixels: int,
+    location: SourceLocation,
+    read: Callable[[Path], _Picture],
 ) -> _Picture:
     """What `read` has of a picture that a scene file names. Raises SceneError.
 
@@ -27,25 +32,25 @@ def stored_picture(
     read        : of `glpath.film.image`, which raises ImageError
     """
     if path.suffix.lower() not in formats:
-        raise place.error(
+        raise location.error(
             f"names {path}, but {what} is a file that ends in {', '.join(formats)}.", "Convert it, e.g. with GIMP."
         )
     if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
-        raise place.error(
+        raise location.error(
             f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Pictures", path, formats),
         )
     try:
         width, height = picture_size(path)
         if max(width, height) > MAX_TEXTURE_SIDE or width * height > most_pixels:
-            raise place.error(
+            raise location.error(
                 f"names the picture {path} of {width:,} x {height:,} pixels, but {what} has at most "
                 f"{MAX_TEXTURE_SIDE:,} pixels a side and {most_pixels:,} in all.",
                 "Make the picture smaller, or cut out what is needed.",
             )
         return read(path)
     except ImageError as error:
-        raise place.error(
+        raise location.error(
             f"names a picture that cannot be used. {error}",
             "Open it in another program to see whether it is whole, and write it anew.",
         ) from error

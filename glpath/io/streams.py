@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.geometry import Float64, placed
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.stream import Stream
 from glpath.scene.tessellate import without_area
 
@@ -54,14 +54,14 @@ class NpyTriangles:
     start: int
 
     @classmethod
-    def open(cls, path: Path, place: Place) -> NpyTriangles:
+    def open(cls, path: Path, location: SourceLocation) -> NpyTriangles:
         """Raises SceneError for a file that is no such array."""
         if path.suffix.lower() != ".npy":
-            raise place.wrong(
+            raise location.wrong(
                 path.name, "a .npy file", "`numpy.save` writes one; other formats are shapes of the type mesh."
             )
         if not os.path.isfile(path):
-            raise place.error(f"names {path}: no such file.", nearby_files("Files", path, (".npy",)))
+            raise location.error(f"names {path}: no such file.", nearby_files("Files", path, (".npy",)))
         try:
             with open(path, "rb") as file:
                 version = np.lib.format.read_magic(file)
@@ -69,13 +69,13 @@ class NpyTriangles:
                 shape, fortran, dtype = read[version](file)
                 start = file.tell()
         except OSError as error:
-            raise place.error(f"names {path}, which cannot be read: {error.strerror}.") from error
+            raise location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
         except (ValueError, KeyError) as error:
-            raise place.error(f"names {path}, which is no .npy file of numpy's.") from error
+            raise location.error(f"names {path}, which is no .npy file of numpy's.") from error
         right = len(shape) == 3 and shape[1:] == (3, 3) and shape[0] > 0 and dtype.kind == "f" and not fortran
         if not right or dtype.itemsize not in (4, 8):
             order = ", in Fortran's order" if fortran else ""
-            raise place.error(
+            raise location.error(
                 f"names {path}, an array of shape {shape} and type {dtype}{order}, but must be one of shape "
                 "(T, 3, 3) and type float32 or float64: the three corners of T triangles.",
                 "numpy.save(path, np.ascontiguousarray(vertices[faces], np.float32))",
@@ -83,7 +83,7 @@ class NpyTriangles:
         needed = start + shape[0] * 9 * dtype.itemsize
         found = os.path.getsize(path)
         if found < needed:
-            raise place.error(f"names {path}, which ends after {found:,} of {needed:,} bytes.", "Copy it again.")
+            raise location.error(f"names {path}, which ends after {found:,} of {needed:,} bytes.", "Copy it again.")
         return cls(path, dtype, shape[0], start)
 
     def __len__(self) -> int:
@@ -109,10 +109,10 @@ class _Placed:
     chunks: Chunks
     world_from_object: Float64
     reverse: bool
-    place: Place
+    location: SourceLocation
 
     def chunk(self, index: int) -> Float64:
-        here = self.place.field("chunk").item(index)
+        here = self.location.field("chunk").item(index)
         given = self.chunks.chunk(index)
         triangles = _corners(given, here)
         bad = np.argwhere(~(np.abs(triangles) <= LARGEST))
@@ -128,11 +128,11 @@ class _Placed:
         return world[~flat] if flat.any() else world
 
 
-def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, place: Place) -> Stream:
+def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, location: SourceLocation) -> Stream:
     """The stream of chunks that a map (3, 4) places. Raises SceneError.
 
     reverse : turn the fronts to the other side
-    place   : the shape's, for errors
+    location   : the shape's, for errors
 
     Cost: all chunks once, for the boxes around them and the digest.
     """
@@ -141,44 +141,44 @@ def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, place: 
     except TypeError:
         number = 0
     if not callable(getattr(chunks, "chunk", None)) or not number:
-        raise place.field("stream").error(
+        raise location.field("stream").error(
             f"is a {type(chunks).__name__}, but must have chunk(i), and len() of at least 1.",
             "class Terrain: __len__ says how many chunks; chunk(i) gives corners (F, 3, 3), or vertices and faces.",
         )
-    made = _Placed(chunks, world_from_object, reverse, place)
+    made = _Placed(chunks, world_from_object, reverse, location)
     digest = hashlib.sha256()
     counts, lower, upper = [], [], []
     for index in range(number):
         triangles = made.chunk(index)
         digest.update(np.ascontiguousarray(triangles, "<f8").tobytes())
         if not len(triangles):
-            raise place.field("chunk").item(index).error("has no triangles with an area.", "Leave it out.")
+            raise location.field("chunk").item(index).error("has no triangles with an area.", "Leave it out.")
         counts.append(len(triangles))
         lower.append(triangles.min(axis=(0, 1)))
         upper.append(triangles.max(axis=(0, 1)))
     return Stream(
-        made.chunk, np.array(counts, np.int64), np.array(lower), np.array(upper), digest.hexdigest(), str(place)
+        made.chunk, np.array(counts, np.int64), np.array(lower), np.array(upper), digest.hexdigest(), str(location)
     )
 
 
-def _corners(given: Any, place: Place) -> NDArray[Any]:
+def _corners(given: Any, location: SourceLocation) -> NDArray[Any]:
     """(F, 3, 3) of what a chunk is."""
     if isinstance(given, tuple) and len(given) == 2:
         vertices, faces = np.asarray(given[0]), np.asarray(given[1])
         if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-            raise place.error(
+            raise location.error(
                 f"is arrays of shape {vertices.shape} and {faces.shape}, but must be vertices (V, 3) and faces "
                 "(F, 3)."
             )
         if faces.dtype.kind not in "iu" or (len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices)):
-            raise place.error(
+            raise location.error(
                 f"has faces that are no numbers of its {len(vertices)} vertices.",
                 "They count from 0, in each chunk.",
             )
         given = vertices[faces]
     corners = np.asarray(given)
     if corners.ndim != 3 or corners.shape[1:] != (3, 3) or corners.dtype.kind not in "fiu":
-        raise place.error(
+        raise location.error(
             f"is an array of shape {corners.shape} and type {corners.dtype}, but must be corners (F, 3, 3)."
         )
     return corners

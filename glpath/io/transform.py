@@ -10,17 +10,17 @@ from pyrr import matrix44
 
 from glpath.io.description import Step
 from glpath.scene.model import Float64
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 
 
-def world_from_shape(steps: Sequence[Step], place: Place) -> Float64:
+def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64:
     """(4, 4) float64 for column vectors: the product of all steps, the first one applied first.
 
-    Raises SceneError, at `place` of the list, for a step that is none or several, a zero axis, a singular matrix.
+    Raises SceneError at `location` of the list: for a step that is none or several, a zero axis, a singular matrix.
     """
     matrix = np.identity(4)
     for index, step in enumerate(steps):
-        matrix = _matrix_of_step(step, place.item(index)) @ matrix
+        matrix = _matrix_of_step(step, location.item(index)) @ matrix
     return matrix
 
 
@@ -33,10 +33,10 @@ def mirrors(matrix: Float64) -> bool:
     return bool(np.cross(x, y) @ z < 0)
 
 
-def _matrix_of_step(step: Step, place: Place) -> Float64:
+def _matrix_of_step(step: Step, location: SourceLocation) -> Float64:
     named = [name for name in step.__struct_fields__ if not isinstance(getattr(step, name), UnsetType)]
     if len(named) != 1:
-        raise place.error(
+        raise location.error(
             f"has {' and '.join(named) or 'nothing'}, but a step is one of translate, rotate, scale and matrix.",
             "Write one table per step: transform = [{ scale = 2 }, { translate = [0, 1, 0] }].",
         )
@@ -45,14 +45,14 @@ def _matrix_of_step(step: Step, place: Place) -> Float64:
     if not isinstance(step.rotate, UnsetType):
         axis = np.array(step.rotate.axis)
         if not np.linalg.norm(axis) > 0:
-            raise place.field("rotate").field("axis").wrong(axis, "a vector of any length but zero")
+            raise location.field("rotate").field("axis").wrong(axis, "a vector of any length but zero")
         return _column_vector(matrix44.create_from_axis_rotation(axis, np.radians(step.rotate.angle)))
     if not isinstance(step.scale, UnsetType):
         factors = np.broadcast_to(np.array(step.scale, np.float64), 3)
         if not np.all(factors):
-            raise place.field("scale").wrong(step.scale, "without a zero", "A zero would flatten the shape.")
+            raise location.field("scale").wrong(step.scale, "without a zero", "A zero would flatten the shape.")
         return _column_vector(matrix44.create_from_scale(factors))
-    return _checked_matrix(np.array(step.matrix, np.float64), place.field("matrix"))
+    return _checked_matrix(np.array(step.matrix, np.float64), location.field("matrix"))
 
 
 def _column_vector(matrix: Float64) -> Float64:
@@ -60,16 +60,16 @@ def _column_vector(matrix: Float64) -> Float64:
     return np.asarray(matrix, np.float64).T
 
 
-def _checked_matrix(matrix: Float64, place: Place) -> Float64:
+def _checked_matrix(matrix: Float64, location: SourceLocation) -> Float64:
     if not np.allclose(matrix[3], [0, 0, 0, 1]):
-        raise place.item(3).wrong(
+        raise location.item(3).wrong(
             matrix[3],
             "[0, 0, 0, 1]",
             "The matrix is for column vectors: the translation is the last column, not the last row.",
         )
     stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
     if not stretch[2] > 1e-9 * stretch[0]:
-        raise place.error(
+        raise location.error(
             "is singular, but must be invertible: it flattens the shape.",
             f"Its upper left 3 x 3 part stretches by {shown(stretch)} along its own axes; none may be zero.",
         )

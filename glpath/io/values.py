@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from glpath.errors import SceneError
 from glpath.scene.model import Float64
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 
 # What a GPU can still square in 32 bits without overflow, and far from what anybody means.
 LARGEST = 1e15
@@ -25,36 +25,36 @@ def rgb(value: ArrayLike) -> Float64:
     return np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
 
 
-def light(value: ArrayLike, place: Place) -> Float64:
+def light(value: ArrayLike, location: SourceLocation) -> Float64:
     """(3,) float64 of radiance, intensity or irradiance. Raises SceneError for a negative one."""
     colour = rgb(value)
     if np.any(colour < 0):
-        raise place.wrong(value, "0 or more", "Light cannot be negative.")
+        raise location.wrong(value, "0 or more", "Light cannot be negative.")
     return colour
 
 
-def share(value: ArrayLike, place: Place, remedy: str) -> Float64:
+def share(value: ArrayLike, location: SourceLocation, remedy: str) -> Float64:
     """(3,) float64 in [0, 1]. Raises SceneError with `remedy` otherwise."""
     colour = rgb(value)
     if np.any((colour < 0) | (colour > 1)):
-        raise place.wrong(value, "between 0 and 1", remedy)
+        raise location.wrong(value, "between 0 and 1", remedy)
     return colour
 
 
-def unit(vector: ArrayLike, place: Place, example: str) -> Float64:
+def unit(vector: ArrayLike, location: SourceLocation, example: str) -> Float64:
     """(3,) float64 of length 1 along `vector`. Raises SceneError, with an example, for a zero one."""
     direction = np.asarray(vector, np.float64)
     length = np.linalg.norm(direction)
     if not length > 0:
-        raise place.wrong(direction, "a vector of any length but zero", f"For example {example}.")
+        raise location.wrong(direction, "a vector of any length but zero", f"For example {example}.")
     return np.asarray(direction / length)
 
 
-def unknown(kind: str, name: str, known: Sequence[str], place: Place, define: str) -> SceneError:
+def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation, define: str) -> SceneError:
     """The error for `name`, which is none of the `known` names of materials or textures (`kind`, singular)."""
     near = difflib.get_close_matches(name, known, 1)
     listed = ", ".join(known) or f"no {kind}s"
-    return place.error(
+    return location.error(
         f"names the {kind} {shown(name)}, but the file defines {listed}.",
         f'Did you mean "{near[0]}"?' if near else f"Define it: [{kind}s.{name}] with {define}.",
     )

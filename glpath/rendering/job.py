@@ -42,7 +42,7 @@ from glpath.rendering.options import (
 )
 from glpath.scene import Camera, Scene, check_camera
 from glpath.scene.camera import Projection
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.files import read_bytes, whole_file
 
@@ -203,15 +203,15 @@ class RenderJob:
         )
 
     @classmethod
-    def from_json(cls, text: str, place: str = "job") -> RenderJob:
-        """The job that `to_json` wrote; `place` is how errors name it. Raises UsageError."""
+    def from_json(cls, text: str, location: str = "job") -> RenderJob:
+        """The job that `to_json` wrote; `location` is how errors name it. Raises UsageError."""
         try:
             data: _JobFile = decode_json(text, _JobFile)
         except (msgspec.DecodeError, RecursionError) as error:
-            raise UsageError(f"{place}: is not a render job: {error}.", "RenderJob.save writes one.") from error
+            raise UsageError(f"{location}: is not a render job: {error}.", "RenderJob.save writes one.") from error
         if data.format != _FORMAT or data.version != _VERSION:
             raise UsageError(
-                f"{place}: {data.format} of version {data.version}; this version of glpath reads {_FORMAT} of "
+                f"{location}: {data.format} of version {data.version}; this version of glpath reads {_FORMAT} of "
                 f"version {_VERSION}."
             )
         given = dict(data.integrator)
@@ -221,7 +221,7 @@ class RenderJob:
             kind = INTEGRATORS[integrator]
             for name in given:
                 check_word(f"setting of {integrator}", name, tuple(settings_fields(kind)))
-            sensor = _sensor_of(data.sensor, place)
+            sensor = _sensor_of(data.sensor, location)
             window = window_of(sensor.resolution, data.window, "window")
             start, stop = data.path_sets
             check_count("path_sets, the first", start, 0, MAX_FIRST_PATH_SET)
@@ -229,7 +229,7 @@ class RenderJob:
             settings = checked(kind(**given))
             check_sensor(settings, sensor)
         except UsageError as error:
-            raise UsageError(f"{place}: {error.message}", error.remedy) from error
+            raise UsageError(f"{location}: {error.message}", error.remedy) from error
         return cls(data.scene, settings, sensor, window, data.path_sets)
 
     def save(self, path: str | Path) -> None:
@@ -355,12 +355,12 @@ def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
         )
 
 
-def _sensor_of(data: _CameraFile | _PointsFile, place: str) -> Sensor:
+def _sensor_of(data: _CameraFile | _PointsFile, location: str) -> Sensor:
     given = msgspec.structs.asdict(data)
     if isinstance(data, _PointsFile):
         return PointSensor(**given)
     sensor = CameraSensor(**given)
-    check_camera(sensor.camera, place)
+    check_camera(sensor.camera, location)
     return sensor
 
 
@@ -381,9 +381,9 @@ def with_overrides(
     scene: Scene,
     resolution: tuple[int, int] | None,
     camera: Mapping[str, Any] | Camera | None,
-    place: Place | None = None,
+    location: SourceLocation | None = None,
 ) -> Scene:
-    """The scene with what is replaced of its camera, of which an error says that it stands at `place`.
+    """The scene with what is replaced of its camera, of which an error says that it stands at `location`.
 
     Raises UsageError, and SceneError for what cannot be.
     """
@@ -409,7 +409,7 @@ def with_overrides(
     if not changes:
         return scene
     changed = scene.with_camera(**changes)
-    check_camera(changed.camera, place or scene.source or scene.name)
+    check_camera(changed.camera, location or scene.source or scene.name)
     return changed
 
 

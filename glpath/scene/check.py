@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from glpath.scene.camera import CameraKey, Projection
 from glpath.scene.model import Camera, Light, Mesh, Scene
-from glpath.scene.place import Place, coordinates
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
+from glpath.scene.source_location import SourceLocation, coordinates
 
 MAX_PIXELS = 2**28
 
@@ -21,24 +21,24 @@ MAX_PIXELS = 2**28
 _PARALLEL = 1e-6
 
 
-def check_camera(camera: Camera, source: str | Place) -> None:
+def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     """Raise SceneError for a camera that cannot see: no direction, no up, no angle, no pixels.
 
     Also for cameras changed by hand (`Scene.with_camera`, `--camera-up`); `source` names the scene in the message,
     or is its place.
     """
-    scene = Place(source) if isinstance(source, str) else source
-    place = scene.field("camera")
+    scene = SourceLocation(source) if isinstance(source, str) else source
+    location = scene.field("camera")
     for name in ("position", "target", "up"):
         vector = np.asarray(getattr(camera, name), np.float64)
         if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise place.field(name).wrong(vector, "three finite numbers")
+            raise location.field(name).wrong(vector, "three finite numbers")
     if not 0 < camera.fov < 180:
-        raise place.field("fov").wrong(
+        raise location.field("fov").wrong(
             float(camera.fov), "above 0 and below 180 degrees", "It is the vertical field of view."
         )
-    _check_lens(camera, place)
-    _check_motion(camera, place)
+    _check_lens(camera, location)
+    _check_motion(camera, location)
     width, height = camera.resolution
     if not (width >= 1 and height >= 1 and width * height <= MAX_PIXELS):
         raise (
@@ -48,35 +48,35 @@ def check_camera(camera: Camera, source: str | Place) -> None:
                 [width, height], f"at least 1 x 1 and at most {MAX_PIXELS:,} pixels", "Choose a smaller resolution."
             )
         )
-    _check_pose(camera, place)
+    _check_pose(camera, location)
     for index, key in enumerate(camera.motion):
-        _check_pose(key, place.field("motion").item(index))
+        _check_pose(key, location.field("motion").item(index))
 
 
-def _check_lens(camera: Camera, place: Place) -> None:
+def _check_lens(camera: Camera, location: SourceLocation) -> None:
     """What a projection and a lens need, each by itself."""
     if camera.projection not in get_args(Projection):
-        raise place.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
+        raise location.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
     for name, least in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
         value = getattr(camera, name)
         if value is not None and not (np.isfinite(value) and value > least and value >= 0):
-            raise place.field(name).wrong(float(value), "0 or more" if least < 0 else "above 0")
+            raise location.field(name).wrong(float(value), "0 or more" if least < 0 else "above 0")
     if camera.aperture_radius > 0 and camera.projection != "perspective":
-        raise place.field("aperture_radius").error(
+        raise location.field("aperture_radius").error(
             f"is {camera.aperture_radius:g}, but a camera of type {camera.projection} has no lens.",
             'Leave it out, or take type = "perspective".',
         )
 
 
-def _check_motion(camera: Camera, place: Place) -> None:
+def _check_motion(camera: Camera, location: SourceLocation) -> None:
     """The shutter, and the order of the keys."""
     opened, closed = camera.shutter
     if not (np.isfinite([opened, closed]).all() and opened <= closed):
-        raise place.field("shutter").wrong(
+        raise location.field("shutter").wrong(
             [float(opened), float(closed)], "two finite numbers, the first at most the second"
         )
     for index, key in enumerate(camera.motion):
-        here = place.field("motion").item(index)
+        here = location.field("motion").item(index)
         for name in ("position", "target", "up"):
             vector = np.asarray(getattr(key, name), np.float64)
             if vector.shape != (3,) or not np.isfinite(vector).all():
@@ -88,14 +88,14 @@ def _check_motion(camera: Camera, place: Place) -> None:
             )
 
 
-def _check_pose(camera: Camera | CameraKey, place: Place) -> None:
+def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
     """Raise SceneError where there is no direction or no up."""
     view = camera.target - camera.position
     distance = np.linalg.norm(view)
-    up = place.field("up")
+    up = location.field("up")
     if not distance > 1e-12 * np.linalg.norm(camera.position):
-        raise place.field("target").error(
-            f"is the same point as {place.field('position').path}, so that the camera looks nowhere.",
+        raise location.field("target").error(
+            f"is the same point as {location.field('position').path}, so that the camera looks nowhere.",
             "Move one of them.",
         )
     length = np.linalg.norm(camera.up)

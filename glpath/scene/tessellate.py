@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import warn
 from glpath.scene.model import Float64, Int32, Mesh, placed
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 # Height over longest edge below which a triangle has no area: corners are 32 bit numbers on the GPU.
 FLAT = 1e-7
@@ -85,10 +85,10 @@ def projected_uv(corners: Float64) -> Float64:
     if not len(corners):
         return np.zeros((0, 3, 2))
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    place = (corners - lower) / max(float((upper - lower).max()), np.finfo(float).tiny)
+    location = (corners - lower) / max(float((upper - lower).max()), np.finfo(float).tiny)
     along = np.argmax(np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])), axis=1)
     axes = np.array([(2, 1), (0, 2), (0, 1)])[along]
-    return np.take_along_axis(place, axes[:, None, :], axis=2)
+    return np.take_along_axis(location, axes[:, None, :], axis=2)
 
 
 def subdivide(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
@@ -167,22 +167,22 @@ def with_projected_uv(mesh: Mesh) -> Mesh:
     return replace(apart, uv=uv.reshape(-1, 2)).welded()
 
 
-def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, place: Place) -> Mesh:
+def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceLocation) -> Mesh:
     """`mesh` without the triangles that have no area in the world, which a SceneWarning counts.
 
-    Raises SceneError when none has. `name` and `place` are the shape's.
+    Raises SceneError when none has. `name` and `location` are the shape's.
     """
     flat = without_area(placed(mesh.vertices, world_from_mesh)[mesh.faces])
     if not flat.any():
         return mesh
     if flat.all():
-        raise place.error(
+        raise location.error(
             f'("{name}") has {len(flat)} triangles, none of which has an area.',
             "The corners of each coincide or lie on one line: check the coordinates and the transform.",
         )
     listed = np.flatnonzero(flat)
     warn(
-        f'{place} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
+        f'{location} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
         f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
     )
     return mesh.without_faces(flat)

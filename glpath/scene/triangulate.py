@@ -9,7 +9,7 @@ import numpy as np
 from glpath.errors import SceneError
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
 # Some ten gigabytes on the device; nobody means that many.
@@ -42,9 +42,9 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     if not len(scene.spheres):
         return scene
     _check_number(scene)
-    place, opened = Place(scene.source or scene.name), scene.camera.shutter[0]
+    location, opened = SourceLocation(scene.source or scene.name), scene.camera.shutter[0]
     shapes = [
-        _moving(shape, opened, scene.materials[shape.material].needs_uv, place.field("shapes").item(index))
+        _moving(shape, opened, scene.materials[shape.material].needs_uv, location.field("shapes").item(index))
         if shape.primitive == "sphere"
         else shape
         for index, shape in enumerate(scene.shapes)
@@ -53,16 +53,16 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     return replace(scene, shapes=Shapes(shapes), centred_by=scene.origin if centred else scene.centred_by)
 
 
-def _moving(shape: Shape, opened: float, textured: bool, place: Place) -> Shape:
+def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocation) -> Shape:
     """`_tessellated`, of a shape that moves as well; opened: when the shutter does."""
     if shape.motion is None:
-        return _tessellated(shape, textured, place)
-    made = _tessellated(replace(shape, world_from_object=shape.motion.placed, motion=None), textured, place)
+        return _tessellated(shape, textured, location)
+    made = _tessellated(replace(shape, world_from_object=shape.motion.placed, motion=None), textured, location)
     motion = replace(shape.motion, placed=made.world_from_object)
     return replace(made, world_from_object=motion.at(opened), motion=motion)
 
 
-def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:
+def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shape:
     """The shape with instances of the one icosphere instead of spheres."""
     mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
@@ -79,7 +79,7 @@ def _tessellated(shape: Shape, textured: bool, place: Place) -> Shape:
         alone.vertices, alone.faces, uv=alone.vertex_uv if textured else None, normals=alone.vertex_normals
     )
     return replace(
-        instances, geometry=with_area(whole, IDENTITY, shape.name, place), world_from_object=IDENTITY[None]
+        instances, geometry=with_area(whole, IDENTITY, shape.name, location), world_from_object=IDENTITY[None]
     )
 
 

@@ -41,7 +41,7 @@ from glpath.io.export.geometry import (
 from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
-from glpath.scene.place import shown
+from glpath.scene.source_location import shown
 
 Sampler = Literal["independent", "multijitter"]
 

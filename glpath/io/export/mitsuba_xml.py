@@ -19,7 +19,7 @@ from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba import MitsubaScene
 from glpath.io.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
-from glpath.scene.place import shown
+from glpath.scene.source_location import shown
 from glpath.system.files import whole_file, write_bytes
 
 # The version of the format, which Mitsuba 3 reads as it is.

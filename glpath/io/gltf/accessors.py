@@ -16,7 +16,7 @@ from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 _COMPONENTS: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"), 5123: np.dtype("<u2"),
@@ -37,50 +37,52 @@ class Accessors:
     _stored: dict[int, NDArray[Any]] = field(default_factory=dict)
     _floats: dict[int, Float64] = field(default_factory=dict)
 
-    def floats(self, index: int, widths: tuple[int, ...], place: Place) -> Float64:
+    def floats(self, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
         """(N, k) float64, all finite, normalised integers in [-1, 1] or [0, 1]; not to be written to.
 
         widths : the k that are allowed
-        place  : where it is used
+        location  : where it is used
 
         A matrix has its columns one after the other.
         """
         if index not in self._floats:
             table = self.document.all("accessors")[index]
             stored = self._array(index)
-            self.document.take(8 * stored.size, table.place)
+            self.document.take(8 * stored.size, table.location)
             values = stored.astype(np.float64)
             if table.flag("normalized") and stored.dtype.kind != "f":
                 values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
             values.flags.writeable = False
             self._floats[index] = values
         values = self._floats[index]
-        self._check_width(values, widths, index, place)
+        self._check_width(values, widths, index, location)
         bad = ~(np.abs(values) <= LARGEST)
         if bad.any():
             row, column = np.argwhere(bad)[0]
             raise (
-                place.item(int(row))
+                location.item(int(row))
                 .item(int(column))
                 .wrong(float(values[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
             )
         return values
 
-    def integers(self, index: int, width: int, place: Place) -> NDArray[np.int64]:
+    def integers(self, index: int, width: int, location: SourceLocation) -> NDArray[np.int64]:
         """(N, width) int64 of unsigned integers."""
         stored = self._array(index)
         if stored.dtype.kind != "u":
-            raise place.error(
+            raise location.error(
                 f"names accessors[{index}] of {stored.dtype.name} values, but must be unsigned integers.",
                 "Export the file anew.",
             )
-        self._check_width(stored, (width,), index, place)
-        self.document.take(8 * stored.size, place)
+        self._check_width(stored, (width,), index, location)
+        self.document.take(8 * stored.size, location)
         return stored.astype(np.int64)
 
-    def _check_width(self, values: NDArray[Any], widths: tuple[int, ...], index: int, place: Place) -> None:
+    def _check_width(
+        self, values: NDArray[Any], widths: tuple[int, ...], index: int, location: SourceLocation
+    ) -> None:
         if values.shape[1] not in widths:
-            raise place.error(
+            raise location.error(
                 f"names accessors[{index}] with {values.shape[1]} numbers an element, but must have "
                 f"{' or '.join(str(width) for width in widths)}.",
                 "Export the file anew.",
@@ -101,11 +103,11 @@ class Accessors:
         sparse = table.table("sparse") if "sparse" in table else None
         if view is None:
             if count > limits.MAX_ZEROS:
-                raise table.place.field("count").error(
+                raise table.location.field("count").error(
                     f"is {count:,}, but an accessor without a buffer view has at most {limits.MAX_ZEROS:,} zeros.",
                     "The file was written wrongly, or to take up memory.",
                 )
-            self.document.take(count * rows * columns * kind.itemsize, table.place)
+            self.document.take(count * rows * columns * kind.itemsize, table.location)
             values = np.zeros((count, rows * columns), kind)
         else:
             values = self._elements(table, views[view], view, count, kind, rows, columns)
@@ -121,16 +123,16 @@ class Accessors:
         size = column * columns if columns == 1 else column * (columns - 1) + rows * kind.itemsize
         stride = view.integer("byteStride", column * columns, 1, 2**16)
         if stride < size:
-            raise view.place.field("byteStride").error(
-                f"is {stride}, but an element of {table.place.path} has {size} bytes.", "Export the file anew."
+            raise view.location.field("byteStride").error(
+                f"is {stride}, but an element of {table.location.path} has {size} bytes.", "Export the file anew."
             )
         end = offset + stride * (count - 1) + size
         if end > len(data):
-            raise table.place.field("count").error(
+            raise table.location.field("count").error(
                 f"is {count:,}, and so reaches to byte {end:,}, but bufferViews[{index}] has {len(data):,}.",
                 "The file is cut off, or was written wrongly.",
             )
-        self.document.take(count * rows * columns * kind.itemsize, table.place)
+        self.document.take(count * rows * columns * kind.itemsize, table.location)
         # Not by strides of the view: an offset may be odd, and numpy reads what is not aligned by bytes.
         strided = np.ndarray((count, columns, rows), kind, data, offset, (stride, column, kind.itemsize))
         return np.array(strided).reshape(count, rows * columns)
@@ -142,14 +144,14 @@ class Accessors:
         of_indices, of_values = sparse.table("indices"), sparse.table("values")
         kind = of_indices.required_choice("componentType", _INDICES)
         where, what = (
-            self._elements(each, Table({}, each.place), each.required_index("bufferView", views, "buffer views"),
+            self._elements(each, Table({}, each.location), each.required_index("bufferView", views, "buffer views"),
                            count, dtype, high, wide)
             for each, dtype, high, wide in ((of_indices, kind, 1, 1), (of_values, values.dtype, rows, columns))
         )  # fmt: skip
         numbers = where[:, 0].astype(np.int64)
         if numbers.max() >= len(values):
             bad = int(np.argmax(numbers >= len(values)))
-            raise of_indices.place.item(bad).error(
+            raise of_indices.location.item(bad).error(
                 f"is {numbers[bad]}, but the accessor has {len(values):,} elements.", "Export the file anew."
             )
         values[numbers] = what

@@ -66,7 +66,7 @@ def shutter_times(document: Document, accessors: Accessors, opened: float, close
     keys: list[Float64] = []
     for animation in document.all("animations"):
         for sampler in animation.tables("samplers"):
-            every, at = accessors.document.all("accessors"), sampler.place.field("input")
+            every, at = accessors.document.all("accessors"), sampler.location.field("input")
             times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
             keys.append(times[(times > opened) & (times < closed)][:_MOST_KEYS])
     inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MOST_KEYS]
@@ -76,19 +76,19 @@ def shutter_times(document: Document, accessors: Accessors, opened: float, close
 def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64:
     """(k,) of a sampler at a time."""
     every = accessors.document.all("accessors")
-    at = sampler.place.field("input")
+    at = sampler.location.field("input")
     times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
     if np.any(np.diff(times) <= 0):
         raise at.item(int(np.argmax(np.diff(times) <= 0)) + 1).error(
             "is not after the key before it.", "Keys are in order."
         )
-    place = sampler.place.field("output")
-    values = accessors.floats(sampler.required_index("output", every, "accessors"), (_WIDTHS[path],), place)
+    location = sampler.location.field("output")
+    values = accessors.floats(sampler.required_index("output", every, "accessors"), (_WIDTHS[path],), location)
     interpolation = sampler.choice("interpolation", _INTERPOLATIONS, "LINEAR")
     parts = 3 if interpolation == "CUBICSPLINE" else 1
     each, rest = divmod(len(values), parts * len(times))
     if rest or not each or (path != "weights" and each != 1):
-        raise place.error(
+        raise location.error(
             f"has {len(values):,} values for {len(times):,} keys of {interpolation}, which does not divide.",
             "Export the file anew.",
         )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.io.gltf.table import Table
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 #: The extension and its successor, which are alike to the decoder.
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -24,7 +24,7 @@ BASISU = "KHR_texture_basisu"
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     """The bytes of a buffer view that is compressed as `table` says."""
-    decoder = _library("meshopt", extension, table.place)
+    decoder = _library("meshopt", extension, table.location)
     mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
     filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
     chosen = table.choice("filter", filters, "NONE")
@@ -32,34 +32,34 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     try:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
     except Exception as error:  # whatever the library finds wrong
-        raise _broken(table.place, error) from error
+        raise _broken(table.location, error) from error
     return memoryview(np.ascontiguousarray(rows).tobytes())
 
 
-def draco(data: memoryview, place: Place) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
+def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
     """Indices (F, 3) of a Draco mesh, and its attributes (V, k) by their unique ids."""
-    library = _library("DracoPy", DRACO, place)
+    library = _library("DracoPy", DRACO, location)
     try:
         mesh = library.decode(bytes(data))
         faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
         return faces, {int(a["unique_id"]): np.asarray(a["data"]) for a in mesh.attributes}
     except Exception as error:  # whatever the library finds wrong
-        raise _broken(place, error) from error
+        raise _broken(location, error) from error
 
 
-def ktx2(data: bytes, place: Place) -> NDArray[np.uint8]:
+def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
     """(h, w, 3) or (h, w, 4) uint8: the largest level of a KTX 2 texture, row 0 at the top."""
-    library = _library("opengl_basisu", BASISU, place)
+    library = _library("opengl_basisu", BASISU, location)
     try:
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
     except Exception as error:  # whatever the library finds wrong
         if type(error).__name__ == "UnsupportedError":
-            raise place.error(
+            raise location.error(
                 f"is a texture that {BASISU} does not allow: {error}",
                 "Write it anew as Basis Universal (toktx --encode uastc), or as PNG or JPEG.",
             ) from error
-        raise _broken(place, error) from error
+        raise _broken(location, error) from error
     return pixels if texture.has_alpha else pixels[..., :3]
 
 
@@ -71,17 +71,17 @@ def available(module: str) -> bool:
     return True
 
 
-def _library(module: str, extension: str, place: Place) -> Any:
+def _library(module: str, extension: str, location: SourceLocation) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise place.error(
+        raise location.error(
             f"is compressed ({extension}), which needs the package {module}.",
             'Install it: pip install "glpath[gltf]". Or export the file without compression.',
         ) from error
 
 
-def _broken(place: Place, error: Exception) -> Exception:
-    return place.error(
+def _broken(location: SourceLocation, error: Exception) -> Exception:
+    return location.error(
         f"cannot be decompressed: {type(error).__name__}: {error}.", "The file is cut off, or was written wrongly."
     )

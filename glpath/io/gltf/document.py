@@ -24,7 +24,7 @@ from glpath.io.convert import decode_json
 from glpath.io.gltf import compression, limits
 from glpath.io.gltf.table import Table, Tables, printable
 from glpath.io.values import nearby_files
-from glpath.scene.place import Place, shown
+from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import open_file
 
 SUFFIXES = (".gltf", ".glb")
@@ -87,7 +87,7 @@ class Document:
     """
 
     root: Table
-    place: Place
+    location: SourceLocation
     folder: Path
     binary: bytes | None
     stored: int = 0
@@ -103,13 +103,13 @@ class Document:
             self._lists[name] = self.root.tables(name)
         return self._lists[name]
 
-    def take(self, size: int, place: Place) -> None:
+    def take(self, size: int, location: SourceLocation) -> None:
         """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
         self._decoded += size
         most = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
         most = min(most, limits.MAX_DECODED_BYTES)
         if self._decoded > most:
-            raise place.error(
+            raise location.error(
                 f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
                 f"{self.stored:,} bytes may unfold to {most:,}.",
                 "Simplify the model, or split it into several files.",
@@ -125,16 +125,16 @@ class Document:
         length = table.required("byteLength", 1, limits.MAX_FILE_BYTES)
         uri = table.text("uri")
         if uri is not None:
-            data = self.resolve(uri, table.place.field("uri"))
+            data = self.resolve(uri, table.location.field("uri"))
         elif index == 0 and self.binary is not None:
             data = self.binary
         else:
-            raise table.place.error(
+            raise table.location.error(
                 "has no `uri`, and the file has no binary chunk for it.",
                 "A .glb holds one buffer, the first; every other one names a file or holds its data.",
             )
         if len(data) < length:
-            raise table.place.field("byteLength").error(
+            raise table.location.field("byteLength").error(
                 f"is {length:,}, but the data has {len(data):,} bytes.",
                 "The file is cut off, or was written wrongly.",
             )
@@ -153,7 +153,7 @@ class Document:
                 fallback = self._fallback(table)
                 if fallback is not None:
                     return fallback
-                self.take(packed.required("count") * packed.required("byteStride", 1, 256), packed.place)
+                self.take(packed.required("count") * packed.required("byteStride", 1, 256), packed.location)
                 return compression.meshopt(packed, self._slice(packed), name)
         return self._slice(table)
 
@@ -172,30 +172,30 @@ class Document:
         data = self.buffer(index)
         offset, length = table.integer("byteOffset", 0), table.required("byteLength", 1)
         if offset + length > len(data):
-            raise table.place.error(
+            raise table.location.error(
                 f"reaches from byte {offset:,} to {offset + length:,}, but buffers[{index}] has {len(data):,}.",
                 "The file is cut off, or was written wrongly.",
             )
         return memoryview(data)[offset : offset + length]
 
-    def resolve(self, uri: str, place: Place) -> bytes:
+    def resolve(self, uri: str, location: SourceLocation) -> bytes:
         """What a URI holds or names: data, or a file in the folder of the model. Raises SceneError."""
         if uri[:5].lower() == "data:":
-            return _data(uri, place)
+            return _data(uri, location)
         scheme = _SCHEME.match(uri)
         if scheme:
-            raise place.error(
+            raise location.error(
                 f"is a URL of the scheme {scheme[1]}, but must be data: or the name of a file beside the model.",
                 "Nothing is fetched from elsewhere: put the file into the model's folder.",
             )
         try:
             name = unquote_to_bytes(uri).decode("utf-8")
         except UnicodeError as error:
-            raise place.wrong(uri, "a file name in UTF-8") from error
-        return self._beside(name, place)
+            raise location.wrong(uri, "a file name in UTF-8") from error
+        return self._beside(name, location)
 
-    def _beside(self, name: str, place: Place) -> bytes:
-        outside = place.error(
+    def _beside(self, name: str, location: SourceLocation) -> bytes:
+        outside = location.error(
             f"names {shown(name)}, which is outside the folder of the model, {self.folder}.",
             "Relative names of files in the folder, or in folders in it, are allowed.",
         )
@@ -208,83 +208,83 @@ class Document:
                 raise outside
             if not os.path.isfile(path):
                 there = "is not a file" if os.path.exists(path) else "does not exist"
-                raise place.error(
+                raise location.error(
                     f"names {shown(name)}, which {there} in {self.folder}.",
                     nearby_files("Files", path, {path.suffix.lower()}),
                 )
-            content = read_file(path, place)
+            content = read_file(path, location)
             self.stored += len(content)
             return content
         except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
-            raise place.error(f"names {shown(name)}, which cannot be read: {type(error).__name__}.") from error
+            raise location.error(f"names {shown(name)}, which cannot be read: {type(error).__name__}.") from error
 
 
 def read_document(path: Path) -> Document:
     """Open a .gltf or .glb. Raises SceneError for one that is missing, broken or needs what is unknown here."""
-    place = Place(str(path))
+    location = SourceLocation(str(path))
     if not os.path.isfile(path):
-        raise place.error(
+        raise location.error(
             "is not a file." if os.path.exists(path) else "does not exist.", nearby_files("Models", path, SUFFIXES)
         )
-    content = read_file(path, place)
-    text, binary = _chunks(content, place) if content[:4] == b"glTF" else (content, None)
-    root = Table(_decoded(text, place), place)
-    document = Document(root, place, path.parent, binary, len(content))
+    content = read_file(path, location)
+    text, binary = _chunks(content, location) if content[:4] == b"glTF" else (content, None)
+    root = Table(_decoded(text, location), location)
+    document = Document(root, location, path.parent, binary, len(content))
     _check_version(root)
     _check_extensions(document)
     for name, most in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
         if len(document.all(name)) > most:
-            raise place.field(name).error(f"has {len(document.all(name)):,} entries; at most {most:,} are read.")
+            raise location.field(name).error(f"has {len(document.all(name)):,} entries; at most {most:,} are read.")
     return document
 
 
-def read_file(path: Path, place: Place) -> bytes:
+def read_file(path: Path, location: SourceLocation) -> bytes:
     """The bytes of a file, unless they are too many. Raises SceneError."""
     try:
         with open_file(path) as file:
             size = os.fstat(file.fileno()).st_size
             if size > limits.MAX_FILE_BYTES:
-                raise place.error(f"is a file of {size:,} bytes; at most {limits.MAX_FILE_BYTES:,} are read.")
+                raise location.error(f"is a file of {size:,} bytes; at most {limits.MAX_FILE_BYTES:,} are read.")
             return file.read()
     except OSError as error:
-        raise place.error(f"cannot be read: {error.strerror or error}.") from error
+        raise location.error(f"cannot be read: {error.strerror or error}.") from error
 
 
-def _chunks(content: bytes, place: Place) -> tuple[bytes, bytes | None]:
+def _chunks(content: bytes, location: SourceLocation) -> tuple[bytes, bytes | None]:
     """The JSON and the binary chunk of a .glb."""
     broken = "The file is cut off, or was written wrongly."
     if len(content) < 20:
-        raise place.error(f"is a .glb of {len(content)} bytes, less than its header has.", broken)
+        raise location.error(f"is a .glb of {len(content)} bytes, less than its header has.", broken)
     version, length = (int.from_bytes(content[at : at + 4], "little") for at in (4, 8))
     if version != 2:
-        raise place.error(
+        raise location.error(
             f"is a .glb of version {version}, but version 2 is read.", "Convert it, e.g. by opening it in Blender."
         )
     if length > len(content):
-        raise place.error(f"says that it has {length:,} bytes, but has {len(content):,}.", broken)
+        raise location.error(f"says that it has {length:,} bytes, but has {len(content):,}.", broken)
     found: dict[int, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = (int.from_bytes(content[i : i + 4], "little") for i in (at, at + 4))
         if at + 8 + size > length:
-            raise place.error(
+            raise location.error(
                 f"has a chunk at byte {at:,} that says it has {size:,} bytes, but {length - at - 8:,} are left.",
                 broken,
             )
         if not found and kind != _JSON:
-            raise place.error("is a .glb whose first chunk is not JSON.", broken)
+            raise location.error("is a .glb whose first chunk is not JSON.", broken)
         found.setdefault(kind, content[at + 8 : at + 8 + size])
         at += 8 + size
     if _JSON not in found:
-        raise place.error("is a .glb without JSON.", broken)
+        raise location.error("is a .glb without JSON.", broken)
     return found[_JSON], found.get(_BIN)
 
 
-def _decoded(text: bytes, place: Place) -> dict[str, Any]:
+def _decoded(text: bytes, location: SourceLocation) -> dict[str, Any]:
     """The JSON as plain values, neither too many nor too deep."""
     values = text.count(b",") + text.count(b"[") + text.count(b"{")
     if values > limits.MAX_JSON_VALUES:
-        raise place.error(
+        raise location.error(
             f"holds JSON of more than {limits.MAX_JSON_VALUES:,} values.", "Put large data into buffers."
         )
     if text[:3] == b"\xef\xbb\xbf":
@@ -293,9 +293,9 @@ def _decoded(text: bytes, place: Place) -> dict[str, Any]:
     try:
         root: dict[str, Any] = decode_json(text.rstrip(b"\0"), dict[str, Any])
     except RecursionError:
-        raise place.error(deep) from None
+        raise location.error(deep) from None
     except (msgspec.DecodeError, UnicodeError) as error:
-        raise place.error(
+        raise location.error(
             f"cannot be read as glTF: {error}.", "It is neither JSON nor a .glb, or is cut off."
         ) from error
     level: list[Any] = [root]
@@ -304,7 +304,7 @@ def _decoded(text: bytes, place: Place) -> dict[str, Any]:
         level = [child for values in inside for child in values if isinstance(child, dict | list)]
         if not level:
             return root
-    raise place.error(deep)
+    raise location.error(deep)
 
 
 def _check_version(root: Table) -> None:
@@ -312,7 +312,7 @@ def _check_version(root: Table) -> None:
     version, least = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
     if not version.startswith("2.") or not least.startswith("2.0"):
         needed = version if not version.startswith("2.") else least
-        raise asset.place.field("version").error(
+        raise asset.location.field("version").error(
             f"is {needed!r}, but glTF 2.0 is read.", "Convert the file, e.g. by opening it in Blender."
         )
 
@@ -322,7 +322,7 @@ def _check_extensions(document: Document) -> None:
     required, used = root.texts("extensionsRequired"), root.texts("extensionsUsed")
     unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
     if unknown:
-        raise root.place.field("extensionsRequired").error(
+        raise root.location.field("extensionsRequired").error(
             f"names {', '.join(map(printable, unknown[:20]))}, not known here.",
             "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
         )
@@ -337,14 +337,14 @@ def _check_extensions(document: Document) -> None:
             document.notes.add(f"{UNUSED_EXTENSIONS[name][0].upper()}{UNUSED_EXTENSIONS[name][1:]} ({name}).")
 
 
-def _data(uri: str, place: Place) -> bytes:
+def _data(uri: str, location: SourceLocation) -> bytes:
     """What a data: URI holds."""
     head, comma, body = uri[5:].partition(",")
     if not comma:
-        raise place.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")
+        raise location.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")
     try:
         if not head.lower().endswith(";base64"):
             return unquote_to_bytes(body)
         return base64.b64decode(unquote_to_bytes(body) if "%" in body else body, validate=True)
     except (binascii.Error, ValueError) as error:
-        raise place.error(f"is a data: URI that is not base64: {error}.") from error
+        raise location.error(f"is a data: URI that is not base64: {error}.") from error

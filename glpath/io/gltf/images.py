@@ -17,7 +17,7 @@ from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.gltf.table import Table
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
@@ -40,34 +40,34 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
     kind = _format(data)
     if kind is None:
         found = next((name for magic, name in _OTHERS.items() if data.startswith(magic)), "of no format known here")
-        raise table.place.error(
+        raise table.location.error(
             f"is {found}, but must be PNG, JPEG, WebP or KTX 2.", "Convert it, and export the file anew."
         )
     try:
         width, height = _size(data, kind)
     except Exception as error:  # Pillow raises whatever its parsers run into
-        raise _broken(table.place, error) from error
+        raise _broken(table.location, error) from error
     if not (
         0 < width <= MAX_TEXTURE_SIDE and 0 < height <= MAX_TEXTURE_SIDE and width * height <= MAX_TEXTURE_PIXELS
     ):
-        raise table.place.error(
+        raise table.location.error(
             f"has {width:,} x {height:,} pixels, but a texture has at most {MAX_TEXTURE_SIDE:,} a side and "
             f"{MAX_TEXTURE_PIXELS:,} in all.",
             "Make the image smaller.",
         )
-    document.take(4 * width * height, table.place)
+    document.take(4 * width * height, table.location)
     if kind == "KTX2":
-        return compression.ktx2(data, table.place)
+        return compression.ktx2(data, table.location)
     try:
         return _pixels(data, kind)
     except Exception as error:  # as above
-        raise _broken(table.place, error) from error
+        raise _broken(table.location, error) from error
 
 
 def _stored(document: Document, table: Table) -> bytes:
     uri = table.text("uri")
     if uri is not None:
-        return document.resolve(uri, table.place.field("uri"))
+        return document.resolve(uri, table.location.field("uri"))
     return bytes(document.view(table.required_index("bufferView", document.all("bufferViews"), "buffer views")))
 
 
@@ -120,8 +120,8 @@ def _pixels(data: bytes, kind: str) -> NDArray[Any]:
         return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
 
 
-def _broken(place: Place, error: Exception) -> Exception:
-    return place.error(
+def _broken(location: SourceLocation, error: Exception) -> Exception:
+    return location.error(
         f"is an image that cannot be read: {type(error).__name__}: {error}.",
         "Open it in another program to see whether it is whole, and write it anew.",
     )

@@ -70,10 +70,10 @@ def light_of(
         return _profiled(node, profiled, world, factor, webs)
     if extension is None:
         return None
-    every = (document.root.extension("KHR_lights_punctual") or Table({}, document.place)).tables("lights")
+    every = (document.root.extension("KHR_lights_punctual") or Table({}, document.location)).tables("lights")
     table = every[extension.required_index("light", every, "lights")]
     kind = table.required_choice("type", _KINDS)
-    name = node.name(table.name(f"light-{node.place.path.rpartition('[')[2].rstrip(']')}"))
+    name = node.name(table.name(f"light-{node.location.path.rpartition('[')[2].rstrip(']')}"))
     colour = table.numbers("color", (1, 1, 1), 0.0)
     intensity = factor * table.number("intensity", 1.0, 0.0) * colour
     position, direction = world[:3, 3], _along(node, world, 2)
@@ -89,7 +89,7 @@ def light_of(
         cone.number("outerConeAngle", np.pi / 4, 0.0, np.pi),
     )
     if not (inner <= outer and outer > 0):
-        raise cone.place.error(
+        raise cone.location.error(
             f"has an innerConeAngle of {inner:g} and an outerConeAngle of {outer:g}, but the inner is at most the "
             "outer, which is above 0.",
             "Angles are in radians, from the axis.",
@@ -102,8 +102,8 @@ def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs
     x = -_along(node, world, 0)
     c0 = x - (x @ direction) * direction  # of a node that is sheared, too
     if not np.linalg.norm(c0) > 0:
-        raise node.place.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
-    number = node.place.path.rpartition("[")[2].rstrip("]")
+        raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
+    number = node.location.path.rpartition("[")[2].rstrip("]")
     return Light(
         node.name(f"light-{number}"),
         "point",
@@ -128,13 +128,15 @@ def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | 
         view = table.table("orthographic")
         x, y = (view.number(key, 0.0, -LARGEST, LARGEST) for key in ("xmag", "ymag"))
         if not (x and y):
-            raise view.place.error(f"has an xmag of {x:g} and a ymag of {y:g}, but none may be 0.", "")
+            raise view.location.error(f"has an xmag of {x:g} and a ymag of {y:g}, but none may be 0.", "")
         aspect = abs(x / y)
         return ModelCamera(name, *frame, 40.0, aspect, "orthographic", 2.0 * abs(y))
     view = table.table("perspective")
     fov = float(np.degrees(view.number("yfov", 0.0)))
     if not 0 < fov < 180:
-        raise view.place.field("yfov").wrong(view.values.get("yfov"), "above 0 and below pi", "It is in radians.")
+        raise view.location.field("yfov").wrong(
+            view.values.get("yfov"), "above 0 and below pi", "It is in radians."
+        )
     aspect = view.number("aspectRatio", 0.0, 0.0, LARGEST) if "aspectRatio" in view else None
     return ModelCamera(name, *frame, fov, aspect or None)
 
@@ -144,5 +146,7 @@ def _along(node: Table, world: Float64, axis: int) -> Float64:
     column = world[:3, axis]
     length = np.linalg.norm(column)
     if not length > 0:
-        raise node.place.error("is scaled to nothing, but a light or camera needs a direction.", "Check its scale.")
+        raise node.location.error(
+            "is scaled to nothing, but a light or camera needs a direction.", "Check its scale."
+        )
     return np.asarray(-column / length)

@@ -30,7 +30,7 @@ from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
-from glpath.scene.place import shown
+from glpath.scene.source_location import shown
 
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
 _FLAT = 1e-9
@@ -110,7 +110,7 @@ def read_gltf(
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
     shapes = made.all()
     if shapes:
-        warn_of_steps(document.place, made.step, made.low, made.high)
+        warn_of_steps(document.location, made.step, made.low, made.high)
     profiles = Profiles(document)
     written = nodes.tables.values
     extended = [i for i in nodes.drawn if "extensions" in written[i]]
@@ -127,7 +127,7 @@ def read_gltf(
             )
     scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
     return Model(
-        source=document.place.source,
+        source=document.location.source,
         name=scenes[chosen].name(path.stem) if len(scenes) else path.stem,
         shapes=tuple(shapes),
         materials=tuple(surface.material for surface in surfaces.surfaces),
@@ -189,7 +189,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
         if each.name == wanted:
             return each
     listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
-    raise UsageError(f"{document.place} camera {shown(wanted)} was asked for, but the file has {listed}.")
+    raise UsageError(f"{document.location} camera {shown(wanted)} was asked for, but the file has {listed}.")
 
 
 @dataclass
@@ -341,7 +341,7 @@ class _Shapes:
     def _count(self, triangles: int, primitive: Table) -> None:
         self.triangles += triangles
         if self.triangles > limits.MAX_TRIANGLES:
-            raise primitive.place.error(
+            raise primitive.location.error(
                 f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
                 f"{limits.MAX_TRIANGLES:,} are read.",
                 "Simplify the model.",
@@ -428,7 +428,7 @@ class _Shapes:
         centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
         extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
         if not np.all(np.abs(centre) + extent <= LARGEST):
-            raise primitive.place.error(
+            raise primitive.location.error(
                 f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                 "Check the transforms of its nodes.",
             )

@@ -15,7 +15,7 @@ from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table, Tables
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 #: What an animation says of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
@@ -54,7 +54,7 @@ class Nodes:
             visited += len(level)
             if not np.all(np.abs(world[level]) <= LARGEST):
                 index = int(level[np.argmin(np.all(np.abs(world[level]) <= LARGEST, axis=(1, 2)))])
-                raise tables[index].place.error(
+                raise tables[index].location.error(
                     f"stands, with its parents, beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Check its matrix, translation and scale.",
                 )
@@ -64,7 +64,7 @@ class Nodes:
                 world[level] = world[above] @ world[level]
         if visited < len(tables):
             index = _on_a_circle(parent, len(tables))
-            raise tables[index].place.error(
+            raise tables[index].location.error(
                 "is its own ancestor.", "Remove it from the children of one of its children."
             )
         return cls(tables, world, _drawn(document, tables, children, parent))
@@ -76,8 +76,8 @@ def _parents(tables: Tables, children: list[list[int]]) -> dict[int, int]:
     for index, below in enumerate(children):
         for i, child in enumerate(below):
             if child in parent:
-                place = tables[index].place.field("children").item(i)
-                raise place.error(
+                location = tables[index].location.field("children").item(i)
+                raise location.error(
                     f"is {child}, which is already a child of nodes[{parent[child]}].",
                     "A node has one parent: copy it, or give its mesh to several nodes.",
                 )
@@ -149,27 +149,27 @@ def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
         for index in animated:
             values[index] = poses[index].get(name, values[index])
     flat = np.flatnonzero(~(np.linalg.norm(parts["rotation"], axis=1) > 0))
-    place = tables[int(flat[0])].place if len(flat) else tables.place
-    maps = trs(parts["translation"], parts["rotation"], parts["scale"], place)
+    location = tables[int(flat[0])].location if len(flat) else tables.location
+    maps = trs(parts["translation"], parts["rotation"], parts["scale"], location)
     if len(by_matrix):
         matrices = tables.numbers("matrix", by_matrix, 16).reshape(-1, 4, 4).transpose(0, 2, 1)
         last = np.isclose(matrices[:, 3], [0, 0, 0, 1], atol=1e-5).all(axis=1)
         if not last.all():
             wrong = int(np.argmin(last))
-            place = tables[int(by_matrix[wrong])].place
-            raise place.field("matrix").error(
-                f"has {place.written(matrices[wrong, 3])} as its last row, but must have [0, 0, 0, 1].",
+            location = tables[int(by_matrix[wrong])].location
+            raise location.field("matrix").error(
+                f"has {location.written(matrices[wrong, 3])} as its last row, but must have [0, 0, 0, 1].",
                 "Matrices are listed column by column.",
             )
         maps[by_matrix, :3] = matrices[:, :3]
     return maps
 
 
-def trs(translation: Float64, rotation: Float64, scale: Float64, place: Place) -> Float64:
+def trs(translation: Float64, rotation: Float64, scale: Float64, location: SourceLocation) -> Float64:
     """(N, 4, 4) that scale (N, 3), then rotate by quaternions x y z w (N, 4), then translate (N, 3)."""
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     if not np.all(length > 0):
-        raise place.field("rotation").wrong(rotation[int(np.argmin(length))], "a unit quaternion [x, y, z, w]")
+        raise location.field("rotation").wrong(rotation[int(np.argmin(length))], "a unit quaternion [x, y, z, w]")
     x, y, z, w = (rotation / length).T
     matrices = np.zeros((len(translation), 4, 4))
     matrices[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1)
@@ -191,24 +191,24 @@ def instances(table: Table, world: Float64, accessors: Accessors) -> Float64:
     for name, width in (("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3)):
         index = attributes.index(name, accessors.document.all("accessors"), "accessors")
         if index is not None:
-            given[name] = accessors.floats(index, (width,), attributes.place.field(name))
+            given[name] = accessors.floats(index, (width,), attributes.location.field(name))
     if not given:
-        raise attributes.place.error("has none of TRANSLATION, ROTATION and SCALE.", "Export the file anew.")
+        raise attributes.location.error("has none of TRANSLATION, ROTATION and SCALE.", "Export the file anew.")
     count = len(next(iter(given.values())))
-    accessors.document.take(4 * 128 * count, attributes.place)
+    accessors.document.take(4 * 128 * count, attributes.location)
     for name, values in given.items():
         if len(values) != count:
-            raise attributes.place.field(name).error(
+            raise attributes.location.field(name).error(
                 f"has {len(values):,} elements, but {next(iter(given))} has {count:,}.", "Export the file anew."
             )
     local = trs(
         given.get("TRANSLATION", np.zeros((count, 3))),
         given.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))),
         given.get("SCALE", np.ones((count, 3))),
-        attributes.place,
+        attributes.location,
     )
     with np.errstate(over="ignore", invalid="ignore"):
         placed = world @ local
     if not np.all(np.abs(placed) <= LARGEST):
-        raise attributes.place.error(f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.")
+        raise attributes.location.error(f"reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.")
     return placed[:, :3]

@@ -50,7 +50,7 @@ class Primitives:
         morph   : (M,) weights of its morph targets
         uv_sets : those that its material asks for; zeros where it has none
         """
-        # By what it says, not by its place: meshes of several materials often share their arrays.
+        # By what it says, not by its location: meshes of several materials often share their arrays.
         says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
         key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
@@ -89,14 +89,14 @@ class Primitives:
         for name, values in found.items():
             if name != "faces" and len(values) != count:
                 raise (
-                    primitive.place.field("attributes")
+                    primitive.location.field("attributes")
                     .field(name)
                     .error(f"has {len(values):,} elements, but POSITION has {count:,}.", "Export the file anew.")
                 )
         if packed is None:
             found["faces"] = self._faces(primitive, mode, count)
         elif np.any((found["faces"] < 0) | (found["faces"] >= count)):
-            raise primitive.place.error(f"has Draco data that names vertices beyond its {count:,}.")
+            raise primitive.location.error(f"has Draco data that names vertices beyond its {count:,}.")
         self._morphed(found, primitive.tables("targets"), morph)
         return found
 
@@ -107,7 +107,7 @@ class Primitives:
         for name, widths in _WIDTHS.items():
             index = attributes.index(name, every, "accessors")
             if index is not None:
-                found[name] = self.accessors.floats(index, widths, attributes.place.field(name))
+                found[name] = self.accessors.floats(index, widths, attributes.location.field(name))
         for name in attributes.values:
             if name.startswith("TEXCOORD_") and name not in _WIDTHS:
                 self.accessors.document.notes.add("Texture coordinates beyond TEXCOORD_1.")
@@ -126,36 +126,36 @@ class Primitives:
         if position is not None and "bufferView" in every[position]:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
-        faces, by_id = compression.draco(document.view(view), extension.place)
-        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()), extension.place)
+        faces, by_id = compression.draco(document.view(view), extension.location)
+        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()), extension.location)
         ids, found = extension.table("attributes"), {}
         for name, widths in _WIDTHS.items():
             number = ids.integer(name)
             if number is None:
                 continue
-            place = ids.place.field(name)
+            location = ids.location.field(name)
             if number not in by_id:
-                raise place.error(f"is {number}, but the Draco data has {', '.join(map(str, by_id)) or 'none'}.")
+                raise location.error(f"is {number}, but the Draco data has {', '.join(map(str, by_id)) or 'none'}.")
             stored = np.atleast_2d(by_id[number].T).T
             values = stored.astype(np.float64)
             if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):
                 values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
             if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
-                raise place.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
+                raise location.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
             found[name] = values
         return {**found, "faces": faces}
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
         """(F, 3) numbers of vertices."""
-        every, place = self.accessors.document.all("accessors"), primitive.place.field("indices")
+        every, location = self.accessors.document.all("accessors"), primitive.location.field("indices")
         index = primitive.index("indices", every, "accessors")
         if index is None:
             order = np.arange(count)
         else:
-            order = self.accessors.integers(index, 1, place)[:, 0]
+            order = self.accessors.integers(index, 1, location)[:, 0]
             if order.max() >= count:
                 at = int(np.argmax(order >= count))
-                raise place.item(at).error(
+                raise location.item(at).error(
                     f"names vertex {order[at]}, but POSITION has {count:,} elements (0 to {count - 1}).",
                     "The file was written wrongly: export it anew.",
                 )
@@ -171,17 +171,17 @@ class Primitives:
         return order[np.stack(corners, axis=1)]
 
     def _morphed(self, found: dict[str, NDArray[Any]], targets: Tables, morph: Float64) -> None:
-        """Add the morph targets with their weights, in place."""
+        """Add the morph targets with their weights, in location."""
         every = self.accessors.document.all("accessors")
         changed = set()
         for target, weight in zip(targets, morph, strict=False):
             for name in found.keys() & target.values.keys() if weight else ():
-                place = target.place.field(name)
+                location = target.location.field(name)
                 index = target.index(name, every, "accessors")
                 assert index is not None, "its name is among the keys"
-                offsets = self.accessors.floats(index, _WIDTHS[name], place)
+                offsets = self.accessors.floats(index, _WIDTHS[name], location)
                 if offsets.shape != found[name].shape:
-                    raise place.error(
+                    raise location.error(
                         f"is of {offsets.shape[0]:,} x {offsets.shape[1]} numbers, but the mesh has "
                         f"{found[name].shape[0]:,} x {found[name].shape[1]}.",
                         "Export the file anew.",
@@ -190,9 +190,9 @@ class Primitives:
                 changed.add(name)
 
     def _mesh(self, primitive: Table, found: dict[str, NDArray[Any]], uv_sets: frozenset[int]) -> Mesh | None:
-        document, place = self.accessors.document, primitive.place
+        document, location = self.accessors.document, primitive.location
         vertices, faces = found["POSITION"], found["faces"]
-        document.take(16 * len(vertices) * 12 + 24 * len(faces), place)
+        document.take(16 * len(vertices) * 12 + 24 * len(faces), location)
         uv: list[Float64 | None] = []
         for number in (0, 1):
             given = found.get(f"TEXCOORD_{number}")
@@ -231,22 +231,22 @@ class Primitives:
             first, second = (attributes.index(name, every, "accessors") for name in names)
             if first is None or second is None:
                 break
-            joints.append(self.accessors.integers(first, 4, attributes.place.field(names[0])))
-            weights.append(self.accessors.floats(second, (4,), attributes.place.field(names[1])))
+            joints.append(self.accessors.integers(first, 4, attributes.location.field(names[0])))
+            weights.append(self.accessors.floats(second, (4,), attributes.location.field(names[1])))
         if not joints:
-            raise attributes.place.error(
+            raise attributes.location.error(
                 "has no JOINTS_0 and WEIGHTS_0, but its node has a skin.", "Export the file anew."
             )
         joint, weight = np.concatenate(joints, axis=1), np.maximum(np.concatenate(weights, axis=1), 0.0)
         if len(joint) != count or len(weight) != count:
-            raise attributes.place.field("JOINTS_0").error(
+            raise attributes.location.field("JOINTS_0").error(
                 f"has {len(joint):,} elements, WEIGHTS_0 {len(weight):,}, but POSITION has {count:,}."
             )
         beyond = (joint >= len(skin.world_from_mesh)) & (weight > 0)
         if beyond.any():
             row, column = np.argwhere(beyond)[0]
             raise (
-                attributes.place.field("JOINTS_0")
+                attributes.location.field("JOINTS_0")
                 .item(int(row))
                 .error(
                     f"names joint {joint[row, column]}, but the skin has {len(skin.world_from_mesh)}.",
@@ -256,7 +256,7 @@ class Primitives:
         joint = np.where(weight > 0, joint, 0)
         total = weight.sum(axis=1, keepdims=True)
         weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), np.eye(1, weight.shape[1]))
-        self.accessors.document.take(96 * count, primitive.place)
+        self.accessors.document.take(96 * count, primitive.location)
         maps = np.zeros((count, 3, 4))
         for column in range(joint.shape[1]):
             maps += weight[:, column, None, None] * skin.world_from_mesh[joint[:, column], :3]
@@ -267,16 +267,16 @@ def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
     """A skin of the document, its joints where they stand."""
     joints = table.indices("joints", range(len(nodes_world)), "nodes")
     if not joints:
-        raise table.place.field("joints").error(
+        raise table.location.field("joints").error(
             "is empty, but a skin has at least one joint.", "Export the file anew."
         )
     world = np.stack([nodes_world[joint] for joint in joints])
     index = table.index("inverseBindMatrices", accessors.document.all("accessors"), "accessors")
     if index is not None:
-        place = table.place.field("inverseBindMatrices")
-        inverse = accessors.floats(index, (16,), place)
+        location = table.location.field("inverseBindMatrices")
+        inverse = accessors.floats(index, (16,), location)
         if len(inverse) < len(joints):
-            raise place.error(
+            raise location.error(
                 f"has {len(inverse)} matrices, but the skin has {len(joints)} joints.", "Export the file anew."
             )
         world = world @ inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)

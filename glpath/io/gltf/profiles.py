@@ -25,7 +25,7 @@ class Profiles:
     def of(self, extension: Table) -> LightProfile:
         """What a node's extension names. Raises SceneError."""
         root = self._document.root.extension(NAME)
-        every = (root or Table({}, self._document.place)).tables("lights")
+        every = (root or Table({}, self._document.location)).tables("lights")
         index = extension.required_index("light", every, "lights")
         if index not in self._found:
             self._found[index] = self._read(every[index])
@@ -34,15 +34,15 @@ class Profiles:
     def _read(self, table: Table) -> LightProfile:
         uri = table.text("uri")
         if uri is not None:
-            place = table.place.field("uri")
-            data, name = self._document.resolve(uri, place), "data" if uri[:5].lower() == "data:" else uri
+            location = table.location.field("uri")
+            data, name = self._document.resolve(uri, location), "data" if uri[:5].lower() == "data:" else uri
         else:
-            place = table.place.field("bufferView")
+            location = table.location.field("bufferView")
             views = self._document.all("bufferViews")
             number = table.required_index("bufferView", views, "buffer views")
             data, name = bytes(self._document.view(number)), f"bufferViews[{number}]"
         if len(data) > MAX_BYTES:
-            raise place.error(f"has {len(data):,} bytes; a photometric file has at most {MAX_BYTES:,}.")
-        profile = parse_ies(data, name, place)
-        self._document.take(profile.candela.nbytes, place)
+            raise location.error(f"has {len(data):,} bytes; a photometric file has at most {MAX_BYTES:,}.")
+        profile = parse_ies(data, name, location)
+        self._document.take(profile.candela.nbytes, location)
         return profile

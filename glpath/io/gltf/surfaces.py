@@ -67,7 +67,7 @@ class Surfaces:
     def number(self, index: int | None) -> int:
         """The place in `surfaces` of a material of the document; None is glTF's default."""
         if index not in self._numbers:
-            table = Table({}, self.document.place.field("materials"))
+            table = Table({}, self.document.location.field("materials"))
             if index is not None:
                 table = self.document.all("materials")[index]
             name = table.name("default" if index is None else f"material-{index}")
@@ -171,7 +171,7 @@ class Surfaces:
                 colours[0] = np.ones_like(colours[0][..., :3])
             colours[0][..., :3] *= diffuse
             shiny = colours[1][..., 3] if colours[1].shape[2] == 4 else np.ones(colours[1].shape[:2])
-            self.document.take(16 * shiny.size, glossy.place)
+            self.document.take(16 * shiny.size, glossy.location)
             images = glossiness.metal_and_roughness(colours[0], colours[1][..., :3] * specular, gloss * shiny)
             name = self.document.all("images")[second.source].name(f"image-{second.source}")
             self._texture_numbers[key] = len(self.textures)
@@ -203,7 +203,7 @@ class Surfaces:
         if ior is not None:
             index = ior.number("ior", 1.5, 0.0)
             if 0 < index < 1:
-                raise ior.place.field("ior").wrong(index, "0 or at least 1", "Water has 1.33, window glass 1.5.")
+                raise ior.location.field("ior").wrong(index, "0 or at least 1", "Water has 1.33, window glass 1.5.")
             fields["ior"] = index or 1.5
         specular = table.extension("KHR_materials_specular")
         if specular is not None:
@@ -234,7 +234,7 @@ class Surfaces:
             colour = self._shares(volume, "attenuationColor", (1, 1, 1))
             distance = volume.number("attenuationDistance", np.inf, 0.0, np.inf)
             if not distance > 0:
-                raise volume.place.field("attenuationDistance").wrong(distance, "above 0")
+                raise volume.location.field("attenuationDistance").wrong(distance, "above 0")
             # Not of 0, of which the logarithm is infinite: a thousand decades in one distance are as black.
             fields["attenuation"] = -np.log(np.maximum(colour, 1e-300)) / distance + 0.0
             self._unused(volume, "thicknessTexture")
@@ -275,7 +275,7 @@ class Surfaces:
             return None
         samplers = self.document.all("samplers")
         index = texture.index("sampler", samplers, "samplers")
-        sampler = Table({}, texture.place) if index is None else samplers[index]
+        sampler = Table({}, texture.location) if index is None else samplers[index]
         return _LookUp(
             self._source(texture),
             (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat")),
@@ -321,7 +321,7 @@ class Surfaces:
         if basisu is not None and (plain is None or compression.available("opengl_basisu")):
             return basisu.required_index("source", images, "images")
         if plain is None:
-            raise table.place.error(
+            raise table.location.error(
                 "has no `source` that can be read.", "Export the file with textures of PNG, JPEG, WebP or KTX 2."
             )
         return plain

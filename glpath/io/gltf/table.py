@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glpath.io.gltf.limits import MAX_NAME
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 Choice = TypeVar("Choice")
 
@@ -24,24 +24,24 @@ class Table:
     """A JSON object and where it stands. Everything asked of it raises SceneError for a value of another kind."""
 
     values: dict[str, Any]
-    place: Place
+    location: SourceLocation
 
     @classmethod
-    def of(cls, value: object, place: Place) -> Table:
+    def of(cls, value: object, location: SourceLocation) -> Table:
         if not isinstance(value, dict):
-            raise place.wrong(value, "an object", "Export the file anew.")
-        return cls(value, place)
+            raise location.wrong(value, "an object", "Export the file anew.")
+        return cls(value, location)
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
 
     def table(self, name: str) -> Table:
         """The object of that name; an empty one where there is none."""
-        return Table.of(self.values.get(name, {}), self.place.field(name))
+        return Table.of(self.values.get(name, {}), self.location.field(name))
 
     def tables(self, name: str) -> Tables:
         """The list of objects of that name; an empty one where there is none."""
-        return Tables(self._list(name), self.place.field(name))
+        return Tables(self._list(name), self.location.field(name))
 
     def extension(self, name: str) -> Table | None:
         if "extensions" not in self.values:
@@ -52,14 +52,14 @@ class Table:
     def text(self, name: str) -> str | None:
         value = self.values.get(name)
         if value is not None and not isinstance(value, str):
-            raise self.place.field(name).wrong(value, "a text")
+            raise self.location.field(name).wrong(value, "a text")
         return value
 
     def texts(self, name: str) -> list[str]:
         values = self._list(name)
         for i, value in enumerate(values):
             if not isinstance(value, str):
-                raise self.place.field(name).item(i).wrong(value, "a text")
+                raise self.location.field(name).item(i).wrong(value, "a text")
         return values
 
     def name(self, otherwise: str) -> str:
@@ -69,7 +69,7 @@ class Table:
     def flag(self, name: str, default: bool = False) -> bool:
         value = self.values.get(name, default)
         if not isinstance(value, bool):
-            raise self.place.field(name).wrong(value, "true or false")
+            raise self.location.field(name).wrong(value, "true or false")
         return value
 
     @overload
@@ -80,11 +80,11 @@ class Table:
         """A whole number from `low` to `high`."""
         if name not in self.values:
             return default
-        return _integer(self.values[name], self.place.field(name), low, high)
+        return _integer(self.values[name], self.location.field(name), low, high)
 
     def required(self, name: str, low: int = 0, high: int = 2**53) -> int:
         """A whole number that has to be there."""
-        return _integer(self._present(name), self.place.field(name), low, high)
+        return _integer(self._present(name), self.location.field(name), low, high)
 
     def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
         """What the value stands for."""
@@ -94,7 +94,7 @@ class Table:
         """What the value stands for, which has to be there."""
         value = self._present(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in allowed:
-            raise self.place.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
+            raise self.location.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
         return allowed[value]
 
     def index(self, name: str, of: Sequence[Any], what: str) -> int | None:
@@ -104,48 +104,48 @@ class Table:
         value = self.values[name]
         if type(value) is int and 0 <= value < len(of):
             return value
-        return _index(value, self.place.field(name), len(of), what)
+        return _index(value, self.location.field(name), len(of), what)
 
     def required_index(self, name: str, of: Sequence[Any], what: str) -> int:
-        return _index(self._present(name), self.place.field(name), len(of), what)
+        return _index(self._present(name), self.location.field(name), len(of), what)
 
     def indices(self, name: str, of: Sequence[Any], what: str) -> list[int]:
         values = self._list(name)
         if set(map(type, values)) <= {int} and min(values, default=0) >= 0 and max(values, default=-1) < len(of):
             return list(values)
-        place = self.place.field(name)
-        return [_index(value, place.item(i), len(of), what) for i, value in enumerate(values)]
+        location = self.location.field(name)
+        return [_index(value, location.item(i), len(of), what) for i, value in enumerate(values)]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
         if name not in self.values:
             return default
-        return _number(self.values[name], self.place.field(name), low, high)
+        return _number(self.values[name], self.location.field(name), low, high)
 
     def numbers(self, name: str, default: Sequence[float], low: float = -LARGEST, high: float = LARGEST) -> Float64:
         """(n,) float64, as many as `default` has."""
         if name not in self.values:
             return np.array(default, np.float64)
-        value, place = self.values[name], self.place.field(name)
+        value, location = self.values[name], self.location.field(name)
         if not isinstance(value, list) or len(value) != len(default):
-            raise place.wrong(value, f"a list of {len(default)} numbers")
-        return np.array([_number(each, place.item(i), low, high) for i, each in enumerate(value)])
+            raise location.wrong(value, f"a list of {len(default)} numbers")
+        return np.array([_number(each, location.item(i), low, high) for i, each in enumerate(value)])
 
     def any_numbers(self, name: str) -> Float64:
         """(n,) float64, however many there are."""
-        value, place = self._list(name), self.place.field(name)
+        value, location = self._list(name), self.location.field(name)
         return np.array(
-            [_number(each, place.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64
+            [_number(each, location.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64
         )
 
     def _present(self, name: str) -> Any:
         if name not in self.values:
-            raise self.place.error(f"has no `{name}`, which it needs.", "Export the file anew.")
+            raise self.location.error(f"has no `{name}`, which it needs.", "Export the file anew.")
         return self.values[name]
 
     def _list(self, name: str) -> list[Any]:
         value = self.values.get(name, [])
         if not isinstance(value, list):
-            raise self.place.field(name).wrong(value, "a list")
+            raise self.location.field(name).wrong(value, "a list")
         return value
 
 
@@ -154,13 +154,13 @@ class Tables(Sequence[Table]):
     """A list of JSON objects and where it stands."""
 
     values: list[Any]
-    place: Place
+    location: SourceLocation
 
     def __len__(self) -> int:
         return len(self.values)
 
     def __getitem__(self, index: Any) -> Any:  # as Sequence declares it: also for slices, which are not asked for
-        return Table.of(self.values[index], self.place.item(index))
+        return Table.of(self.values[index], self.location.item(index))
 
     def __iter__(self) -> Iterator[Table]:
         return (self[i] for i in range(len(self)))
@@ -169,7 +169,7 @@ class Tables(Sequence[Table]):
         """Numbers of the objects that have a field. Raises SceneError for what is no object."""
         for i, value in enumerate(self.values):
             if type(value) is not dict:
-                Table.of(value, self.place.item(i))
+                Table.of(value, self.location.item(i))
         return np.array([i for i, value in enumerate(self.values) if name in value], np.int64)
 
     def numbers(self, name: str, rows: NDArray[np.int64], count: int) -> Float64:
@@ -188,31 +188,31 @@ def printable(text: str) -> str:
     return "".join(c for c in text[: 4 * MAX_NAME] if c.isprintable())[:MAX_NAME].strip()
 
 
-def _integer(value: object, place: Place, low: int, high: int) -> int:
+def _integer(value: object, location: SourceLocation, low: int, high: int) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)  # JSON knows one kind of number
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise place.wrong(
+        raise location.wrong(
             value, f"a whole number from {low} to {high}" if high < 2**53 else f"a whole number, at least {low}"
         )
     return value
 
 
-def _index(value: object, place: Place, count: int, what: str) -> int:
+def _index(value: object, location: SourceLocation, count: int, what: str) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise place.wrong(value, f"a number of one of the {what}")
+        raise location.wrong(value, f"a number of one of the {what}")
     if not 0 <= value < count:
         among = f"{count} {what} (0 to {count - 1})" if count else f"no {what}"
-        raise place.error(f"is {value}, but the file has {among}.", "Export the file anew.")
+        raise location.error(f"is {value}, but the file has {among}.", "Export the file anew.")
     return value
 
 
-def _number(value: object, place: Place, low: float, high: float) -> float:
+def _number(value: object, location: SourceLocation, low: float, high: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         allowed = "a finite number" if (low, high) == (-LARGEST, LARGEST) else f"a number from {low:g} to {high:g}"
         if high == math.inf or (high == LARGEST and low > -LARGEST):
             allowed = f"a number, at least {low:g}"
-        raise place.wrong(value, allowed)
+        raise location.wrong(value, allowed)
     return float(value)

@@ -15,7 +15,7 @@ from glpath.radiosity.mesh.mesh import Elements, Int64
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solvers import matrix
 from glpath.scene import Scene
-from glpath.scene.place import Place
+from glpath.scene.source_location import SourceLocation
 
 Method = Literal["progressive", "matrix", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -59,20 +59,20 @@ def check_options(options: dict[str, object]) -> None:
 
 def check_solvable(scene: Scene) -> None:
     """Raises SceneError for a scene in triangles that has no solution."""
-    place = Place(scene.source or scene.name)
+    location = SourceLocation(scene.source or scene.name)
     if Lighting.of(scene).dark:
-        raise place.error(
+        raise location.error(
             "has no shape with an emission, no other light and no sky, so that there is no light to distribute.",
             "Give a shape an emission, e.g. emission = { radiance = [10, 10, 10] }, or add [[lights]] or a [sky].",
         )
     if not len(Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))):
-        raise place.error(
+        raise location.error(
             "has no shape that reflects, so that there is nothing to solve.",
             "Give a material a reflectance above 0.",
         )
     for index in sorted({shape.material for shape in scene.shapes}):
         material = scene.materials[index]
-        here = place.field("materials").field(material.name)
+        here = location.field("materials").field(material.name)
         if np.any(material.specular > 0):
             raise here.field("specular").wrong(
                 material.specular,
@@ -94,13 +94,13 @@ def check_solvable(scene: Scene) -> None:
     if len(flat):
         number = int(scene.triangle_shape[flat[0]])
         shape = scene.shapes[number]
-        raise place.error(
+        raise location.error(
             f'has {len(flat)} triangles without area, the first in the shape "{shape.name}": number '
             f"{flat[0] - scene.shapes.ranges[number].start} of its {shape.count}.",
             "Their corners coincide or lie on one line: leave them out.",
         )
     if not np.isfinite(scene.triangles).all():
-        raise place.error("has corners that are not finite.")
+        raise location.error("has corners that are not finite.")
 
 
 def check_memory(scene: Scene, divisions: Int64, size: float, splits: int, points: int, method: Method) -> float:

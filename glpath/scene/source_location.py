@@ -16,7 +16,7 @@ _LONGEST = 60
 
 
 @dataclass(frozen=True)
-class Place:
+class SourceLocation:
     """A file and the path in it, written as `rooms/hall.toml: shapes[3].material`.
 
     source : the scene file, or what the scene is called when it comes from no file
@@ -29,12 +29,12 @@ class Place:
     def __str__(self) -> str:
         return f"{self.source}: {self.path}" if self.path else f"{self.source}:"
 
-    def field(self, name: str) -> Place:
+    def field(self, name: str) -> SourceLocation:
         """The place of a key of the table that stands here."""
         key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
         return type(self)(self.source, f"{self.path}.{key}" if self.path else key)
 
-    def item(self, index: int) -> Place:
+    def item(self, index: int) -> SourceLocation:
         """The place of an element of the list that stands here, counted from 0."""
         return type(self)(self.source, f"{self.path}[{index}]")
 
@@ -55,13 +55,13 @@ class Place:
         return self.error(f"is {self.written(found)}, but must be {allowed}.", remedy)
 
 
-class PythonPlace(Place):
+class PythonLocation(SourceLocation):
     """A place in a dictionary, written as Python has it: `scene["shapes"][3]["material"]`."""
 
     def __str__(self) -> str:
         return f"{self.source}{self.path}"
 
-    def field(self, name: str) -> Place:
+    def field(self, name: str) -> SourceLocation:
         return type(self)(self.source, f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
 
 
