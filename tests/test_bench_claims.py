@@ -28,7 +28,7 @@ BRIGHT = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light
 A_TENTH_BRIGHTER = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
 BLACK_LOOK_UP = (
     "path/path_rays.glsl",
-    "L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;",
+    "L += beta * diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;",
     "",
 )
 

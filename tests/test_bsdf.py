@@ -22,7 +22,7 @@ from glpath.gl.context import get_context
 from glpath.scene.model import Float64, Material
 from tests.test_materials import furnace, plane_under_the_sky
 
-LOBES = ("dull", "microfacets", "coat", "through", "all", "mirrored")
+LOBES = ("diffuse", "microfacets", "coat", "through", "all", "mirrored")
 GOLD = np.array([1.0, 0.8, 0.4])
 PANE = -1.0
 
@@ -47,7 +47,7 @@ def as_shaded(m: Material, front: bool = True) -> NDArray[np.float32]:
         f0, f90 = m.dielectric
         across = m.roughness**2
         along = across + (1 - across) * m.anisotropy**2
-        eta = (m.ior if front else 1 / m.ior) if not m.thin else PANE if m.is_pane else 0.0
+        eta = (m.ior if front else 1 / m.ior) if not m.thin else PANE if m.is_thin_dielectric else 0.0
         values = [
             *(m.reflectance * (1 - m.metallic - clear), zero, 1.0),
             *(m.reflectance * m.metallic, m.metallic, f0, f90, 1 - m.metallic, along, across),
@@ -106,7 +106,7 @@ def test_every_lobe_is_reciprocal(probe: program.Program, name: str) -> None:
     values = as_shaded(SURFACES[name])
     wo, wi = directions(4000, 1), directions(4000, 2)
     there, back = (evaluate(probe, values, *pair) for pair in ((wo, wi), (wi, wo)))
-    for lobe in ("dull", "microfacets", "coat", "all"):
+    for lobe in ("diffuse", "microfacets", "coat", "all"):
         np.testing.assert_allclose(there[lobe][:, :3], back[lobe][:, :3], rtol=2e-4, atol=1e-6)
     assert there["all"][:, :3].max() > 0
 
@@ -132,13 +132,13 @@ def test_the_two_that_are_not_reciprocal_are_so_as_they_are_defined(probe: progr
     wo, wi = directions(1000, 5), directions(1000, 6)
     varnished = as_shaded(Material("m", GOLD, roughness=0.5, clearcoat=0.8, clearcoat_roughness=0.4))
     there, back = (evaluate(probe, varnished, *pair) for pair in ((wo, wi), (wi, wo)))
-    for lobe in ("dull", "microfacets"):
+    for lobe in ("diffuse", "microfacets"):
         left = 1 - there["mirrored"][:, 3:], 1 - back["mirrored"][:, 3:]
         np.testing.assert_allclose(there[lobe][:, :3] * left[1], back[lobe][:, :3] * left[0], rtol=2e-4, atol=1e-6)
     phong = as_shaded(Material("m", np.zeros(3), specular=GOLD, exponent=20.0))
     there, back = (evaluate(probe, phong, *pair) for pair in ((wo, wi), (wi, wo)))
     np.testing.assert_allclose(
-        there["dull"][:, :3] * wi[:, 2:], back["dull"][:, :3] * wo[:, 2:], rtol=2e-4, atol=1e-6
+        there["diffuse"][:, :3] * wi[:, 2:], back["diffuse"][:, :3] * wo[:, 2:], rtol=2e-4, atol=1e-6
     )
 
 

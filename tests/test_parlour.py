@@ -30,7 +30,7 @@ def test_it_has_what_a_users_model_has(scene: Scene) -> None:
         assert set(materials[name].slots) == {"texture", "normal_texture", "surface_texture"}
     assert "emission_texture" in materials["view"].slots
     assert (materials["brass"].metallic, materials["mirror"].roughness) == (1, 0)
-    assert materials["pane"].is_pane
+    assert materials["pane"].is_thin_dielectric
     assert not materials["glass"].thin
     assert sum(shape.emits for shape in scene.shapes) == 4
     low, high = scene.bounds

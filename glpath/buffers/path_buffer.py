@@ -141,7 +141,7 @@ class PathBuffer(Owner):
             }
         self._epoch = 0
 
-        self._flights = self._texture(paths, "u4")
+        self._ray_records = self._texture(paths, "u4")
         self._heads = gl.buffer(reserve=4 * count)
         self._slots = self._texture(cells, "u4")
         self._z0 = self._texture(cells, "f4")
@@ -158,13 +158,13 @@ class PathBuffer(Owner):
             "path_grid_0": self._grids[0],
             "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
-            "path_flights": self._flights,
+            "ray_records": self._ray_records,
             "cell_z0": self._z0,
             "cell_place": self._place,
             "cell_slots": self._slots,
         }
         self.textures = {
-            "path_flights": self._flights,
+            "ray_records": self._ray_records,
             "cell_slots": self._slots,
             "cell_found": self._found,
         }
@@ -196,7 +196,7 @@ class PathBuffer(Owner):
                 "launch",
                 gl,
                 program("path_buffer/path_launch.frag"),
-                target(self._flights),
+                target(self._ray_records),
                 textures=textures,
                 buffers={0: self._heads},
             ),
@@ -261,7 +261,7 @@ class PathBuffer(Owner):
         return texture
 
     def _view_uniforms(self, view: ScanView) -> dict[str, object]:
-        """What `path_view.glsl` and `path_flight.glsl` need for this scan."""
+        """What `path_view.glsl` and `ray_record.glsl` need for this scan."""
         views = len(view.directions)
         assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
         frames = [tight_frame(d, self.scene.box) for d in view.directions]
@@ -289,7 +289,7 @@ class PathBuffer(Owner):
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
         """ScanConvertPositions [PB table 4]: z0 of every live path. Returns the scan's uniforms.
 
-        position : RGBA32F of `paths` texels: place in world space; in w its course, see path_course.glsl
+        position : RGBA32F of `paths` texels: place in world space; in w its direction code, see direction_code.glsl
         """
         uniforms = self._view_uniforms(view)
         self._textures["path_position"] = position

@@ -34,12 +34,12 @@ LAYOUT: dict[str, dict[str, str]] = {
     "ray_item": {
         "CORNER": "a corner; w: number of its triangle",
         "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_PANE where it is a pane",
+        "AC": "to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_THIN_DIELECTRIC where it is one",
     },
 }
 _LEAF_BIT = np.uint32(1 << 31)
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
-_ALPHA, _PANE = 1, 2
+_ALPHA, _THIN_DIELECTRIC = 1, 2
 _STEPS = 65535
 # More in all the eight orders would be 64 MiB of nodes.
 _MANY = 250_000
@@ -49,7 +49,7 @@ def ray_bvh_glsl() -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`."""
     return (
         f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
-        + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_PANE = {_PANE}u;\n"
+        + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_THIN_DIELECTRIC = {_THIN_DIELECTRIC}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
     )
 
@@ -186,7 +186,7 @@ def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[n
 def _flags(scene: Scene) -> NDArray[np.uint32]:
     """(T,) uint32: of what lets light through."""
     materials = [scene.materials[shape.material] for shape in scene.shapes]
-    of_shape = [_ALPHA * (m.alpha != "opaque") + _PANE * m.is_pane for m in materials]
+    of_shape = [_ALPHA * (m.alpha != "opaque") + _THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
     return np.array(of_shape, np.uint32)[scene.triangle_shape]
 
 

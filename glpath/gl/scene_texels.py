@@ -57,10 +57,10 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
         "SPECULAR": "Phong's coefficient; Phong's exponent",
         "MIRROR": "share of the mirrored light",
-        "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the brush, radians",
+        "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the tangent, radians",
         "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
-        "COAT": "share under varnish; its roughness",
-        "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a pane",
+        "COAT": "share under clearcoat; its roughness",
+        "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
         "INSIDE": "attenuation of a solid of glass, per scene unit",
     },
     "cover": {"OPACITY": "of a material: opacity; cutoff"},
@@ -337,7 +337,7 @@ def _materials(scene: Scene) -> Float64:
             ],
             [*m.dielectric[0], m.dielectric[1]],
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
-            [m.transmission, m.ior, not m.thin, m.is_pane],
+            [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in scene.materials)

@@ -158,8 +158,8 @@ class RayPathEngine(PathSetEngine):
             textures |= self._draws.textures
             generated |= self._draws.generated
             defines |= self._draws.defines
-        if any(material.is_pane for material in scene.scene.materials):
-            defines["HAS_PANES"] = 1
+        if any(material.is_thin_dielectric for material in scene.scene.materials):
+            defines["HAS_THIN_DIELECTRICS"] = 1
         self._lamp_edges: LampEdges | None = None
         # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
         edges = self._points is None and LampEdges.are_in(scene)

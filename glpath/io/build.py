@@ -226,8 +226,8 @@ def _stream(
         )
     if material.needs_uv or material.alpha != "opaque":
         raise location.field("material").error(
-            f'names "{material.name}", which has textures or a brush, or lets light through; a stream\'s triangles '
-            "have no texture coordinates.",
+            f'names "{material.name}", which has textures or an anisotropy, or lets light through; a stream\'s '
+            "triangles have no texture coordinates.",
             "Give it a plain, opaque material.",
         )
     file = UNSET if isinstance(given, description.Patches) else given.file

@@ -4,7 +4,7 @@ Colours are linear, as Blender writes them. What the statements become:
 
     Kd map_Kd             reflectance and its texture
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
-    Pr Pm Pc Pcr aniso    roughness, metal, varnish, brush, in place of Ks and Ns; map_Pr and map_Pm multiply
+    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, in place of Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended
     illum 4, 6, 7, 9      glass of index Ni and colour Tf, where d or Tf lets light through (6 and 7: always); that
                           of 6 and 7 refracts. Sharp, as in the ray tracers that these were made for

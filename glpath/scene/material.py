@@ -93,14 +93,14 @@ class Material:
     mirror           : (3,) float64 in [0, 1], share of the light from the mirror direction
     roughness        : in [0, 1], GGX's alpha is its square; None for a base without microfacets
     metallic         : in [0, 1], share of metal
-    anisotropy       : in [0, 1]: along the brush alpha is mixed by its square towards 1 [KHR_materials_anisotropy]
+    anisotropy       : in [0, 1]: along the tangent alpha is mixed by its square to 1 [KHR_materials_anisotropy]
     anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows
     ior              : index of refraction of what is neither metal nor air, >= 1
     specular_weight  : in [0, 1], of the dielectric's reflection, and specular_colour (3,) of it at normal incidence
     transmission     : in [0, 1], share of the base that is glass instead of diffuse
     thin             : the glass is a pane that does not refract; False: the surface of a solid that does
     attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
-    clearcoat        : in [0, 1], share that a varnish of index 1.5 covers, and clearcoat_roughness
+    clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
                        any emission does
     opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
@@ -148,11 +148,11 @@ class Material:
 
     @property
     def needs_uv(self) -> bool:
-        """Where it is has to have texture coordinates: for its textures, or for the way of its brush."""
+        """Where it is has to have texture coordinates: for its textures, or for the direction of its tangent."""
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
-    def is_pane(self) -> bool:
+    def is_thin_dielectric(self) -> bool:
         """Glass that light goes straight through."""
         smooth = self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
         return smooth and self.transmission > 0 and self.thin
@@ -200,8 +200,8 @@ class Material:
             words.append(f"roughness {self.roughness:g}")
             words += [f"metal {self.metallic:g}"] * (self.metallic > 0)
             words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
-            words += ["pane"] * (self.transmission > 0 and self.thin)
-            words += [f"varnish {self.clearcoat:g}"] * (self.clearcoat > 0)
+            words += ["thin dielectric"] * (self.transmission > 0 and self.thin)
+            words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
         words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
         return ", ".join(words + ["one-sided"] * (not self.two_sided))
 

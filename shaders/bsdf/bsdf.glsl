@@ -1,9 +1,9 @@
-// bsdf.glsl: what a point of a surface does with light: a dull base (Lambert's, with Phong's highlight), under or beside lobes
-// that mirror: microfacets, a varnish, a mirror. Each lobe is evaluated and sampled by itself.
+// bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), under or beside
+// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled by itself.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_GLASS: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is told in units of a white Lambertian surface's, 1 / pi.
-// Source: glTF 2.0, appendix B, and its extensions for the varnish (clearcoat), glass (transmission, volume) and the
+// Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
 //         strength of a dielectric's reflection (specular); Phong 1975 [TB IV].
 #include "sampling/directions.glsl"
 #ifdef HAS_MICROFACETS
@@ -22,14 +22,14 @@ struct Bsdf
     vec3 dielectric;  // what a dielectric reflects at normal incidence
     float grazing;    // and at grazing incidence
     float layered;    // share of the surface that is one
-    vec2 alpha;       // GGX's, along the brush and across
+    vec2 alpha;       // GGX's, along the tangent and across
 #ifdef HAS_BRUSHES
-    vec3 brush;       // along the surface; 0 for none
+    vec3 tangent;       // along the surface; 0 for none
 #endif
-    float coat;       // share under varnish
+    float coat;       // share under clearcoat
     float coat_alpha;
-    vec3 clear;       // share that is let through
-    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or PANE
+    vec3 transmission;       // share that is let through
+    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
 #endif
 };
 
@@ -40,11 +40,11 @@ Bsdf lambertian(vec3 reflectance)
     b.specular = b.mirror = vec3(0.0);
     b.exponent = 1.0;
 #ifdef HAS_MICROFACETS
-    b.metal = b.dielectric = b.clear = vec3(0.0);
+    b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
 #ifdef HAS_BRUSHES
-    b.brush = vec3(0.0);
+    b.tangent = vec3(0.0);
 #endif
 #endif
     return b;
@@ -56,7 +56,7 @@ float mean(vec3 v)
 }
 
 #ifdef HAS_MICROFACETS
-const float PANE = -1.0;  // smooth and thin: light goes straight through
+const float THIN_DIELECTRIC = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.
@@ -75,7 +75,7 @@ vec3 microfacet_reflects(Bsdf b, float cosine)
 }
 
 // What is left for the base under a dielectric.
-float let_under(Bsdf b, float cosine)
+float base_transmittance(Bsdf b, float cosine)
 {
     vec3 F = dielectric_reflects(b, cosine);
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
@@ -88,10 +88,10 @@ float coat_reflects(Bsdf b, float cosine)
 #endif
 
 // Of the diffuse base, seen at a cosine to the normal.
-vec3 dull_reflectance(Bsdf b, float cosine)
+vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
 #ifdef HAS_MICROFACETS
-    return b.diffuse * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine)));
+    return b.diffuse * (base_transmittance(b, cosine) * (1.0 - coat_reflects(b, cosine)));
 #else
     return b.diffuse;
 #endif
@@ -105,7 +105,7 @@ vec3 bsdf_albedo(Bsdf b)
     all += b.mirror;
 #endif
 #ifdef HAS_MICROFACETS
-    all += b.metal + b.layered * b.dielectric + b.clear;
+    all += b.metal + b.layered * b.dielectric + b.transmission;
 #endif
     return all;
 }
@@ -123,11 +123,11 @@ vec3 mirrored(Bsdf b, float cosine)
 }
 
 // Lambert, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
-vec3 dull_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
 #ifdef HAS_MICROFACETS
-    f *= let_under(b, dot(wo, normalize(wo + wi))) * (1.0 - coat_reflects(b, dot(n, wo)));
+    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * (1.0 - coat_reflects(b, dot(n, wo)));
 #endif
 #ifdef HAS_HIGHLIGHTS
     float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
@@ -144,13 +144,13 @@ struct Lobe
     float density;
 };
 
-// Columns: along the brush, across it, and the normal to shade with.
+// Columns: along the tangent, across it, and the normal to shade with.
 mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
     axes_across(n, x, y);
 #ifdef HAS_BRUSHES
-    vec3 along = b.brush - dot(b.brush, n) * n;
+    vec3 along = b.tangent - dot(b.tangent, n) * n;
     if (dot(along, along) > 1e-8) {
         x = normalize(along);
         y = cross(n, x);
@@ -162,7 +162,7 @@ mat3 surface_axes(Bsdf b, vec3 n)
 // Of the share that microfacets reflect or let through, the part that is reflected.
 float reflected_part(Bsdf b, float cosine)
 {
-    float reflected = mean(microfacet_reflects(b, cosine)), through = mean(b.clear) * let_under(b, cosine);
+    float reflected = mean(microfacet_reflects(b, cosine)), through = mean(b.transmission) * base_transmittance(b, cosine);
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
@@ -187,22 +187,23 @@ bool is_unbent(Bsdf b)
 
 bool is_frosted(Bsdf b)
 {
-    return !is_unbent(b) && max(b.clear.r, max(b.clear.g, b.clear.b)) > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+    float most = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
+    return !is_unbent(b) && most > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
-// The same of light from the other side, wi.z < 0. Through a pane as it would be reflected; into a solid by Walter et al.,
-// eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
+// The same of light from the other side, wi.z < 0. Through a thin dielectric as it would be reflected; into a solid by
+// Walter et al., eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
-    bool pane = b.eta <= 0.0;
-    vec3 m = normalize(pane ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
+    bool thin = b.eta <= 0.0;
+    vec3 m = normalize(thin ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
     if (m.z < 0.0) m = -m;
-    float o = dot(wo, m), i = pane ? o : -dot(wi, m);
+    float o = dot(wo, m), i = thin ? o : -dot(wi, m);
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
-    float spread = pane ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
+    float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
     float density = visible_normal_density(wo, m, b.alpha) * spread;
-    vec3 T = b.clear * (let_under(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    vec3 T = b.transmission * (base_transmittance(b, o) * (1.0 - coat_reflects(b, wo.z)));
     return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
 }
 #endif
@@ -221,7 +222,7 @@ Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 // All of what is reflected but mirrors.
 vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
-    vec3 f = dull_eval(b, n, wo, wi);
+    vec3 f = diffuse_eval(b, n, wo, wi);
 #ifdef HAS_MICROFACETS
     mat3 axes = surface_axes(b, n);
     vec3 o = wo * axes, i = wi * axes;

@@ -4,94 +4,95 @@
 // Frame:  world.
 
 // Density of a direction that no light sample finds.
-const float MIRRORED = 1e18;
+const float DELTA_LOBE = 1e18;
 
 // Chances; what they lack of one is that the path ends.
 struct Lobes
 {
-    float dull;
+    float diffuse;
     float microfacets;
     float coat;
     float mirror;
 };
 
-// dull_goes_on: a path that is looked up leaves by the others alone, as often as they reflect.
-Lobes lobes_of(PathVertex v, bool dull_goes_on, bool others_go_on)
+// diffuse_continues: a path that is looked up leaves by the others alone, as often as they reflect.
+Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
 {
     Bsdf b = v.bsdf;
     Lobes q = Lobes(mean(b.diffuse + b.specular), 0.0, 0.0, mean(b.mirror));
 #ifdef HAS_MICROFACETS
-    float cosine = dot(v.n, v.wo), under = let_under(b, cosine);
+    float cosine = dot(v.n, v.wo), under = base_transmittance(b, cosine);
     q.coat = coat_reflects(b, cosine);
-    q.dull *= under * (1.0 - q.coat);
-    q.microfacets = (mean(microfacet_reflects(b, cosine)) + mean(b.clear) * under) * (1.0 - q.coat);
+    q.diffuse *= under * (1.0 - q.coat);
+    q.microfacets = (mean(microfacet_reflects(b, cosine)) + mean(b.transmission) * under) * (1.0 - q.coat);
 #endif
-    if (!others_go_on) q.microfacets = q.coat = q.mirror = 0.0;
-    if (!dull_goes_on) q.dull = 0.0;
-    float sum = q.dull + q.microfacets + q.coat + q.mirror;
-    float scale = 1.0 / max(sum, dull_goes_on ? 1e-9 : 1.0);
-    return Lobes(q.dull * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
+    if (!others_continue) q.microfacets = q.coat = q.mirror = 0.0;
+    if (!diffuse_continues) q.diffuse = 0.0;
+    float sum = q.diffuse + q.microfacets + q.coat + q.mirror;
+    float scale = 1.0 / max(sum, diffuse_continues ? 1e-9 : 1.0);
+    return Lobes(q.diffuse * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
 }
 
 // Veach's share of a light sample beside the direction of a lobe; lights without extent (density 0) are found by nothing
 // else.
-float share_beside(float light, float direction)
+float mis_weight(float light, float direction)
 {
     return light > 0.0 ? power_heuristic(light, direction) : 1.0;
 }
 
 #ifdef HAS_MICROFACETS
-// Of microfacets, glass and varnish.
+// Of microfacets, glass and clearcoat.
 mat3 mirroring_axes(PathVertex v)
 {
     return surface_axes(v.bsdf, mirroring_normal(v.n, v.normal, v.wo));
 }
 #endif
 
-// What a vertex makes of a light sample, which is told without shares: of the dull lobe and of the others.
-void lit_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 dull, out vec3 others)
+// What a vertex makes of a light sample, which is told without shares: of the diffuse lobe and of the others.
+void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
-    dull = dull_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
-         * share_beside(direct.density, q.dull * cosine / PI);
+    diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
+         * mis_weight(direct.density, q.diffuse * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
     mat3 axes = mirroring_axes(v);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
-    vec3 f = base.f * share_beside(direct.density, q.microfacets * base.density)
-           + coat.f * share_beside(direct.density, q.coat * coat.density);
+    vec3 f = base.f * mis_weight(direct.density, q.microfacets * base.density)
+           + coat.f * mis_weight(direct.density, q.coat * coat.density);
     others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
 #endif
 }
 
 #ifdef HAS_GLASS
 // Of a light sample on the other side.
-vec3 lit_through(PathVertex v, Lobes q, DirectLight direct)
+vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 {
     mat3 axes = mirroring_axes(v);
     vec3 wi = direct.wi * axes;
     Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
     float cosine = -dot(v.normal, direct.wi);
     return lobe.f * direct.light
-         * (share_beside(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+         * (mis_weight(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
 }
 #endif
 
-struct Departure
+struct BsdfSample
 {
     vec3 direction;
     vec3 weight;    // that of the lobe's choice included
     float density;  // per solid angle
     bool through;   // to the other side
-    bool straight;  // by a pane, which light samples see through
+    bool straight;  // by a thin dielectric, which light samples see through
 };
 
-// By microfacets, varnish or a mirror. chosen: beyond the dull lobe's chance.
-Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
+// By microfacets, clearcoat or a mirror. chosen: beyond the diffuse lobe's chance.
+BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
-    Departure d = Departure(reflect(-v.wo, mirroring_normal(v.n, v.normal, v.wo)), b.mirror / max(q.mirror, 1e-9), MIRRORED, false, false);
+    vec3 mirrored = reflect(-v.wo, mirroring_normal(v.n, v.normal, v.wo));
+    BsdfSample d = BsdfSample(mirrored, b.mirror / max(q.mirror, 1e-9), DELTA_LOBE, false, false);
 #ifdef HAS_MICROFACETS
     if (chosen >= q.mirror) {
         bool coat = chosen < q.mirror + q.coat;
@@ -106,10 +107,10 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
         if (d.through) {
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
-            d.weight = b.clear * let_under(b, cosine) / (1.0 - part);
+            d.weight = b.transmission * base_transmittance(b, cosine) / (1.0 - part);
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
-            d.straight = b.eta == PANE;
+            d.straight = b.eta == THIN_DIELECTRIC;
             if (!smooth_one && !unbent) d.density = chance * through_lobe(b, wo, wi).density;
 #endif
         } else {
@@ -128,9 +129,9 @@ Departure leave_by(PathVertex v, Lobes q, float chosen, vec2 numbers)
     return d;
 }
 
-#ifdef HAS_PANES
+#ifdef HAS_THIN_DIELECTRICS
 // ray: along it, of any length.
-vec3 pane_lets_through(int triangle, vec3 position, vec3 ray)
+vec3 thin_transmittance(int triangle, vec3 position, vec3 ray)
 {
     vec4 plane = facet_texel(triangle, FACET_PLANE);
     Surface s = surface_of_triangle(triangle, position, plane);
@@ -138,6 +139,7 @@ vec3 pane_lets_through(int triangle, vec3 position, vec3 ray)
     bool front = front_hit(plane.xyz, ray);
     Bsdf b = bsdf_at(s, front);
     float cosine = dot(shading_normal(s, front, wo), wo);
-    return b.eta == PANE ? b.clear * (let_under(b, cosine) * (1.0 - coat_reflects(b, cosine))) : vec3(0.0);
+    if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
+    return b.transmission * (base_transmittance(b, cosine) * (1.0 - coat_reflects(b, cosine)));
 }
 #endif

@@ -1,10 +1,10 @@
 // microfacets.glsl: GGX's microfacets, and what Fresnel says of them.
-// Frame:  the surface's own: z is the normal to shade with, x goes along the brush; w, m are unit.
+// Frame:  the surface's own: z is the normal to shade with, x goes along the tangent; w, m are unit.
 // Source: Walter et al. 2007, Microfacet models for refraction; Dupuy & Benyoub 2023, Sampling visible GGX normals with
 //         spherical caps; masking and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
-// Of a roughness: along the brush and across [KHR_materials_anisotropy]. A brush leaves grooves, so that across it is
+// Of a roughness: along the tangent and across [KHR_materials_anisotropy]. A tangent leaves grooves, so that across it is
 // never quite a mirror, whose density has no value.
 vec2 ggx_alpha(float roughness, float anisotropy)
 {

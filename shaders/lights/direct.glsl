@@ -123,7 +123,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
-// `normal` is on the lit side; views: see light_share. Light from infinitely far is not known to arrive yet.
+// `normal` is on the lit side; views: see mis_weight_light. Light from infinitely far is not known to arrive yet.
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)

@@ -39,7 +39,7 @@ float power_heuristic(float a, float b)
 
 // Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
 // so many directions to choose from; 0 where it ends, so that no other sample has this light.
-float light_share(float density, float cosine, int views)
+float mis_weight_light(float density, float cosine, int views)
 {
     return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
 }
@@ -77,7 +77,7 @@ struct DirectLight
     float density;   // per solid angle, of the light sample; 0 of a light without extent
 };
 
-// `normal` is on the lit side; views: see light_share.
+// `normal` is on the lit side; views: see mis_weight_light.
 DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
 {
     vec3 w = l.position - position;
@@ -101,7 +101,7 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
         if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
 #endif
         // No direction finds what has no extent.
-        float share = l.kind == LIGHT_SKY ? light_share(l.density, cos_surface, views) : 1.0;
+        float share = l.kind == LIGHT_SKY ? mis_weight_light(l.density, cos_surface, views) : 1.0;
         found.light = E * (share * cos_surface / (PI * l.density));
         found.density = l.kind == LIGHT_SKY ? l.density : 0.0;
         return found;
@@ -110,7 +110,7 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
     if (cos_light <= 0.0) return found;
     float g = cos_surface * cos_light / r2;
     found.density = l.density * r2 / cos_light;
-    float share = light_share(found.density, cos_surface, views);
+    float share = mis_weight_light(found.density, cos_surface, views);
     found.light = l.radiance * (share * g / (PI * l.density));
     return found;
 }

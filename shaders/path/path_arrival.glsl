@@ -1,8 +1,8 @@
 // path_arrival.glsl: the vertex that the scan found for a path, and the emission found there, or the sky.
-// Needs:  surface.glsl, direct.glsl, path_next.glsl, path_flight.glsl
+// Needs:  surface.glsl, direct.glsl, path_next.glsl, ray_record.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
-#include "path/path_course.glsl"
+#include "path/direction_code.glsl"
 #include "path/path_result.glsl"
 #include "film/split_light.glsl"
 
@@ -42,8 +42,9 @@ Arrival arrive(ivec2 pixel)
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
         // Shared with the light sample of the vertex before, as emission is.
-        float course = texel(path_position, pixel).w, escaped = direction_density(course_cosine(course), path_views);
-        vec3 seen = path_d[course_view(course)] * sign(course);
+        float direction_code = texel(path_position, pixel).w;
+        float escaped = direction_density(coded_cosine(direction_code), path_views);
+        vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
         vec3 beta = texel(path_beta, pixel).rgb * weight;
         if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
 #ifdef SPLIT_LIGHT
@@ -54,7 +55,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle < 0) return a;
     vec4 from = texel(path_position, pixel);
     a.throughput = texel(path_beta, pixel).rgb * weight;
-    vec3 d = path_d[course_view(from.w)] * sign(from.w);
+    vec3 d = path_d[coded_view(from.w)] * sign(from.w);
     a.plane = plane_met(a.triangle, pixel);
     a.t = max(0.0, (a.plane.w - dot(a.plane.xyz, from.xyz)) / dot(a.plane.xyz, d));
     a.position = from.xyz + a.t * d;
@@ -65,7 +66,7 @@ Arrival arrive(ivec2 pixel)
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
     float light_point;
     vec3 Le = emitted(a.surface, a.front, light_point);
-    float density = direction_density(course_cosine(from.w), path_views);
+    float density = direction_density(coded_cosine(from.w), path_views);
     if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
 #ifdef SPLIT_LIGHT
     if (density > 0.0 && first_bounce)

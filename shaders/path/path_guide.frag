@@ -14,9 +14,9 @@
 #include "scene/ray_bvh.glsl"
 #include "radiosity/radiosity.glsl"
 #include "bsdf/cosine.glsl"
-#ifdef HAS_PANES
+#ifdef HAS_THIN_DIELECTRICS
 #include "bsdf/lobes.glsl"
-const int PANES = 8;  // at most, one behind the other
+const int MAX_THIN_DIELECTRICS = 8;  // at most, one behind the other
 #endif
 #include <GUIDE_PLACES_STORE>
 
@@ -31,13 +31,13 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     int triangle = nearest_triangle(start, direction, own);
     vec3 through = vec3(1.0);
     float way = 0.0;
-#ifdef HAS_PANES
-    // Straight on through panes, as paths and their rays to lights go.
-    for (int k = 0; k < PANES && triangle >= 0; ++k)
+#ifdef HAS_THIN_DIELECTRICS
+    // Straight on through thin dielectrics, as paths and their rays to lights go.
+    for (int k = 0; k < MAX_THIN_DIELECTRICS && triangle >= 0; ++k)
     {
         vec4 plane = facet_texel(triangle, FACET_PLANE);
         float along = max(0.0, (plane.w - dot(plane.xyz, start)) / dot(plane.xyz, direction));
-        vec3 passes = pane_lets_through(triangle, start + along * direction, direction);
+        vec3 passes = thin_transmittance(triangle, start + along * direction, direction);
         if (max(passes.r, max(passes.g, passes.b)) <= 0.0) break;
         through *= passes;
         start += along * direction;

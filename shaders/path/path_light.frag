@@ -1,7 +1,7 @@
 // path_light.frag: light from infinitely far, for the paths whose scan along its direction hit nothing.
 // Runs over: the pixels of the window. Output: what is added to a path's radiance, or, after the last vertex, the sums.
 #include "gl/texels.glsl"
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 #include "path/path_result.glsl"
 #ifdef LAST_VERTEX
 #include "film/accumulate.glsl"

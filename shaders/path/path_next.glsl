@@ -1,5 +1,5 @@
 // path_next.glsl: direct light at a vertex, and the shared direction in which its path goes on [PB A.3, table 6].
-// Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, path_course.glsl
+// Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, direction_code.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
 uniform int next_views;         // how many of them a path has to choose from
@@ -8,7 +8,7 @@ uniform float cosine_roulette;  // see below
 
 #ifdef HAS_DISTANT_LIGHTS
 // Light from infinitely far that this vertex sends on unless a scan along its direction hits something; w of the start
-// as in path_course.glsl, 0 where there is no such light.
+// as in direction_code.glsl, 0 where there is no such light.
 vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif
@@ -19,7 +19,7 @@ vec3 last_lit;  // what the light sample brought here
 
 struct PathState
 {
-    vec4 position;  // w: its course, see path_course.glsl
+    vec4 position;  // w: its direction_code, see direction_code.glsl
     vec3 beta;      // throughput, the next reflection included
     vec3 radiance;
 };
@@ -37,7 +37,7 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
     if (ambient_instead(light_kind)) direct.light = vec3(0.0);
 #endif
-    vec3 lit = beta * dull_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
+    vec3 lit = beta * diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
 #ifdef HAS_MICROFACETS
     lit += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, direct.wi) * direct.light;
 #endif
@@ -79,7 +79,7 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
     }
 #endif
     vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
-    vec3 throughput = beta * dull_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
+    vec3 throughput = beta * diffuse_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
 #ifdef HAS_MICROFACETS
     throughput += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, wi) * weight;
 #endif
@@ -90,7 +90,7 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
         throughput /= stay;
     }
     if (most <= 0.0 || c == 0.0) return ended(radiance);
-    return PathState(vec4(v.surface.position, pack_course(view, c)), throughput, radiance);
+    return PathState(vec4(v.surface.position, pack_direction(view, c)), throughput, radiance);
 }
 
 // Direct light, and the next direction; at the last vertex ambient radiance.

@@ -42,7 +42,7 @@ const float start_extent = 0.0;
 #endif
 #include "film/split_light.glsl"
 #ifdef SPLIT_LIGHT
-int scattered = 0;  // surfaces that the path has left, panes that it went straight through aside
+int scattered = 0;  // surfaces that the path has left, thin dielectrics that it went straight through aside
 #endif
 #ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
@@ -72,7 +72,7 @@ float unit(uint bits)
 }
 
 // Where on its branches a path is.
-struct Course
+struct PathId
 {
     uint path;
     int depth;   // number of the vertex
@@ -80,20 +80,20 @@ struct Course
 };
 
 // Another number at each vertex of each branch, for the uses of random.glsl, 0 and 1.
-float random_at(Course at, uint use)
+float random_at(PathId at, uint use)
 {
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
 #ifdef HAS_ALPHA
-void opacity_key_at(Course at, uint use)
+void opacity_key_at(PathId at, uint use)
 {
     opacity_key = pcg(at.path + pcg(random_seed + 8u * uint(BRANCHES * at.depth + at.branch + 1) + use));
 }
 #endif
 
 // Which part of the lights a vertex takes.
-float choice_number(Course at)
+float choice_number(PathId at)
 {
     if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
     uint point = choice_points[BOUNCES * at.branch + at.depth];
@@ -101,7 +101,7 @@ float choice_number(Course at)
 }
 
 // A lattice's shift is a sum, a net's an exclusive or.
-vec2 direction_numbers(Course at)
+vec2 direction_numbers(PathId at)
 {
     if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));
     uvec2 point = direction_points[BOUNCES * at.branch + at.depth];
@@ -113,7 +113,7 @@ vec2 direction_numbers(Course at)
 
 #ifdef OWN_LIGHT_SAMPLES
 // Shifted for each vertex of each branch, and for each part of the lights.
-LightSample light_of(Course at, int part, out float share)
+LightSample light_of(PathId at, int part, out float share)
 {
     uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
     uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
@@ -133,7 +133,7 @@ LightSample light_in(int number, out float share)
 }
 
 // The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
-LightSample light_of(Course at, int part, out float share)
+LightSample light_of(PathId at, int part, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
     int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS));
@@ -141,9 +141,9 @@ LightSample light_of(Course at, int part, out float share)
 }
 #endif
 
-// Direct light, shadows not asked for; views: see light_share.
+// Direct light, shadows not asked for; views: see mis_weight_light.
 // There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
-DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
     int taken = 0;
     float scale = 1.0, share;
@@ -174,7 +174,7 @@ DirectLight direct_light(Course at, vec3 position, vec3 normal, int views, out L
 
 // What a light sample would bring, as far as nothing is in its way. start: off the surface by `rounding`, of a triangle.
 void add_unblocked(
-    inout vec3 L, vec3 lit, Course at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
+    inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
 {
     if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
         // To just before the light, whose own triangle does not stand in its way.
@@ -184,8 +184,8 @@ void add_unblocked(
         opacity_key_at(at, USE_SHADOW_OPACITY);
 #endif
         if (!is_blocked(start, to_light, tmax, triangle)) {
-#ifdef HAS_PANES
-            lit *= through_panes;
+#ifdef HAS_THIN_DIELECTRICS
+            lit *= passed_thin_dielectrics;
 #endif
             L += lit;
 #ifdef SPLIT_LIGHT
@@ -209,7 +209,7 @@ struct Leaving
 // Radiance of the path of a pixel of the window, and the rays that it cast. Its branches part at the first vertex.
 vec4 trace_path(ivec2 pixel)
 {
-    Course at = Course(path_in_image(pixel), 0, 0);
+    PathId at = PathId(path_in_image(pixel), 0, 0);
 #ifdef START_POINTS
     vec3 origin = vec3(0.0), direction = vec3(0.0);
     if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
@@ -227,17 +227,17 @@ vec4 trace_path(ivec2 pixel)
     const float seen = 1.0;
 #endif
 #ifdef HAS_LOBES
-    int bounces = 0;          // off a dull surface: where a gather looks up, mirrors and glass do not count
-    bool was_dull = false;    // the last one
+    int bounces = 0;          // off a diffuse surface: where a gather looks up, mirrors and glass do not count
+    bool was_diffuse = false;    // the last one
     vec3 inside = vec3(0.0);  // attenuation of what the path goes through
 #endif
-    float way = 0.0, reached = 0.0;  // of the ray: up to the last pane that it went through, and in all
+    float way = 0.0, reached = 0.0;  // of the ray: up to the last thin dielectric that it went through, and in all
     float density = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
     bool goes_on = true;
 #ifdef GUIDED
-    float dearer = 1.0;  // what the path weighs more for where guides sent it
+    float guiding_weight = 1.0;  // what the path weighs more for where guides sent it
 #endif
     Leaving from;
 #if BRANCHES > 1
@@ -295,7 +295,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
 #ifdef GATHER
 #ifdef HAS_LOBES
-            bool mirrored = at.depth > 0 && !was_dull;
+            bool mirrored = at.depth > 0 && !was_diffuse;
             goes_on = bounces < lookup_depth;
 #else
             const bool mirrored = false;
@@ -308,7 +308,7 @@ vec4 trace_path(ivec2 pixel)
                     vertices = at.depth + 2;
                 } else {
                     vec4 found = irradiance_at(place, front);
-                    L += beta * dull_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;
+                    L += beta * diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;
                     reflected *= 1.0 - found.a;
                 }
             }
@@ -321,27 +321,27 @@ vec4 trace_path(ivec2 pixel)
 #ifdef HAS_LOBES
 #ifdef GATHER
             const bool beyond = false;
-            bool others_go_on = at.depth < MIRRORS;
+            bool others_continue = at.depth < MIRRORS;
 #else
             // Of the last vertex's mirrors and glass, light samples know nothing: one ray more finds what shines there.
-            bool beyond = at.depth >= vertices, others_go_on = !beyond;
+            bool beyond = at.depth >= vertices, others_continue = !beyond;
 #endif
             DirectLight direct = direct_light(at, position, v.normal, 0, light_sample);
             if (beyond || (!goes_on && ambient_instead(light_sample.kind))) direct.light = vec3(0.0);
-            Lobes lobes = lobes_of(v, goes_on, others_go_on);
-            vec3 dull, others;
-            lit_lobes(v, lobes, direct, dull, others);
-            vec3 lit = reflected * dull + beta * others;
+            Lobes lobes = lobes_of(v, goes_on, others_continue);
+            vec3 diffuse, others;
+            light_lobes(v, lobes, direct, diffuse, others);
+            vec3 lit = reflected * diffuse + beta * others;
             bool ends = !goes_on && !beyond;
 #ifdef HAS_GLASS
             if (is_frosted(v.bsdf) && !beyond) {
                 LightSample other;
                 DirectLight behind = direct_light(at, position, -v.normal, 0, other);
-                vec3 through = beta * lit_through(v, lobes, behind);
+                vec3 through = beta * light_through(v, lobes, behind);
                 add_unblocked(L, through, at, behind, other, position - rounding * v.normal, rounding, triangle);
             }
 #endif
-            goes_on = lobes.dull + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
+            goes_on = lobes.diffuse + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
 #else
             DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
             if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
@@ -367,15 +367,15 @@ vec4 trace_path(ivec2 pixel)
         } else if (!goes_on && at.depth > 0 && at.branch < BRANCHES - 1) {
             from = first;
             beta = vec3(1.0 / float(BRANCHES));
-            at = Course(at.path, 0, at.branch + 1);
+            at = PathId(at.path, 0, at.branch + 1);
             vertices = max_depth;
             goes_on = true;
 #ifdef GUIDED
-            dearer = 1.0;
+            guiding_weight = 1.0;
 #endif
 #ifdef HAS_LOBES
             bounces = 0;
-            was_dull = false;
+            was_diffuse = false;
             way = 0.0;
             inside = vec3(0.0);
 #endif
@@ -390,20 +390,20 @@ vec4 trace_path(ivec2 pixel)
         origin = from.start;
         float chance = 1.0, cosine;
 #ifdef HAS_LOBES
-        float chosen = random_at(at, USE_LOBE) - from.lobes.dull;
-        bool by_dull = chosen < 0.0;
-        if (!by_dull) {
+        float chosen = random_at(at, USE_LOBE) - from.lobes.diffuse;
+        bool by_diffuse = chosen < 0.0;
+        if (!by_diffuse) {
             bool stays = chosen < from.lobes.microfacets + from.lobes.coat + from.lobes.mirror;
-            Departure leaving = leave_by(v, from.lobes, chosen, numbers);
+            BsdfSample leaving = bsdf_sample(v, from.lobes, chosen, numbers);
             direction = leaving.direction;
             beta *= stays ? leaving.weight : vec3(0.0);
-#ifdef HAS_PANES
-            // To its light samples a vertex sees through panes: what it finds behind them is shared with these, and the
-            // pane is no vertex of the path.
+#ifdef HAS_THIN_DIELECTRICS
+            // To its light samples a vertex sees through thin dielectrics: what it finds behind them is shared with these,
+            // and the thin dielectric is no vertex of the path.
             if (leaving.straight) {
                 way = reached;
                 vertices += 1;
-                if (at.depth == 0) density = MIRRORED;
+                if (at.depth == 0) density = DELTA_LOBE;
 #ifdef SPLIT_LIGHT
                 scattered -= 1;
 #endif
@@ -411,7 +411,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
             {
                 density = leaving.density;
-                was_dull = false;
+                was_diffuse = false;
                 way = 0.0;
             }
             cosine = 1.0;
@@ -425,9 +425,9 @@ vec4 trace_path(ivec2 pixel)
 #endif
         {
 #ifdef HAS_LOBES
-            chance = from.lobes.dull;
+            chance = from.lobes.diffuse;
             bounces += 1;
-            was_dull = true;
+            was_diffuse = true;
             way = 0.0;
 #endif
 #ifdef GUIDED
@@ -436,19 +436,19 @@ vec4 trace_path(ivec2 pixel)
                 float chosen;
                 numbers = guided(from.guide, numbers, chosen);
                 beta /= chosen;
-                dearer /= chosen;
+                guiding_weight /= chosen;
             }
 #endif
             direction = cosine_direction(v.normal, numbers);
             cosine = dot(v.normal, direction);
-            beta *= dull_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
+            beta *= diffuse_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
             density = chance * cosine / PI;
         }
         float most = max(beta.r, max(beta.g, beta.b));
         if (at.depth + 1 >= roulette_depth) {
 #ifdef GUIDED
             // Not by what guides did: a path on its way to the light has a small weight for that reason alone.
-            float stay = min(1.0, most / dearer);
+            float stay = min(1.0, most / guiding_weight);
 #else
             float stay = min(1.0, most);
 #endif

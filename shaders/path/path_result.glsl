@@ -1,8 +1,8 @@
 // path_result.glsl: what a scan found for a path.
-// Needs: path_flight.glsl
+// Needs: ray_record.glsl
 #include <CONSTANTS>
 #include "gl/texels.glsl"
-UINT_TEXELS(rgba32ui, path_flights);
+UINT_TEXELS(rgba32ui, ray_records);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
 
@@ -10,8 +10,8 @@ TEXELS(rgba32f, cell_found);
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
-    uint where = texel(path_flights, path).x;
-    if (where == NO_FLIGHT) return PATH_DEAD;
+    uint where = texel(ray_records, path).x;
+    if (where == NO_RAY) return PATH_DEAD;
     ivec2 cell = ivec2(where & 0xffffu, where >> 16u);
     uvec4 slots = texel(cell_slots, cell);
     bvec4 own = equal(slots & NUMBER_MASK, uvec4(permute(path_number(path))));

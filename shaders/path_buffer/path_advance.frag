@@ -5,10 +5,10 @@
 #include "scene/surface.glsl"
 #include "sampling/random.glsl"
 #include "lights/direct.glsl"
-#include "path/path_course.glsl"
+#include "path/direction_code.glsl"
 #include "path/path_vertex.glsl"
 #include "path/path_next.glsl"
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 #include "path/path_arrival.glsl"
 #include "path/path_state.glsl"
 

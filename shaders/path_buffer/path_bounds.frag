@@ -4,7 +4,7 @@
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/path_view.glsl"
-#include "path/path_course.glsl"
+#include "path/direction_code.glsl"
 
 uniform ivec2 source_size;
 uniform ivec2 block;
@@ -22,7 +22,7 @@ void main()
     for (int y = from.y; y < to.y; y++) {
         for (int x = from.x; x < to.x; x++) {
             vec4 p = texel(path_position, ivec2(x, y));
-            int own = course_view(p.w);
+            int own = coded_view(p.w);
             vec2 uv = path_space(own, p.xyz).xy;
             for (int view = 0; view < VIEWS; view++)
                 m[view] = min(m[view], p.w != 0.0 && own == view ? vec4(uv, -uv) : vec4(INFINITE_DEPTH));

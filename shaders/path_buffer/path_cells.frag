@@ -4,9 +4,9 @@
 //   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
 #include "gl/texels.glsl"
 #include <CONSTANTS>
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 
-UINT_TEXELS(rgba32ui, path_flights);
+UINT_TEXELS(rgba32ui, ray_records);
 
 layout(std430, binding = 0) readonly buffer Heads { uint head[]; };
 uniform uint scan_epoch;
@@ -28,22 +28,22 @@ void main()
     // An empty slot starts behind everything: nothing is beyond it.
     z0 = vec4(INFINITE_DEPTH);
     place = uvec4(0u);
-    slots = uvec4(NO_FLIGHT);
+    slots = uvec4(NO_RAY);
     uint count = 0u;
     uint first = head[int(gl_FragCoord.y) * cell_columns + int(gl_FragCoord.x)];
-    uint next = (first >> NUMBER_BITS) == scan_epoch ? first & NUMBER_MASK : NO_FLIGHT;
-    while (next != NO_FLIGHT) {
-        uvec4 flight = texel(path_flights, path_of(next));
+    uint next = (first >> NUMBER_BITS) == scan_epoch ? first & NUMBER_MASK : NO_RAY;
+    while (next != NO_RAY) {
+        uvec4 ray_record = texel(ray_records, path_of(next));
         uint key = permute(next);
-        float z = uintBitsToFloat(flight.w);
+        float z = uintBitsToFloat(ray_record.w);
         // Sorted in: from the first slot with a larger number on, all move up by one.
         bvec4 here = lessThan(uvec4(key), slots);
         bvec4 moved = bvec4(false, here.xyz);
         slots = choose(choose(slots, uvec4(key), here), slots.xxyz, moved);
-        place = choose(choose(place, uvec4(flight.z), here), place.xxyz, moved);
+        place = choose(choose(place, uvec4(ray_record.z), here), place.xxyz, moved);
         z0 = mix(mix(z0, vec4(z), here), z0.xxyz, moved);
         count++;
-        next = flight.y;
+        next = ray_record.y;
     }
     slots &= NUMBER_MASK;
     if (count > 4u) slots.xy |= uvec2(count - 4u, (count - 4u) >> 12u) << NUMBER_BITS;

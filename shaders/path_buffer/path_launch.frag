@@ -1,10 +1,10 @@
 // path_launch.frag: ScanConvertPositions [PB table 4], first half: every live path joins the list of its cell.
-// Runs over: paths. Output: see path_flight.glsl.
+// Runs over: paths. Output: see ray_record.glsl.
 // The order of a list is that of execution; what is made of it (path_cells.frag) does not depend on it.
 #include "gl/texels.glsl"
 #include "path/path_view.glsl"
-#include "path/path_course.glsl"
-#include "path/path_flight.glsl"
+#include "path/direction_code.glsl"
+#include "path/ray_record.glsl"
 
 TEXELS(rgba32f, path_position);
 
@@ -14,25 +14,25 @@ layout(std430, binding = 0) buffer Heads { uint head[]; };
 uniform uint scan_epoch;
 uniform int cell_columns;
 
-layout(location = 0) out uvec4 flight;
+layout(location = 0) out uvec4 ray_record;
 
 void main()
 {
     ivec2 path = ivec2(gl_FragCoord.xy);
     vec4 position = texel(path_position, path);
-    flight = uvec4(NO_FLIGHT);
+    ray_record = uvec4(NO_RAY);
     if (position.w == 0.0) return;
 
-    int own = course_view(position.w);
+    int own = coded_view(position.w);
     PathView view = path_view(own);
     vec3 c = cell_space(view, path_space(own, position.xyz));
     ivec2 cell = clamp(ivec2(floor(c.xy)), ivec2(0), ivec2(view_cells) - 1);
-    flight.z = pack_place(c.xy - vec2(cell), position.w < 0.0);
-    flight.w = floatBitsToUint(c.z);
+    ray_record.z = pack_place(c.xy - vec2(cell), position.w < 0.0);
+    ray_record.w = floatBitsToUint(c.z);
     cell.x += int(view.first_column);
-    flight.x = uint(cell.y << 16 | cell.x);
+    ray_record.x = uint(cell.y << 16 | cell.x);
 
     int number = cell.y * cell_columns + cell.x;
     uint before = atomicExchange(head[number], (scan_epoch << NUMBER_BITS) | path_number(path));
-    if ((before >> NUMBER_BITS) == scan_epoch) flight.y = before & NUMBER_MASK;
+    if ((before >> NUMBER_BITS) == scan_epoch) ray_record.y = before & NUMBER_MASK;
 }

@@ -1,5 +1,5 @@
 // path_report.frag: the result of a scan for each path, to be read back: triangle or PATH_...
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 #include "path/path_result.glsl"
 
 layout(location = 0) out int triangle;

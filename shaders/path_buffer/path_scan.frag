@@ -9,7 +9,7 @@
 #include <CONSTANTS>
 #include <SCENE>
 #include "scene/opacity.glsl"
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 
 #ifdef HAS_ALPHA
 flat in uint see_through;

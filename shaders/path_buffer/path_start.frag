@@ -8,7 +8,7 @@
 #include "camera/camera.glsl"
 #include "sampling/random.glsl"
 #include "lights/direct.glsl"
-#include "path/path_course.glsl"
+#include "path/direction_code.glsl"
 #include "path/path_vertex.glsl"
 #include "path/path_next.glsl"
 #include "path/path_state.glsl"

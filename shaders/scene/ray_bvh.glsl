@@ -72,10 +72,10 @@ bool item_lets_through(int item, int triangle, vec3 position)
 }
 #endif
 
-#ifdef HAS_PANES
-// Share of the light that a pane lets through, and what all panes on the way of a ray to a light let.
-vec3 pane_lets_through(int triangle, vec3 position, vec3 direction);
-vec3 through_panes;
+#ifdef HAS_THIN_DIELECTRICS
+// Share of the light that a thin dielectric lets through, and what all thin dielectrics on the way of a ray to a light let.
+vec3 thin_transmittance(int triangle, vec3 position, vec3 direction);
+vec3 passed_thin_dielectrics;
 #endif
 
 // exclude: the triangle that the ray starts on, -1 for none. Where there is HAS_ALPHA, opacity_key is set before.
@@ -104,8 +104,8 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 {
     Ray ray = ray_along(origin, direction);
     bool blocked = false;
-#ifdef HAS_PANES
-    through_panes = vec3(1.0);
+#ifdef HAS_THIN_DIELECTRICS
+    passed_thin_dielectrics = vec3(1.0);
 #endif
     int node = ray.first, item = next_item(node, ray, tmax);
     while (item >= 0)
@@ -116,10 +116,10 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 #ifdef HAS_ALPHA
         blocked = blocked && !item_lets_through(item, triangle, origin + at * direction);
 #endif
-#ifdef HAS_PANES
-        if (blocked && (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_PANE) != 0u) {
-            through_panes *= pane_lets_through(triangle, origin + at * direction, direction);
-            blocked = max(through_panes.r, max(through_panes.g, through_panes.b)) <= 0.0;
+#ifdef HAS_THIN_DIELECTRICS
+        if (blocked && (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_THIN_DIELECTRIC) != 0u) {
+            passed_thin_dielectrics *= thin_transmittance(triangle, origin + at * direction, direction);
+            blocked = max(passed_thin_dielectrics.r, max(passed_thin_dielectrics.g, passed_thin_dielectrics.b)) <= 0.0;
         }
 #endif
         item = blocked ? -1 : next_item(node, ray, tmax);

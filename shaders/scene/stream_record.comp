@@ -7,7 +7,7 @@
 #include <SCENE>
 #include "scene/stream_records.glsl"
 #ifdef OF_PATHS
-#include "path/path_flight.glsl"
+#include "path/ray_record.glsl"
 #include "path/path_result.glsl"
 #else
 UINT_TEXELS(r32ui, seen_buffer);

@@ -161,7 +161,7 @@ float shading_cosine(vec3 n, vec3 normal, vec3 wi)
 }
 
 #ifdef HAS_MICROFACETS
-// Of microfacets and varnish, with the cosine to the normal that they mirror with over that to the surface's own.
+// Of microfacets and clearcoat, with the cosine to the normal that they mirror with over that to the surface's own.
 vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 {
     mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
@@ -281,16 +281,16 @@ Bsdf bsdf_at(Surface s, bool front)
     if (surface.x >= 0.0) {
         vec4 layer = material_texel(s.material, MATERIAL_LAYER), coat = material_texel(s.material, MATERIAL_COAT);
         surface.xy *= roughness_metallic(s);
-        float metal = surface.y, clear = 0.0;
+        float metal = surface.y, transmission = 0.0;
 #ifdef HAS_GLASS
         vec4 glass = material_texel(s.material, MATERIAL_GLASS);
-        clear = (1.0 - metal) * glass.x * transmission_factor(s);
+        transmission = (1.0 - metal) * glass.x * transmission_factor(s);
         // The back of glass is its inside.
-        if (clear > 0.0) reflects = 1.0;
-        b.clear = base * clear;
-        b.eta = glass.w != 0.0 ? PANE : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+        if (transmission > 0.0) reflects = 1.0;
+        b.transmission = base * transmission;
+        b.eta = glass.w != 0.0 ? THIN_DIELECTRIC : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
 #endif
-        b.diffuse = base * ((1.0 - metal - clear) * reflects);
+        b.diffuse = base * ((1.0 - metal - transmission) * reflects);
         b.metal = base * metal * reflects;
         b.metallic = metal * reflects;
         b.dielectric = layer.rgb;
@@ -298,7 +298,7 @@ Bsdf bsdf_at(Surface s, bool front)
         b.layered = (1.0 - metal) * reflects;
         b.alpha = ggx_alpha(surface.x, surface.z);
 #ifdef HAS_BRUSHES
-        b.brush = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
+        b.tangent = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
 #endif
         b.coat = coat.x * reflects;
         b.coat_alpha = coat.y * coat.y;

@@ -90,7 +90,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
             if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
         }
 #endif
-        vec3 f = dull_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi));
+        vec3 f = diffuse_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi));
 #ifdef HAS_MICROFACETS
         f += mirroring_eval(bsdf, n, normal, wo, wi) * cosine;
 #endif
@@ -111,7 +111,7 @@ vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf
         float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
         if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
         {
-            vec3 f = dull_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi);
+            vec3 f = diffuse_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi);
 #ifdef HAS_MICROFACETS
             f += mirroring_eval(bsdf, n, normal, wo, light.wi);
 #endif

@@ -78,17 +78,17 @@ _Share = Annotated[float, Meta(ge=0, le=1)]
 
 
 class Principled(Surface, tag="principled", kw_only=True):
-    """Metal, plastic, varnish and glass: the metallic-roughness surface of glTF 2.0."""
+    """Metal, plastic, clearcoat and glass: the metallic-roughness surface of glTF 2.0."""
 
     roughness: Annotated[
-        _Share, Meta(description="0 is a mirror, 1 all dull: the alpha of GGX's microfacets is its square.")
+        _Share, Meta(description="0 is a mirror, 1 all diffuse: the alpha of GGX's microfacets is its square.")
     ] = 0.5
     metallic: Annotated[
         _Share, Meta(description="Share of metal, which has its reflectance for a colour and no diffuse base.")
     ] = 0.0
-    anisotropy: Annotated[_Share, Meta(description="How much rougher it is along the brush than across.")] = 0.0
+    anisotropy: Annotated[_Share, Meta(description="How much rougher it is along the tangent than across.")] = 0.0
     anisotropy_angle: Annotated[
-        float, Meta(description="Angle of the brush in degrees, from where u grows towards where v grows.")
+        float, Meta(description="Angle of the tangent in degrees, from where u grows towards where v grows.")
     ] = 0.0
     ior: Annotated[
         float, Meta(ge=1, le=10, description="Index of refraction: 1.33 water, 1.5 glass and plastic, 2.4 diamond.")
@@ -116,8 +116,8 @@ class Principled(Surface, tag="principled", kw_only=True):
             description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
         ),
     ] = 0.0
-    clearcoat: Annotated[_Share, Meta(description="Share that is under a varnish.")] = 0.0
-    clearcoat_roughness: Annotated[_Share, Meta(description="The varnish's own roughness.")] = 0.0
+    clearcoat: Annotated[_Share, Meta(description="Share that is under a clearcoat.")] = 0.0
+    clearcoat_roughness: Annotated[_Share, Meta(description="The roughness of the clearcoat.")] = 0.0
     surface_texture: (
         Annotated[
             str,

@@ -173,16 +173,16 @@ class _Surface:
                 )
             made["specular"] = float(np.clip(reflected.mean() / 0.08, 0.0, 1.0))
         if material.anisotropy > 0:
-            self._note("brushed metal is about as rough along the brush and across, at most ten to one")
+            self._note("brushed metal is about as rough along the tangent and across, at most ten to one")
             across = max(roughness**2, SMOOTH)
             along = across + (1.0 - across) * material.anisotropy**2
             made["anisotropic"] = float(min((1.0 - across / along) / 0.9, 1.0))
             made["roughness"] = float((along * across) ** 0.25)
             if material.anisotropy_angle % 180:
-                self._note("the brush goes along u, whatever its angle")
+                self._note("the tangent goes along u, whatever its angle")
         if material.clearcoat > 0:
             self._note(
-                "the varnish is that of Mitsuba's principled surface, a quarter as strong and of another lobe"
+                "the clearcoat is that of Mitsuba's principled surface, a quarter as strong and of another lobe"
             )
             made["clearcoat"] = material.clearcoat
             made["clearcoat_gloss"] = float(np.clip((0.1 - material.clearcoat_roughness**2) / 0.099, 0.0, 1.0))

@@ -218,12 +218,12 @@ class Surfaces:
             fields["clearcoat"] = self._share(coat, "clearcoatFactor", 0.0)
             fields["clearcoat_roughness"] = self._share(coat, "clearcoatRoughnessFactor", 0.0)
             self._unused(coat, "clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture")
-        brushed = table.extension("KHR_materials_anisotropy")
-        if brushed is not None:
-            fields["anisotropy"] = self._share(brushed, "anisotropyStrength", 0.0)
+        anisotropic = table.extension("KHR_materials_anisotropy")
+        if anisotropic is not None:
+            fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)
             # Counter-clockwise from u to v, as seen with v upwards, which ours is.
-            fields["anisotropy_angle"] = float(np.degrees(brushed.number("anisotropyRotation", 0.0)))
-            self._unused(brushed, "anisotropyTexture")
+            fields["anisotropy_angle"] = float(np.degrees(anisotropic.number("anisotropyRotation", 0.0)))
+            self._unused(anisotropic, "anisotropyTexture")
         glass = table.extension("KHR_materials_transmission")
         if glass is not None:
             fields["transmission"] = self._share(glass, "transmissionFactor", 0.0)

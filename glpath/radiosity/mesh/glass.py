@@ -50,7 +50,7 @@ class Glass(NamedTuple):
             Appearance(scene).mean_clear(),
             of_shapes(list(layers), 4),
             of_shapes([0.0 if m.thin else m.ior for m in materials], 1)[:, 0],
-            np.array([m.is_pane for m in materials], bool)[shape],
+            np.array([m.is_thin_dielectric for m in materials], bool)[shape],
             of_shapes([m.attenuation for m in materials], 3),
         )
 

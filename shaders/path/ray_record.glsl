@@ -1,10 +1,10 @@
-// path_flight.glsl: what a path takes into a scan, as an RGBA32UI texel.
-//   x  cell, y << 16 | x; NO_FLIGHT for a path that is dead
-//   y  the next path of the cell, or NO_FLIGHT
+// ray_record.glsl: what a path takes into a scan, as an RGBA32UI texel.
+//   x  cell, y << 16 | x; NO_RAY for a path that is dead
+//   y  the next path of the cell, or NO_RAY
 //   z  place in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
 //   w  depth z0 of its start, as float bits
 #include <CONSTANTS>
-const uint NO_FLIGHT = 0xffffffffu;
+const uint NO_RAY = 0xffffffffu;
 const uint NUMBER_MASK = (1u << NUMBER_BITS) - 1u;
 
 uniform uint permutation_seed;

@@ -1,0 +1,17 @@
+// direction_code.glsl: how a path goes on, as the w of its position.
+// 0 for a path that has ended. Otherwise its magnitude is the cosine to the surface it leaves, in (0, 1], plus two for
+// each view before its own; it is negative for a path against the view's direction.
+float pack_direction(int view, float cosine)
+{
+    return cosine < 0.0 ? cosine - 2.0 * float(view) : cosine + 2.0 * float(view);
+}
+
+int coded_view(float direction_code)
+{
+    return VIEWS == 1 ? 0 : int(abs(direction_code) > 1.5);
+}
+
+float coded_cosine(float direction_code)
+{
+    return abs(direction_code) - 2.0 * float(coded_view(direction_code));
+}
