@@ -443,8 +443,8 @@ def test_of_a_sheet_with_kept_coordinates_the_side_with_light_is_baked(
     scene = scene_of(*shapes, materials={**BLACK, "both": {"reflectance": 0.5, "two_sided": True}})
     made = []
     for i, shape in enumerate(scene.shapes):
-        uv1 = np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.5], [0.05, 0.5]]) if i == 0 else np.array(GOOD) * 0.2
-        uv1 = uv1 if i == 0 else uv1 + (0.3 * i, 0.7)
+        beside = 0.2 * np.array(GOOD) + np.array([0.3 * i, 0.7])
+        uv1 = beside if i else np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.5], [0.05, 0.5]])
         made.append(replace(shape, geometry=replace(shape.geometry, uv1=uv1)))
     baked = glpath.lightmap(replace(scene, shapes=tuple(made)), size=40, uv="keep", spp=256, max_depth=1)
     found = baked.atlas

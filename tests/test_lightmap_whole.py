@@ -316,3 +316,16 @@ def test_instances_share_their_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     stretch = np.sqrt(found.areas.reshape(12, -1).sum(1) / scene.areas[found.triangle].reshape(12, -1).sum(1))
     np.testing.assert_allclose(stretch / found.texels, 1.0, atol=0.06)
     assert ((found.uv >= 0) & (found.uv <= 1024)).all()
+
+
+def test_a_long_atlas_is_announced_with_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(atlas, "_SECONDS_EACH", 1.0)
+    (tmp_path / "a.toml").write_text(
+        "[camera]\nposition = [0, -9, 4]\ntarget = [0, 0, 0]\n[sky]\nzenith = 1\nhorizon = 1\n"
+        '[[shapes]]\ntype = "box"\nsize = [1, 1, 1]\ncenter = [0, 0, 0]\n'
+    )
+    command = ["lightmap", str(tmp_path / "a.toml"), "-o", str(tmp_path / "a.glb"), "--size", "64", "--spp", "1"]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 0, said.output
+    assert "atlas of 12 sides of triangles in 1 pieces: about 12 s of processor time" in said.output
+    assert "about 12 s" not in CliRunner().invoke(app, [*command, "--quiet"]).output

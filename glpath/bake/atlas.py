@@ -12,6 +12,7 @@ Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -46,9 +47,9 @@ _SHY = 0.05
 _MANY, _WHOLE, _PATCH = 20_000, 1024, 250
 #: Charts that are packed later are made of so many times as many texels, as long as those fit a page of so many.
 _FINER, _CHART_PAGE = 2.0, 4096
-#: Core seconds of an atlas: of a triangle, and of a piece that hangs together, over all trials (measured); and the
-#: most that is begun.
-_SECONDS_EACH, _SECONDS_PIECE, _MOST_SECONDS = 4e-4, 2e-3, 600.0
+#: Core seconds of an atlas: of a side of a triangle, the same of many sides, whose charts are made once, and of a
+#: piece that hangs together, over all trials (measured); the most that is begun, and from how many on it is said.
+_SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MOST_SECONDS, _SAID_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
 #: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
 _LEAST_AREA, _LEAST_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
 #: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
@@ -114,18 +115,25 @@ def require_xatlas() -> Any:
     return xatlas
 
 
-def packed(scene: Scene, density: Float64, texels: float | None, size: int | None) -> Atlas:
+def packed(
+    scene: Scene,
+    density: Float64,
+    texels: float | None,
+    size: int | None,
+    say: Callable[[str], None] | None = None,
+) -> Atlas:
     """The atlas of a scene in triangles, cut and packed by xatlas.
 
     density : (T, 2) texels along a side for one of `texels`; 0 of sides that get none
     texels  : per scene unit, on as many pages as that takes; None: what fits one page
     size    : of a page; None with texels: the least power of two up to 4096 that takes all, or else several of it
+    say     : is called with an estimate of the time before the work, where it is more than some seconds
 
     A triangle that is too small for xatlas gets a point of the one beside it.
     """
     xatlas = require_xatlas()
     parts = _parts(scene, density)
-    _check_time(scene, parts, size, texels)
+    _check_time(scene, parts, size, texels, say)
     if texels is None:
         assert size is not None, "one of both"
         return _with_splinters(scene, _fitted(xatlas, scene, parts, size), density)
@@ -141,7 +149,9 @@ def packed(scene: Scene, density: Float64, texels: float | None, size: int | Non
     return _with_splinters(scene, atlas, density)
 
 
-def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float | None) -> None:
+def _check_time(
+    scene: Scene, parts: list[Part], size: int | None, texels: float | None, say: Callable[[str], None] | None
+) -> None:
     """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
     triangles = sum(len(part) for part, _, _ in parts)
     place = scene.source or scene.name
@@ -151,12 +161,18 @@ def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float
             "of which is a chart at least.",
             "Give a larger size; or texels in place of it, which takes as many pages as it needs.",
         )
-    seconds = _SECONDS_EACH * triangles + _SECONDS_PIECE * len(parts)
+    each = _SECONDS_EACH if triangles <= _MANY else _SECONDS_LATER
+    seconds = each * triangles + _SECONDS_PIECE * len(parts)
     if seconds > _MOST_SECONDS:
         raise UsageError(
             f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
             f"{seconds / 60:.0f} minutes of processor time.",
             'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
+        )
+    if say is not None and seconds > _SAID_SECONDS:
+        say(
+            f"atlas of {triangles:,} sides of triangles in {len(parts):,} pieces: about {seconds:.0f} s of "
+            "processor time, then the render"
         )
 
 
@@ -288,7 +304,7 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Of each part its charts, in units of `_unit`; None of a scene of few sides, whose every packing makes its own.
+    """Of each part its charts, in units of `_unit`; None of few sides, whose every packing makes its own.
 
     texels : per scene unit, about as many as they are packed with: xatlas stretches charts to whole texels
 
