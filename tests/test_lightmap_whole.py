@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 import glpath
 from glpath.bake import atlas
 from glpath.bake.lightmap import Surfaces
+from glpath.bake.overlaps import overlapping
 from glpath.bake.sides import Sides, _lit
 from glpath.bake.solids import winding_number
-from glpath.bake.texels import covering
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.io import load_scene
@@ -313,7 +313,7 @@ def test_instances_share_their_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     found = atlas.packed(scene, density, None, 1024)
     assert sum(made) == 2 * len(mesh.faces)
     assert np.array_equal(np.sort(found.triangle), np.arange(count))
-    assert covering(found) is None
+    assert overlapping(found.uv, found.size) is None
     stretch = np.sqrt(found.areas.reshape(12, -1).sum(1) / scene.areas[found.triangle].reshape(12, -1).sum(1))
     np.testing.assert_allclose(stretch / found.texels, 1.0, atol=0.06)
     assert ((found.uv >= 0) & (found.uv <= 1024)).all()

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.bake.overlaps import overlapping
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
@@ -474,9 +475,7 @@ def _hanging_together(scene: Scene, triangle: Int64, uv: Float64) -> Int64:
 
 def _check_apart(scene: Scene, atlas: Atlas, place: str) -> None:
     """Raise SceneError where the middles of texels are in several triangles."""
-    from glpath.bake.texels import covering
-
-    twice = covering(atlas)
+    twice = overlapping(atlas.uv, atlas.size)
     if twice is None:
         return
     names = [scene.shapes[scene.triangle_shape[atlas.triangle[f]]].name for f in twice]

@@ -111,14 +111,6 @@ def lattice(count: int) -> Float64:
     return np.stack([(i + 0.5) / count, (i * _GENERATORS[count] % count + 0.5) / count], axis=1)
 
 
-def covering(atlas: Atlas) -> tuple[int, int] | None:
-    """Two faces that are at one place of a page, by the middles of texels; None where there are none."""
-    width, height = atlas.size
-    first = np.full((height, width), -1, np.int32)
-    found = np.zeros(2, np.int32)
-    return (int(found[0]), int(found[1])) if _twice(atlas.uv, first, found) else None
-
-
 @kernel
 def _mix(corners, face, b, mixed):  # type: ignore[no-untyped-def]
     for i in range(len(face)):
@@ -209,25 +201,3 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
                             # Corner i has nothing, j what is left of t, k has t.
                             barycentrics[row, column, s, 0] = 0.0 if i == 1 else (t if k == 1 else 1 - t)
                             barycentrics[row, column, s, 1] = 0.0 if i == 2 else (t if k == 2 else 1 - t)
-
-
-@kernel
-def _twice(uv, first, found):  # type: ignore[no-untyped-def]
-    """Whether the middle of a texel is well within two faces, which `found` then has."""
-    height, width = first.shape
-    for f in range(len(uv)):
-        x0, y0, x1, y1, x2, y2 = uv[f, 0, 0], uv[f, 0, 1], uv[f, 1, 0], uv[f, 1, 1], uv[f, 2, 0], uv[f, 2, 1]
-        doubled = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if doubled == 0:
-            continue
-        for row in range(max(int(min(y0, y1, y2)), 0), min(int(max(y0, y1, y2)) + 1, height)):
-            for column in range(max(int(min(x0, x1, x2)), 0), min(int(max(x0, x1, x2)) + 1, width)):
-                px, py = column + 0.5, row + 0.5
-                e1 = ((px - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) / doubled
-                e2 = ((x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)) / doubled
-                if e1 > 1e-4 and e2 > 1e-4 and e1 + e2 < 1 - 1e-4:
-                    if first[row, column] >= 0:
-                        found[0], found[1] = first[row, column], f
-                        return True
-                    first[row, column] = f
-    return False

@@ -35,8 +35,8 @@ import sys
 names, *sys.path = sys.argv[1:]
 from glpath.system import kernels
 kernels.only = frozenset(names.split())
-from glpath.radiosity.solvers import ahead
-ahead.solve_something()
+from glpath.radiosity.solvers import smallest
+smallest.solve_smallest()
 """
 
 
@@ -58,13 +58,3 @@ def compile_ahead(needed: Sequence[Any]) -> None:
             )
             # Somebody has to ask for its end, or it stays in the table of processes.
             threading.Thread(target=process.wait, daemon=True, name="kernels compiled ahead").start()
-
-
-def solve_something() -> None:
-    """What calls the largest kernels."""
-    from glpath.radiosity.solvers.solve import solve_radiosity
-
-    lamp = {"type": "quad", "corners": [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]], "emission": {"radiance": 1}}
-    wall = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
-    camera = {"position": [0, 0, 3], "target": [0, 0, 0]}
-    solve_radiosity({"camera": camera, "shapes": [lamp, wall]}, patches=1, max_steps=1)
