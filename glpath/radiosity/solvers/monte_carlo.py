@@ -138,7 +138,7 @@ class Shooting:
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
                 reflected; at the elements' fronts and backs
     hits      : of particles on surfaces
-    open_areas : (2, E) of what is not buried in solids, of both sides
+    open_share : (2, E) of what is not buried in solids, of both sides; and `open_areas`, which are never 0
     lit        : (2, E, 3) irradiance by lights that are no patches, which no particle brings
     whole      : false while sums change; a signal may end that in the middle
     """
@@ -163,7 +163,9 @@ class Shooting:
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         self._rays = rays_of(scene)
         self._light = DirectLight(scene)
-        self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
+        self.open_share, self.lit = _open_and_lit(self.mesh, self._light)
+        # All of an element that light cannot reach: nothing arrives there.
+        self.open_areas = np.where(self.open_share > 0, self.open_share, 1.0) * self.mesh.areas
         self._surfaces = _Surfaces.of(scene, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
@@ -386,13 +388,13 @@ def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
 
 
 def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
-    """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
+    """`Shooting.open_share` and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
     solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
     points, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
     share = np.ones((2, len(mesh.elements)))
-    share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
+    share[sides.back, sides.element] = is_open
     lit = np.zeros((2, len(mesh.elements), 3))
     each = points.shape[1]
     lit[sides.back, sides.element] = light.of_sides(
@@ -402,7 +404,7 @@ def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
         np.repeat(np.arange(len(sides)), each),
         each,
     )
-    return share * mesh.areas, lit
+    return share, lit
 
 
 @inner_kernel

@@ -99,8 +99,10 @@ class _Run:
         elapsed = time.perf_counter() - self.started
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, elapsed))
 
-    def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
-        divisions, elements, vertices = resample(mesh, irradiance)
+    def solution(
+        self, mesh: Mesh, irradiance: Float64, open_share: Float64, **statistics: object
+    ) -> RadiositySolution:
+        divisions, elements, vertices = resample(mesh, irradiance, open_share)
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
             divisions=divisions.astype(np.int32),
@@ -254,6 +256,7 @@ def _progressive(
         return run.solution(
             refinement.transport.mesh,
             refinement.result(ambient),
+            refinement.transport.open_share,
             steps=refinement.steps,
             unshot=refinement.unshot_share,
             ambient=refinement.ambient().tolist(),
@@ -290,7 +293,12 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
         raise RadiosityInterrupted(None) from stop
     took = transport.statistics
     return run.solution(
-        transport.mesh, irradiance, rays=took.rays, shafts=took.shafts, empty_shafts=took.empty_shafts
+        transport.mesh,
+        irradiance,
+        transport.open_share,
+        rays=took.rays,
+        shafts=took.shafts,
+        empty_shafts=took.empty_shafts,
     )
 
 
@@ -314,7 +322,12 @@ def _monte_carlo(
         noise = float((shooting.standard_error() ** 2 * areas**2).sum() ** 0.5)
         error = noise / mean if mean > 0 and math.isfinite(noise) else None
         return run.solution(
-            mesh, shooting.result(), particles=shooting.particles, hits=shooting.hits, error_of_mean=error
+            mesh,
+            shooting.result(),
+            shooting.open_share,
+            particles=shooting.particles,
+            hits=shooting.hits,
+            error_of_mean=error,
         )
 
     try:
