@@ -13,16 +13,19 @@ from rooms import cuboid, part, room
 from scipy.spatial.transform import Rotation
 
 import glpath
+from glpath.film import Film
+from glpath.noise import standard_error
 from glpath.radiosity.mesh.mesh import Elements, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points
 from glpath.radiosity.shafts.occluders import Occluders
+from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene import Scene, load_scene, path_traceable
 
 SKY = 10.0
 
 
 def boxes(t: float) -> list[tuple[list[float], list[float], str]]:
-    """Corners and materials of walls of thickness t: 4 x 3 x 5 inside, a window of 2 x 1.2 in the wall at z = 2.5."""
+    """Corners and materials of walls of thickness t: 4 x 3 x 5 inside, a window of 2 x 1.2 in that at z = 2.5."""
     x, y, z = 2.0, 3.0, 2.5
     window = (-1.0, 1.0, 1.0, 2.2)
     return [
@@ -40,9 +43,7 @@ def boxes(t: float) -> list[tuple[list[float], list[float], str]]:
 
 def windowed_room(ground: float = 0.0, wall: float = 0.2) -> Scene:
     """A room of such boxes under a sky, on a ground of half this size."""
-    shapes: list[dict[str, Any]] = [
-        {"type": "box", "min": a, "max": b, "material": m} for a, b, m in boxes(wall)
-    ]
+    shapes: list[dict[str, Any]] = [{"type": "box", "min": a, "max": b, "material": m} for a, b, m in boxes(wall)]
     if ground:
         g, low = ground, -wall - 0.01
         corners = [[-g, low, g], [g, low, g], [g, low, -g], [-g, low, -g]]
@@ -62,20 +63,83 @@ def windowed_room(ground: float = 0.0, wall: float = 0.2) -> Scene:
     )
 
 
+def noise_of_mean(film: Film) -> float:
+    """The standard error of a picture's mean radiance by its path sets."""
+    return float(standard_error(film.radiance_sums.mean(axis=(1, 2, 3)), film.batch_counts))
+
+
 @pytest.mark.parametrize("ground", [0.0, 40.0])
 def test_the_gather_of_a_windowed_room_has_the_light_of_paths(ground: float) -> None:
     """Few particles and few rays meet the window: 1 to 2 % of the light is missing where that is left to chance."""
     scene = windowed_room(ground)
     paths = glpath.render(scene, max_depth=1000, roulette=4, spp=2048)
-    gathered = [glpath.render(scene, integrator="gather", spp=256, seed=seed) for seed in range(2)]
-    mean = np.mean([film.mean.mean() for film in gathered])
-    assert mean == pytest.approx(paths.mean.mean(), rel=0.01 if ground else 0.006)
+    gathered = glpath.render(scene, integrator="gather", spp=512)
+    noise = np.hypot(noise_of_mean(paths), noise_of_mean(gathered))
+    found, true = gathered.mean.mean(), paths.mean.mean()
+    assert noise < 0.002 * true
+    assert abs(found - true) < 0.005 * true + 2 * noise
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(("ground", "wall"), [(0.0, 0.8), (40.0, 0.2)])
+def test_solutions_of_a_windowed_room_are_right_in_the_mean_and_say_how_far_each_is_off(
+    ground: float, wall: float
+) -> None:
+    scene = windowed_room(ground, wall)
+    paths = glpath.render(scene, max_depth=1000, roulette=4, spp=2048)
+    true, means, told = paths.mean.mean(), [], []
+    for seed in range(6):
+        solution = solve_radiosity(
+            scene, method="monte-carlo", patches=500, particles=1 << 18, for_camera=True, seed=seed
+        )
+        film = glpath.render(scene, integrator="gather", radiosity=solution, spp=256, seed=seed)
+        means.append(film.mean.mean())
+        told.append(np.hypot(solution.statistics["view_error"], noise_of_mean(film)))
+    spread = float(np.std(means, ddof=1))
+    assert abs(np.mean(means) - true) < 0.005 * true + 2 * np.hypot(spread / 6**0.5, noise_of_mean(paths))
+    # A few particles that carry much are rare, and so in few errors.
+    assert 0.4 * spread < np.sqrt(np.mean(np.square(told))) < 2.5 * spread
+
+
+def test_a_gather_states_the_error_of_its_solution() -> None:
+    """More path sets lower the noise; what the solution has wrong stays, and is stated."""
+    scene = windowed_room(40.0)
+    few, many = (glpath.render(scene, integrator="gather", spp=spp, resolution=(16, 16)) for spp in (16, 512))
+    assert few.metadata.solution_error == many.metadata.solution_error
+    assert many.metadata.solution_error is not None
+    assert many.metadata.solution_error > 0
+    own = many.solution_error()
+    assert own is not None
+    noise = np.sqrt(np.mean(many.variance_of_mean() / (many.mean**2 + 0.01)))
+    assert many.relative_error() == pytest.approx(np.hypot(noise, own))
+    assert own == pytest.approx(many.metadata.solution_error / many.mean.mean(), rel=0.5)
+    # Nobody knows that of a solution that is given, and paths have none.
+    solution = solve_radiosity(scene, patches=100, max_steps=20)
+    given = glpath.render(scene, integrator="gather", radiosity=solution, spp=16, resolution=(16, 16))
+    assert given.solution_error() is None
+    assert glpath.render(scene, spp=1, resolution=(16, 16)).solution_error() is None
+
+
+@pytest.mark.parametrize(
+    "options", [{"method": "monte-carlo", "particles": 1}, {"method": "progressive", "max_steps": 1}]
+)
+def test_a_room_gets_all_the_light_that_comes_in_by_its_window(options: dict[str, Any]) -> None:
+    """Of a thin wall that is pi times the sky's radiance times the window's area, wherever in the room it falls."""
+    scene = windowed_room(wall=1e-4)
+    solution = solve_radiosity(scene, patches=300, **options)
+    triangles = path_traceable(scene)
+    elements = Elements.of_lattices(solution.divisions.astype(np.int64))
+    middles = elements.points(triangles, np.full((1, 3), 1 / 3))[:, 0]
+    inside = np.all(np.abs(middles - [0.0, 1.5, 0.0]) < np.array([2.0, 1.5, 2.5]) + 1e-6, axis=1)
+    areas = triangles.areas[elements.triangle] / elements.n**2
+    flux = (solution.elements[0, 0, :, 0] * areas)[inside].sum()
+    assert flux == pytest.approx(np.pi * SKY * 2.0 * 1.2, rel=0.005)
 
 
 @pytest.mark.parametrize("wall", [0.2, 0.8])
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_wall_is_open_where_no_other_wall_stands_against_it(wall: float, turned: bool) -> None:
-    """Boxes that touch have faces in one plane, and rays met either: a wall of 12 had 14.4 open, and was too dark."""
+    """Boxes that touch have faces in one plane, and rays met either: a wall of 12 had 14.4 open; too dark."""
     turn = Rotation.from_rotvec([0.2, 0.5, -0.3]).as_matrix() if turned else np.eye(3)
     corners = [cuboid(a, b) @ turn.T for a, b, _ in boxes(wall)]
     scene = path_traceable(room(*(part(c.astype(np.float32).astype(float)) for c in corners)))

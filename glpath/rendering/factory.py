@@ -134,6 +134,9 @@ class Plan(Protocol):
     def remarks(self, film: Film) -> list[str]:
         """What is to be said of a film that is done."""
 
+    def solution_error(self) -> float | None:
+        """Of a plan that is prepared, `FilmMetadata.solution_error` of the camera's picture."""
+
 
 def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
     """A sensor in a scene as an engine for the traceable scene has it: relative to the origin of that."""
@@ -189,6 +192,9 @@ class _PathTracing:
 
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film) + _cut(film)
+
+    def solution_error(self) -> float | None:
+        return None  # paths have no bias
 
 
 def _path_set_engine(
@@ -319,6 +325,12 @@ class _Gathering:
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)
 
+    def solution_error(self) -> float | None:
+        if self.settings.radiosity is not None or self.solution is None:
+            return None  # a solution that was given is for another camera, or for none
+        found = self.solution.statistics.get("view_error")
+        return None if found is None else float(found)
+
 
 @dataclass(frozen=True)
 class _Whitted:
@@ -385,3 +397,6 @@ class _Whitted:
 
     def remarks(self, film: Film) -> list[str]:
         return []
+
+    def solution_error(self) -> float | None:
+        return None

@@ -199,6 +199,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
+        # Known of the camera that the solution was made for; a gather at points has errors of their own.
+        solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy")
         | ({} if context is None else {"driver": context.info.driver}),

@@ -30,9 +30,7 @@ def at_corners(mesh: Mesh, values: Float64, open_share: Float64 | None = None) -
     return np.stack([nodes.values(side, of)[nodes.of] for side, of in zip(values, share, strict=True)])
 
 
-def resample(
-    mesh: Mesh, values: Float64, open_share: Float64 | None = None
-) -> tuple[Int64, Float64, Float64]:
+def resample(mesh: Mesh, values: Float64, open_share: Float64 | None = None) -> tuple[Int64, Float64, Float64]:
     """Divisions (T,), elements (..., E', 3) and vertices (..., V, 3) of a solution, from values (..., 2, E, 3).
 
     open_share : (2, E) of the elements' fronts and backs that is not buried, as of `at_corners`

@@ -59,7 +59,7 @@ _SPREAD, _UNMET = 0.25, 0.2
 #: Batches of paths from a camera that say so.
 _CAMERA_BATCHES = 12
 #: And of those that say how much of the picture is from where.
-_VIEW_BATCHES = 4
+_VIEW_BATCHES = 1
 _ENDLESS = 1 << 62
 
 
@@ -378,7 +378,7 @@ class Shooting:
         return np.asarray(np.sqrt(variance) / BATCH / self.open_areas[..., None])
 
     def view_error(self) -> tuple[float, float] | None:
-        """Mean radiance (of the channels, W sr^-1 m^-2) that a gather of the camera's picture finds in the solution,
+        """Mean radiance, of the channels, that a gather of the camera's picture has from the solution, W sr^-1 m^-2,
         and the standard error of that, from how the batches differ; None of less than two, or without a camera."""
         batches = self.particles // BATCH
         if self._gathered is None or batches < 2:
@@ -649,7 +649,7 @@ def _above(cdf, u):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _bin(normal, d):  # type: ignore[no-untyped-def]
-    """The bin of the direction back along d, which arrives: of the point about the normal's tip, as `_leave` has it."""
+    """The bin of the direction back along d, which arrives: of the point about the normal's tip, as in `_leave`."""
     c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
     sign = -1.0 if c > 0 else 1.0
     x = 2 * abs(c) * -d[0] - sign * normal[0]
