@@ -392,9 +392,9 @@ class Film:
         """What the error of the image stays below with so much confidence: the bound that a noise limit looks at.
 
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
-        channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders with other
-        seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.noise` for how. None where
-        fewer than four batches hold anything, that is below 25 path sets.
+        channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders
+        with other seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.noise` for how.
+        None where fewer than four batches hold anything, that is below 25 path sets.
         """
         used = np.flatnonzero(self.batch_counts)
         if len(used) < MIN_BATCHES:

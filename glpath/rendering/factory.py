@@ -38,8 +38,9 @@ _CROWDED = 0.25
 #: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
 #: and 2e-5 (`room`); progressive refinement takes three times as long for the same there, ten times in `office`.
 GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
-# So many times more under a sky: most of what starts all over a scene leaves it at once, and a window lets little
-# of it in. In a room of 4 x 5 beside a ground of 80 x 80 its mean still varies by 0.7 to 1.1 % by seed.
+# So many times more under a sky, and more where the solver finds them too few: most of what starts all over a scene
+# leaves it at once, and a window lets little of it in. In a room of 4 x 5 beside a ground of 80 x 80 its mean
+# varies by 0.5 % by seed.
 _STARTING_EVERYWHERE = 4
 _COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
 

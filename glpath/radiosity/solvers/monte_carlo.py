@@ -378,8 +378,10 @@ class Shooting:
         return np.asarray(np.sqrt(variance) / BATCH / self.open_areas[..., None])
 
     def view_error(self) -> tuple[float, float] | None:
-        """Mean radiance, of the channels, that a gather of the camera's picture has from the solution, W sr^-1 m^-2,
-        and the standard error of that, from how the batches differ; None of less than two, or without a camera."""
+        """Mean radiance, of the channels, that a gather of the camera's picture has of the solution, and its error.
+
+        W sr^-1 m^-2; a standard error, from how the batches differ. None of less than two, or without a camera.
+        """
         batches = self.particles // BATCH
         if self._gathered is None or batches < 2:
             return None
@@ -422,7 +424,7 @@ def visits_from_camera(
 
     came : (2, C, BINS), if given, is added the same by the bins of directions back along these paths
     """
-    return _from_camera(scene, rays, cells, seed, _CAMERA_BATCHES, 0.5, _ENDLESS, came).mean(axis=2)
+    return np.asarray(_from_camera(scene, rays, cells, seed, _CAMERA_BATCHES, 0.5, _ENDLESS, came).mean(axis=2))
 
 
 def gathered_by_camera(scene: Scene, rays: Rays, elements: Elements, seed: int) -> Float64:

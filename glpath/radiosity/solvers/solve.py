@@ -36,9 +36,9 @@ from glpath.scene.model import Float64
 DEFAULT_PATCHES = 1000
 #: Share of the free memory that kept form factors may take, and how much of it at most.
 _CACHE_SHARE, _CACHE_MOST = 0.25, 4 << 30
-#: Under a sky light may come in by a small window: then so many times more particles, at most, until the standard
-#: error of what a gather finds for the camera is such a share of it.
-_MORE, _VIEW_ERROR = 4, 0.003
+#: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
+#: until the standard error of what a gather finds for the camera is such a share of it.
+_MOST_BATCHES, _VIEW_ERROR = 64, 0.003
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -172,8 +172,8 @@ def solve_radiosity(
     emitter_samples : 1, 4, 9, 16 or 25: the most of an emitter; the farther, the fewer
     receiver_points : 1, 4, 9, ...: per element
     particles  : of "monte-carlo", rounded up to whole batches of 16,384. With `for_camera` and a sky or punctual
-                 lights up to four times as many, until what a gather of the camera's picture finds has a standard
-                 error of 0.3 %; `statistics` have it, `view_mean` and `view_error`, W sr^-1 m^-2
+                 lights as many again and again, up to 1,048,576, until what a gather of the camera's picture finds
+                 has a standard error of 0.3 %; `statistics` have it, `view_mean` and `view_error`, W sr^-1 m^-2
     seed       : of "monte-carlo"
     for_camera : of "monte-carlo": elements are smaller, and reflected light of the sky and of punctual lights has
                  more particles, where it matters to what the scene's camera sees. For pictures from about there, of
@@ -314,7 +314,8 @@ def _monte_carlo(
     if checkpoint is not None:
         checkpoint.begin(shooting, run.scene.digest(camera=False), run.method, run.settings)
     asked = -(-particles // monte_carlo.BATCH)
-    batches = asked
+    # Of a checkpoint that has more: up to where the next decision is.
+    batches = max(asked, -(-(shooting.particles // monte_carlo.BATCH) // asked) * asked)
 
     def report() -> None:
         if checkpoint is not None:
@@ -343,7 +344,7 @@ def _monte_carlo(
             shooting.shoot(batches - shooting.particles // monte_carlo.BATCH, report)
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
-            if enough or batches >= _MORE * asked:
+            if enough or batches + asked > max(asked, _MOST_BATCHES):
                 return solution()
             # At the same numbers, however many threads there are.
             batches += asked
