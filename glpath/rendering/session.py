@@ -107,10 +107,12 @@ class Session:
             return film
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
-            metadata = replace(metadata, settings=_recorded(job, self._plan))
+            metadata = metadata_of(job, self._plan, scene, context)
             if film.path_sets:
                 check_same_render(film, metadata, job.path_sets, set())
-            film.metadata = replace(film.metadata, settings=metadata.settings)
+            film.metadata = replace(
+                film.metadata, settings=metadata.settings, solution_error=metadata.solution_error
+            )
         _name_both(film, metadata)
         with context.rendering():
             if self._engine is None:
