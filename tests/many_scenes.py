@@ -35,31 +35,35 @@ _LIGHTS: list[dict[str, Any]] = [
     {"type": "directional", "direction": [0, -1, 0.2], "irradiance": 5},
 ]
 _LAMP = {"type": "quad", "corners": [[-0.2, 1, -0.2], [0.2, 1, -0.2], [0.2, 1, 0.2], [-0.2, 1, 0.2]]}
+#: Of so many kinds are they. Each has shaders of its own, four times as many as a context keeps, so that each
+#: scene of a series loads its programs anew; Mesa compiles those of a kind once, for its cache on disk.
+KINDS = 50
 
 
 def scene(number: int) -> Scene:
-    """One of them; which, the number says."""
-    draw = np.random.default_rng(1000 + number)
-    chosen = draw.choice(len(_MATERIALS), size=int(draw.integers(1, 5)), replace=False)
+    """One of them, no two alike: what it has, and so its shaders, its kind says; where and how much, its number."""
+    kind, own = np.random.default_rng(1000 + number % KINDS), np.random.default_rng(number)
+    chosen = kind.choice(len(_MATERIALS), size=int(kind.integers(1, 5)), replace=False)
     materials = {f"m{i}": _MATERIALS[k] for i, k in enumerate(chosen)}
     shapes: list[dict[str, Any]] = [
         {"type": "quad", "corners": [[-2, -1, -2], [-2, -1, 2], [2, -1, 2], [2, -1, -2]], "material": "m0"}
     ]
-    for _ in range(int(draw.integers(1, 6))):
-        center = draw.uniform(-0.5, 0.5, 3).tolist()
-        ball, box = {"type": "sphere", "radius": 0.2}, {"type": "box", "size": draw.uniform(0.1, 0.5, 3).tolist()}
-        solid = ball if draw.random() < 0.5 else box
-        shapes.append({**solid, "center": center, "material": f"m{draw.integers(len(materials))}"})
-    if draw.random() < 0.3:
-        shapes.append({**_LAMP, "material": "m0", "emission": {"radiance": [5, 5, 5]}})
+    for i in range(int(kind.integers(1, 4))):
+        ball = {"type": "sphere", "radius": float(own.uniform(0.1, 0.3))}
+        box = {"type": "box", "size": own.uniform(0.1, 0.5, 3).tolist()}
+        solid = ball if i == 0 and kind.random() < 0.2 else box  # a ball is 1280 triangles, which take time
+        center = own.uniform(-0.5, 0.5, 3).tolist()
+        shapes.append({**solid, "center": center, "material": f"m{kind.integers(len(materials))}"})
+    if kind.random() < 0.3:
+        shapes.append({**_LAMP, "material": "m0", "emission": {"radiance": own.uniform(2, 8, 3).tolist()}})
     table = {
-        "camera": _CAMERAS[int(draw.integers(len(_CAMERAS)))],
+        "camera": _CAMERAS[int(kind.integers(len(_CAMERAS)))],
         "materials": materials,
         "shapes": shapes,
-        "lights": [light for light in _LIGHTS if draw.random() < 0.4],
+        "lights": [light for light in _LIGHTS if kind.random() < 0.4],
         "textures": {"tiles": {"type": "checker", "colors": [[0.1, 0.2, 0.3], [0.8, 0.7, 0.6]], "scale": 3}},
-        "ambient": [0.1, 0.1, 0.1],
+        "ambient": own.uniform(0.05, 0.15, 3).tolist(),
     }
-    if draw.random() < 0.4:
-        table["sky"] = {"zenith": [0.1, 0.2, 0.3], "horizon": [0.5, 0.5, 0.5]}
+    if kind.random() < 0.4:
+        table["sky"] = {"zenith": own.uniform(0.1, 0.3, 3).tolist(), "horizon": [0.5, 0.5, 0.5]}
     return scene_of(table, PythonPlace("scene"), Path(), f"scene {number}")

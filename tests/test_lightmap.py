@@ -432,6 +432,36 @@ def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
         Surfaces.of(scene_of(FLOOR, LAMP), size=40, uv="keep")
 
 
+@pytest.mark.parametrize(("lamps", "side"), [("above", 0), ("below", 1), ("above and below", 0)])
+def test_of_a_sheet_with_kept_coordinates_the_side_with_light_is_baked(
+    lamps: str, side: int, tmp_path: Path
+) -> None:
+    """A doubleSided material has one place on the page: the front has it, but where the back alone is lit."""
+    sheet = FLOOR | {"material": "both"}
+    below = LAMP | {"name": "lower lamp", "corners": [[x, -y, -1.5] for x, y, _ in LAMP["corners"]]}
+    shapes = [sheet, *([LAMP] if "above" in lamps else []), *([below] if "below" in lamps else [])]
+    scene = scene_of(*shapes, materials={**BLACK, "both": {"reflectance": 0.5, "two_sided": True}})
+    made = []
+    for i, shape in enumerate(scene.shapes):
+        beside = 0.2 * np.array(GOOD) + np.array([0.3 * i, 0.7])
+        uv1 = beside if i else np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.5], [0.05, 0.5]])
+        made.append(replace(shape, geometry=replace(shape.geometry, uv1=uv1)))
+    baked = glpath.lightmap(replace(scene, shapes=tuple(made)), size=40, uv="keep", spp=256, max_depth=1)
+    found = baked.atlas
+    assert np.array_equal(np.sort(found.triangle), np.arange(len(scene.triangles))), "each triangle once"
+    of_sheet = scene.triangle_shape[found.triangle] == 0
+    assert (found.side[of_sheet] == side).all()
+    texels = baked.surfaces.texels
+    there = of_sheet[texels.face[0]]
+    lamp, normal = (LAMP, (0.0, 0.0, 1.0)) if side == 0 else (below, (0.0, 0.0, -1.0))
+    expected = polygon_irradiance(positions(baked.surfaces)[:, there], normal, lamp["corners"]).mean(axis=0)
+    np.testing.assert_allclose(baked.irradiance[texels.index][there], expected[:, None] * [10, 5, 2], rtol=0.01)
+    quietly(baked, tmp_path / "a.glb", materials="keep")
+    document = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    (mesh,) = [mesh for mesh in document.meshes if mesh.name.startswith("floor")]
+    assert document.materials[mesh.primitives[0].material].doubleSided, "who sees the other side sees this light"
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

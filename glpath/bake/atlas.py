@@ -3,7 +3,8 @@
 Coordinates are texels of a page, x to the right and y downwards from the top left corner: texel (row, column) is
 the square from (column, row) to (column + 1, row + 1).
 
-Cost:     xatlas takes some 4 s for 15,000 triangles of 1800 charts, most of it for packing.
+Cost:     xatlas takes some 4 s for 15,000 triangles of 1800 charts, most of it for packing. Of more than 20,000
+          sides charts are made once, of all instances of a mesh together, and the trials for a page only pack them.
 Poor at:  triangle soups, each triangle of which becomes a chart with its gutter.
 Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is optional: `glpath[bake]`.
 """
@@ -11,6 +12,7 @@ Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,6 +27,8 @@ from glpath.scene.geometry import Float64, Mesh
 Int64 = NDArray[np.int64]
 #: Triangles, the side of them, and its density.
 Part = tuple[Int64, int, float]
+#: Of a part: corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
+Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
 #: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
@@ -33,16 +37,19 @@ PADDING = 4
 _LEAST_PADDING, _COVERED = 2, 1 / 3
 #: A page that is as large as it has to be is of a power of two between these.
 _LEAST_PAGE, _LARGEST_PAGE = 64, 4096
-#: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit.
-_FILLED, _STEP, _TRIALS = 0.95, 0.985, 30
+#: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit; of many
+#: sides the share of a page's side that is enough.
+_FILLED, _STEP, _LARGE_STEP, _TRIALS = 0.95, 0.985, 0.95, 30
 #: Part of the way between what fits and what does not by which less is tried than what is likely to fit.
 _SHY = 0.05
 #: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many:
 #: the time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000, 0.05 of 250).
 _MANY, _WHOLE, _PATCH = 20_000, 1024, 250
-#: Core seconds of an atlas: of a triangle, and of a piece that hangs together, over all trials (measured); and the
-#: most that is begun.
-_SECONDS_EACH, _SECONDS_PIECE, _MOST_SECONDS = 4e-4, 2e-3, 600.0
+#: Charts that are packed later are made of so many times as many texels, as long as those fit a page of so many.
+_FINER, _CHART_PAGE = 2.0, 4096
+#: Core seconds of an atlas: of a side of a triangle, the same of many sides, whose charts are made once, and of a
+#: piece that hangs together, over all trials (measured); the most that is begun, and from how many on it is said.
+_SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MOST_SECONDS, _SAID_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
 #: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
 _LEAST_AREA, _LEAST_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
 #: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
@@ -108,33 +115,43 @@ def require_xatlas() -> Any:
     return xatlas
 
 
-def packed(scene: Scene, density: Float64, texels: float | None, size: int | None) -> Atlas:
+def packed(
+    scene: Scene,
+    density: Float64,
+    texels: float | None,
+    size: int | None,
+    say: Callable[[str], None] | None = None,
+) -> Atlas:
     """The atlas of a scene in triangles, cut and packed by xatlas.
 
     density : (T, 2) texels along a side for one of `texels`; 0 of sides that get none
     texels  : per scene unit, on as many pages as that takes; None: what fits one page
     size    : of a page; None with texels: the least power of two up to 4096 that takes all, or else several of it
+    say     : is called with an estimate of the time before the work, where it is more than some seconds
 
     A triangle that is too small for xatlas gets a point of the one beside it.
     """
     xatlas = require_xatlas()
     parts = _parts(scene, density)
-    _check_time(scene, parts, size, texels)
+    _check_time(scene, parts, size, texels, say)
     if texels is None:
         assert size is not None, "one of both"
         return _with_splinters(scene, _fitted(xatlas, scene, parts, size), density)
+    charts = _charts(xatlas, scene, parts, texels)
     if size is None:
-        alone = _packed(xatlas, scene, parts, texels, None)
+        alone = _packed(xatlas, scene, parts, charts, texels, None)
         longest = max(alone.size)
         size = min(max(_LEAST_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
         if longest <= size:
             return _with_splinters(scene, replace(alone, size=(size, size)), density)
-    atlas = _packed(xatlas, scene, parts, texels, size)
+    atlas = _packed(xatlas, scene, parts, charts, texels, size)
     _warn_of_large_charts(scene, atlas, density)
     return _with_splinters(scene, atlas, density)
 
 
-def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float | None) -> None:
+def _check_time(
+    scene: Scene, parts: list[Part], size: int | None, texels: float | None, say: Callable[[str], None] | None
+) -> None:
     """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
     triangles = sum(len(part) for part, _, _ in parts)
     place = scene.source or scene.name
@@ -144,12 +161,18 @@ def _check_time(scene: Scene, parts: list[Part], size: int | None, texels: float
             "of which is a chart at least.",
             "Give a larger size; or texels in place of it, which takes as many pages as it needs.",
         )
-    seconds = _SECONDS_EACH * triangles + _SECONDS_PIECE * len(parts)
+    each = _SECONDS_EACH if triangles <= _MANY else _SECONDS_LATER
+    seconds = each * triangles + _SECONDS_PIECE * len(parts)
     if seconds > _MOST_SECONDS:
         raise UsageError(
             f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
             f"{seconds / 60:.0f} minutes of processor time.",
             'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
+        )
+    if say is not None and seconds > _SAID_SECONDS:
+        say(
+            f"atlas of {triangles:,} sides of triangles in {len(parts):,} pieces: about {seconds:.0f} s of "
+            "processor time, then the render"
         )
 
 
@@ -198,24 +221,23 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
 
 def _parts(scene: Scene, density: Float64) -> list[Part]:
     """Of each mesh what has one side and one density."""
-    parts, first = [], 0
+    parts: list[Part] = []
+    first = 0
     densities = np.unique(density[density > 0])
+    many = np.count_nonzero(density) > _MANY
     for _, mesh, _ in scene.shapes.mesh_instances():
-        some = np.arange(first, first + len(mesh.faces))
-        first += len(mesh.faces)
+        count = len(mesh.faces)
         for side in range(2):
             for wanted in densities:
-                those = some[density[some, side] == wanted]
-                if len(those):
-                    parts.append((those, side, float(wanted)))
-    if sum(len(triangles) for triangles, _, _ in parts) <= _MANY:
-        return parts
-    middles = scene.triangles.mean(axis=1)
-    return [
-        (patch, side, wanted)
-        for triangles, side, wanted in parts
-        for patch in (_patches(middles, triangles) if len(triangles) > _WHOLE else [triangles])
-    ]
+                those = np.flatnonzero(density[first : first + count, side] == wanted)
+                if many and len(those) > _WHOLE:
+                    # In the mesh's own space, so that all of its instances are cut alike.
+                    patches = _patches(mesh.vertices[mesh.faces].mean(axis=1), those)
+                else:
+                    patches = [those] if len(those) else []
+                parts += [(first + patch, side, float(wanted)) for patch in patches]
+        first += count
+    return parts
 
 
 def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
@@ -233,23 +255,27 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """On one page, with as many texels a scene unit as fit."""
     areas = scene.areas  # found anew at each call
     area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
+    guess = math.sqrt(_FILLED * size * size / area)
+    charts = _charts(xatlas, scene, parts, guess)
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
-        texels, fits, over = math.sqrt(_FILLED * size * size / area), (0.0, 0.0), (math.inf, math.inf)
+        texels, fits, over = guess, (0.0, 0.0), (math.inf, math.inf)
         best: Atlas | None = None
         for trial in range(_TRIALS):
-            atlas = _packed(xatlas, scene, parts, texels, None, padding)
+            atlas = _packed(xatlas, scene, parts, charts, texels, None, padding)
             longest = max(atlas.size)
             if longest <= size:
                 best, fits = replace(atlas, size=(size, size)), (texels, longest)
             else:
                 over = texels, longest
+            if charts is not None and best is not None and fits[1] >= _LARGE_STEP * size:
+                break  # each trial takes seconds
             if over[0] <= fits[0] / _STEP or (best is not None and not math.isfinite(over[0])):
                 break
             if trial == _PATIENCE and best is None:
                 # Minutes of trials are in vain where gutters alone are too much.
                 least = _NEXT_TO_NONE * texels
-                fits = least, max(_packed(xatlas, scene, parts, least, None, padding).size)
+                fits = least, max(_packed(xatlas, scene, parts, charts, least, None, padding).size)
                 if fits[1] > size:
                     break
             texels = _between(fits, over, size)
@@ -277,28 +303,95 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
     return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
 
 
+def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
+    """Of each part its charts, in units of `_unit`; None of few sides, whose every packing makes its own.
+
+    texels : per scene unit, about as many as they are packed with: xatlas stretches charts to whole texels
+
+    What is alike but for where it stands, how it is turned and how large it is, has the same ones.
+    """
+    if sum(len(triangles) for triangles, _, _ in parts) <= _MANY:
+        return None
+    unit = _unit(scene, parts)
+    alike, scales = _alike(scene, parts)
+    _, first, kind = np.unique(alike, return_index=True, return_inverse=True)
+    models = [parts[i] for i in first]
+    areas = scene.areas  # found anew at each call
+    area = sum(of**2 * float(areas[triangles].sum()) for triangles, _, of in models)
+    finer = min(max(_CHART_PAGE / (texels * math.sqrt(2 * area)), 1.0), _FINER)
+    atlas = xatlas.Atlas()
+    for part in models:
+        atlas.add_mesh(*_corners(scene, part, unit))
+    pack = xatlas.PackOptions()
+    pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _LEAST_PADDING, 0
+    atlas.generate(pack_options=pack)
+    made: list[Charts] = []
+    for i in range(len(models)):
+        _, faces, uv = atlas[i]
+        faces = faces.reshape(-1, 3)
+        on_a_page = atlas.get_mesh_vertex_assignment(i)[0][faces[:, 0]] < int(atlas.atlas_count)
+        corners = uv * (np.array([atlas.width, atlas.height]) / pack.texels_per_unit)
+        made.append((corners.astype(np.float32), faces[on_a_page].astype(np.uint32), np.flatnonzero(on_a_page)))
+    return [
+        (corners * np.float32(scales[i] / scales[first[k]]), faces, which)
+        for i, k in enumerate(kind)
+        for corners, faces, which in [made[k]]
+    ]
+
+
+def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
+    """(P,): numbers that parts share which differ only by a similarity; and (P,) how large each is."""
+    kinds: dict[tuple[object, ...], int] = {}
+    alike, scales = np.zeros(len(parts), np.int64), np.zeros(len(parts))
+    instances = list(scene.shapes.mesh_instances())
+    start = np.cumsum([0, *(len(mesh.faces) for _, mesh, _ in instances)])
+    for i, (triangles, side, density) in enumerate(parts):
+        number = int(np.searchsorted(start, triangles[0], side="right")) - 1
+        _, mesh, world_from_mesh = instances[number]
+        gram = world_from_mesh[:, :3].T @ world_from_mesh[:, :3]
+        scale = math.sqrt(float(np.trace(gram)))
+        shape = np.round(gram / max(scale * scale, np.finfo(float).tiny), 5) + 0.0
+        key = (id(mesh), side, (triangles - start[number]).tobytes(), shape.tobytes())
+        alike[i], scales[i] = kinds.setdefault(key, len(kinds)), scale * density
+    return alike, scales
+
+
+def _corners(scene: Scene, part: Part, unit: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """What xatlas takes: points (V, 3) of a part, and the three of each of its triangles."""
+    triangles, side, density = part
+    corners = scene.triangles[triangles] * (density / unit)
+    points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    return points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32)
+
+
 def _packed(
     xatlas: Any,
     scene: Scene,
     parts: list[Part],
+    charts: list[Charts] | None,
     texels: float,
     size: int | None,
     padding: int = PADDING,
 ) -> Atlas:
-    """On pages of a size; None: on one that is as large as it has to be."""
+    """On pages of a size; None: on one that is as large as it has to be.
+
+    charts : of each part, from `_charts`
+    """
     atlas = xatlas.Atlas()
     unit = _unit(scene, parts)
-    for triangles, side, density in parts:
-        corners = scene.triangles[triangles] * (density / unit)
-        points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-        faces = faces.reshape(-1, 3)
-        atlas.add_mesh(points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32))
+    for i, part in enumerate(parts):
+        if charts is None:
+            atlas.add_mesh(*_corners(scene, part, unit))
+        else:
+            atlas.add_uv_mesh(*charts[i][:2])
     pack = xatlas.PackOptions()
     pack.texels_per_unit, pack.padding = texels * unit, padding
     pack.resolution = 0 if size is None else size
     atlas.generate(pack_options=pack)
     made: list[tuple[Any, ...]] = []
-    for i, (triangles, side, _) in enumerate(parts):
+    for i, (of_part, side, _) in enumerate(parts):
+        triangles = of_part if charts is None else of_part[charts[i][2]]
         _, faces, uv = atlas[i]
         page_of, chart_of = atlas.get_mesh_vertex_assignment(i)
         faces = faces.reshape(-1, 3)

@@ -81,8 +81,15 @@ class Surfaces:
     hidden: int
 
     @classmethod
-    def of(cls, scene: Scene, texels: float | None = None, size: int | None = None, uv: Uv = "make") -> Surfaces:
-        """See `lightmap` for the parameters. Raises UsageError and SceneError."""
+    def of(
+        cls,
+        scene: Scene,
+        texels: float | None = None,
+        size: int | None = None,
+        uv: Uv = "make",
+        say: Callable[[str], None] | None = None,
+    ) -> Surfaces:
+        """See `lightmap` for the parameters, and `packed` for `say`. Raises UsageError and SceneError."""
         check_density(texels, size, uv)
         still = path_traceable(scene.at())
         if not len(still.triangles):
@@ -99,7 +106,7 @@ class Surfaces:
             atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
         else:
             page = DEFAULT_SIZE if size is None and texels is None else size
-            atlas = packed(still, sides.density, texels, None if page is None else int(page))
+            atlas = packed(still, sides.density, texels, None if page is None else int(page), say)
         return cls.on(still, atlas, sides)
 
     @classmethod
@@ -386,9 +393,10 @@ class Bake:
         integrator: str | IntegratorSettings = "path",
         spp: int | None = None,
         first_path_set: int = 0,
+        say: Callable[[str], None] | None = None,
         **options: Any,
     ) -> Bake:
-        """See `lightmap` for parameters and errors."""
+        """See `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
         if denoise:
             require_denoiser()
         check_density(texels, size, uv)
@@ -396,7 +404,7 @@ class Bake:
             require_xatlas()
         # Before the work: any point will do.
         check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
-        surfaces = Surfaces.of(scene, texels, size, uv)
+        surfaces = Surfaces.of(scene, texels, size, uv, say)
         job, seen = describe(
             surfaces.scene,
             integrator=integrator,

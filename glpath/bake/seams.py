@@ -165,14 +165,17 @@ def _least(
     from scipy.sparse.linalg import splu
 
     made, held = given.copy(), held.copy()
+    factored: dict[bytes, Any] = {}  # colours mostly hold the same texels, and share what takes longest
     for c in range(right.shape[1]):
         for turn in range(_HOLDS):
             free = np.flatnonzero(near & ~held[:, c])
             x = np.where(near, 0.0, given[:, c])
             if len(free):
-                rows = system[free]
-                solver = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A")
-                x[free] = solver.solve(right[free, c] - rows @ x)
+                rows, key = system[free], free.tobytes()
+                if key not in factored:
+                    factored.clear()  # one at a time, as it may be large
+                    factored[key] = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A")
+                x[free] = factored[key].solve(right[free, c] - rows @ x)
             pulled = system @ x < right[:, c]
             # Back and forth comes to an end: in the second half none is let go.
             pushed = np.where(near, (x < 0) | (held[:, c] & ~(pulled & (turn < _HOLDS // 2))), held[:, c])

@@ -209,7 +209,9 @@ def lightmap(
 
         if materials == "keep":
             check_keepable(loaded)
-        bake = Bake.of(loaded, **{name: value for name, value in given.items() if value is not None})
+        announce = None if quiet or progress in ("none", "json") else lambda line: say(line, err=True)
+        asked = {name: value for name, value in given.items() if value is not None}
+        bake = Bake.of(loaded, say=announce, **asked)
 
         def start(more: dict[str, Any]) -> Film:
             return run(bake.job, open_context(backend, device, require_gpu), scene=bake.scene, **more)
