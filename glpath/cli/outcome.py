@@ -212,6 +212,12 @@ def _summary(
     yield f"  on {m.device or 'an unnamed device'}{speed}"
     if solved > 0:
         yield f"  of that, {duration(solved)} for the radiosity solution"
+    if error is not None and m.integrator == "gather":
+        of_solution = film.solution_error()
+        if of_solution is None:
+            yield "  the error of the radiosity solution, which is not known, is not in the error"
+        else:
+            yield f"  of that error, {percent(of_solution)} is the radiosity solution's, whatever the path sets"
     if denoise:
         error = film.relative_error(denoised=True)
         yield "  denoised by Open Image Denoise" + ("" if error is None else f", then error about {percent(error)}")

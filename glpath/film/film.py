@@ -363,24 +363,38 @@ class Film:
         denoised : of `denoised`, by `variance_of_denoised`, whose errors it raises
 
         Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
-        Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. It sees noise
-        only, not the bias of a buffer that is too coarse. None where fewer than two batches hold anything.
+        Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. Of a gather that
+        made its own radiosity solution, that one's error is in it, see `solution_error`. It does not see the bias
+        of a buffer or of elements that are too coarse. None where fewer than two batches hold anything.
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None
         if denoised:
-            return float(
-                np.sqrt(np.mean(self.variance_of_denoised() / (self.denoised().astype(np.float64) ** 2 + 0.01)))
-            )
-        return float(np.sqrt(np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))))
+            shown = self.denoised().astype(np.float64)
+            square = np.mean(self.variance_of_denoised() / (shown**2 + 0.01))
+        else:
+            square = np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))
+        return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
+
+    def solution_error(self) -> float | None:
+        """What of `relative_error` a gather has from its radiosity solution: more path sets do not lower it.
+
+        The standard error of the picture's mean over that mean (`FilmMetadata.solution_error`), taken to be the
+        same in all pixels, each weighed as `relative_error` does. None where it is not known.
+        """
+        error, mean = self.metadata.solution_error, self.mean
+        if error is None:
+            return None
+        whole = float(mean.mean())
+        return error / whole * float(np.sqrt(np.mean(mean**2 / (mean**2 + 0.01)))) if whole > 0 else 0.0
 
     def error_bound(self, confidence: float = 0.95) -> float | None:
         """What the error of the image stays below with so much confidence: the bound that a noise limit looks at.
 
-        The error is the one that `relative_error` estimates, sqrt(mean over pixels and channels of
-        e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders with other
-        seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.film.noise` for how. None
-        where fewer than four batches hold anything, that is below 25 path sets.
+        The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
+        channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders
+        with other seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.film.noise` for
+        how. None where fewer than four batches hold anything, that is below 25 path sets.
         """
         used = np.flatnonzero(self.batch_counts)
         if len(used) < MIN_BATCHES:

@@ -62,7 +62,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "elapsed_s": int | float,
     "noisy": bool,
     "settings versions statistics": dict,
-    "error_bound": int | float | None,
+    "error_bound solution_error": int | float | None,
 }
 # What must be equal to merge, in the words of a message; of settings, each by its own name.
 _DECIDES = {
@@ -123,6 +123,9 @@ class FilmMetadata:
     stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
                       of films that were merged
     error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
+    solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
+                      solution, in the film's unit: the same in all of the picture, whatever the path sets. None
+                      where it is not known: of a solution that was given, and of what no camera sees
     """
 
     scene: str
@@ -143,6 +146,7 @@ class FilmMetadata:
     aovs: tuple[str, ...] = ()
     stop_rule: str = ""
     error_bound: float | None = None
+    solution_error: float | None = None
     shape_names: tuple[str, ...] = ()
     material_names: tuple[str, ...] = ()
     shape_materials: tuple[int, ...] = ()
@@ -177,7 +181,7 @@ class FilmMetadata:
         plain = {
             key: value if isinstance(value, str) else json.dumps(value)
             for key, value in asdict(self).items()
-            if key not in _NAMES and not (key == "position_origin" and value is None)
+            if key not in _NAMES and not (key in ("position_origin", "solution_error") and value is None)
         }
         return {f"glpath.{key}": value for key, value in plain.items()}
 

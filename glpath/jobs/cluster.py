@@ -122,7 +122,9 @@ def render_on(
     metadata = metadata_of(job, plan, loaded, None)
     if clock.film.path_sets:
         check_same_render(clock.film, metadata, job.path_sets, set())
-    clock.film.metadata = replace(clock.film.metadata, settings=metadata.settings)
+    clock.film.metadata = replace(
+        clock.film.metadata, settings=metadata.settings, solution_error=metadata.solution_error
+    )
     shared = Shared(uuid.uuid4().hex, job, loaded, plan, backend, device, require_gpu, timings, this_version())
     _Render(cluster, shared, clock, chunk_seconds).run()
     for text in plan.remarks(clock.film):

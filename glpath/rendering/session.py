@@ -107,10 +107,12 @@ class Session:
             return film
         if self._engine is None:
             self._plan = _prepared(self._plan, self._traced, clock)
-            metadata = replace(metadata, settings=_recorded(job, self._plan))
+            metadata = metadata_of(job, self._plan, scene, context)
             if film.path_sets:
                 check_same_render(film, metadata, job.path_sets, set())
-            film.metadata = replace(film.metadata, settings=metadata.settings)
+            film.metadata = replace(
+                film.metadata, settings=metadata.settings, solution_error=metadata.solution_error
+            )
         _name_both(film, metadata)
         with context.rendering():
             if self._engine is None:
@@ -199,6 +201,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
+        # Known of the camera that the solution was made for; a gather at points has errors of their own.
+        solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=versions("glpath", "moderngl", "numpy", "scipy")
         | ({} if context is None else {"driver": context.info.driver}),

@@ -3,10 +3,11 @@
 What they send is cast to the points ray by ray, and what surfaces reflect of it is what the solvers begin with.
 
 Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
-          many where that is an environment map, half of them as dense as its radiance.
+          many where that is an environment map, half of them as dense as its radiance. Under another sky 16 to 256
+          more, half of which go where those from the same element have seen the sky.
           Light passes through a triangle by its mean opacity, and straight through panes.
-Poor at:  a sky that is seen through small openings, which few of a point's rays go through; solid and frosted
-          glass, behind which it is dark here.
+Poor at:  an environment map that is seen through small openings, which few of a point's rays go through; solid and
+          frosted glass, behind which it is dark here.
 """
 
 from __future__ import annotations
@@ -31,6 +32,11 @@ Int64 = NDArray[np.int64]
 
 #: Rays from a point to the sky, a square: one in each cell of the unit square that the hemisphere is mapped to.
 SKY_RAYS = 64
+#: Parts of the unit square that directions about a normal come from, a square, for guides to the sky.
+BINS = 64
+_GUIDED = 0.5  # of all rays; the others go by the cosine, and carry twice as much at most
+#: Rays that are aimed by guides, of all points, and of each: a mean over many elements needs fewer of each.
+_AIMED_RAYS, _LEAST_AIMED, _MOST_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
 #: Points that are looked at together, so that their rays fit into memory.
 _TOGETHER = 4096
 #: What lies this share of a distance before a light does not count: the light may stand on a surface.
@@ -59,9 +65,38 @@ class DirectLight:
         """
         if not self:
             return np.zeros((len(sides), 3))
-        found = self.at(points, sides.normal[number], triangle[number])
+        if self.lighting.sky is None or isinstance(self.lighting.sky, Environment):
+            found = self.at(points, sides.normal[number], triangle[number])
+        else:
+            found = self._at_aimed(points, sides, triangle, number)
         sums = [np.bincount(number, found[:, c], minlength=len(sides)) for c in range(3)]
         return np.stack(sums, axis=1) / each
+
+    def _at_aimed(self, points: Float64, sides: Sides, triangle: Int64, number: Int64) -> Float64:
+        """`at` under a sky that may be seen through a small window alone: first rays say where it is seen.
+
+        What they bring is left out then, and so does not decide what counts: the mean is right.
+        """
+        rays = int(np.clip(_AIMED_RAYS // max(len(points), 1), _LEAST_AIMED, _MOST_AIMED))
+        parts = [slice(i, i + _AIMED_TOGETHER) for i in range(0, len(points), _AIMED_TOGETHER)]
+        bins, found = np.zeros((len(sides), BINS)), np.zeros((len(points), 3))
+
+        def look(i: int) -> Float64:
+            at = parts[i]
+            random, of = np.random.default_rng([i, 0]), number[at]
+            return self.estimate_in_bins(points[at], sides.normal[of], triangle[of], random, SKY_RAYS)[1]
+
+        def aim(i: int) -> None:
+            at = parts[i]
+            random, of = np.random.default_rng([i, 1]), number[at]
+            guides = guides_of(bins[of])
+            found[at] = self.estimate(points[at], sides.normal[of], triangle[of], random, rays, guides)
+
+        with ThreadPoolExecutor(core_count()) as pool:
+            for part, seen in zip(parts, pool.map(look, range(len(parts))), strict=True):
+                np.add.at(bins, number[part], seen)
+            list(pool.map(aim, range(len(parts))))
+        return found
 
     def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
         """(P, 3) irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
@@ -82,8 +117,51 @@ class DirectLight:
         triangle: Int64,
         random: np.random.Generator,
         sky_rays: int = SKY_RAYS,
+        guides: Float64 | None = None,
     ) -> Float64:
-        """As `at`, by the calling thread alone, with so many rays to the sky: a square, few for many points."""
+        """As `at`, by the calling thread alone, with so many rays to the sky: a square, few for many points.
+
+        guides : (P, BINS) sums of the chances of rays from each point to a sky of few colours; by the cosine else
+        """
+        total = self._punctual(points, normals, triangle)
+        sky = self.lighting.sky
+        if isinstance(sky, Environment):
+            wi = np.concatenate(
+                [
+                    _by_the_cosine(normals, random, sky_rays),
+                    _by_the_radiance(sky, len(points), random, sky_rays),
+                ],
+                axis=1,
+            )
+            seen = 2.0 * _shares(sky, wi, normals)[..., None] * self._from_sky(points, triangle, wi)
+            total += np.pi * seen.mean(axis=1)
+        elif sky is not None and guides is not None:
+            bins, chance = drawn_bins(guides, random, sky_rays)
+            wi = directions_in_bins(normals[:, None], bins, random)
+            seen = self._from_sky(points, triangle, wi) / (BINS * chance[..., None])
+            total += np.pi * seen.mean(axis=1)
+        elif sky is not None:
+            wi = _by_the_cosine(normals, random, sky_rays)
+            total += np.pi * self._from_sky(points, triangle, wi).mean(axis=1)
+        return total
+
+    def estimate_in_bins(
+        self, points: Float64, normals: Float64, triangle: Int64, random: np.random.Generator, sky_rays: int
+    ) -> tuple[Float64, Float64]:
+        """`estimate` as the mean of the channels (P,), and what of it (P, BINS) came from each bin of the sky."""
+        bins = np.zeros((len(points), BINS))
+        sky = self.lighting.sky
+        if sky is None or isinstance(sky, Environment):
+            return self.estimate(points, normals, triangle, random, sky_rays).mean(axis=1), bins
+        u = _stratified(len(points), random, sky_rays)
+        seen = self._from_sky(points, triangle, _about(normals[:, None], u)).mean(axis=2)
+        side = round(BINS**0.5)
+        at = (u * side).astype(np.int64) @ [side, 1]
+        np.add.at(bins, (np.arange(len(points))[:, None], at), np.pi / u.shape[1] * seen)
+        return self._punctual(points, normals, triangle).mean(axis=1) + bins.sum(axis=1), bins
+
+    def _punctual(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+        """(P, 3) irradiance by point, spot and directional lights."""
         total = np.zeros((len(points), 3))
         for light in self.lighting.punctual:
             there = incident(light, points)
@@ -91,18 +169,13 @@ class DirectLight:
             lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
             free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
             total[lit] += free * cosine[lit, None] * there.irradiance[lit]
-        if self.lighting.sky is not None:
-            wi = _by_the_cosine(normals, random, sky_rays)
-            if isinstance(self.lighting.sky, Environment):
-                wi = np.concatenate(
-                    [wi, _by_the_radiance(self.lighting.sky, len(points), random, sky_rays)], axis=1
-                )
-            free = self._free(points, triangle, wi, np.full(len(points), np.inf))
-            seen = free * self.lighting.sky.radiance(wi)
-            if isinstance(self.lighting.sky, Environment):
-                seen *= 2.0 * _shares(self.lighting.sky, wi, normals)[..., None]
-            total += np.pi * seen.mean(axis=1)
         return total
+
+    def _from_sky(self, points: Float64, triangle: Int64, wi: Float64) -> Float64:
+        """(P, K, 3) radiance of the sky that arrives along directions wi (P, K, 3)."""
+        assert self.lighting.sky is not None
+        free = self._free(points, triangle, wi, np.full(len(points), np.inf))
+        return np.asarray(free * self.lighting.sky.radiance(wi))
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> Float64:
         """(P, K, 3): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
@@ -114,16 +187,50 @@ class DirectLight:
 
 
 def _by_the_cosine(normals: Float64, random: np.random.Generator, rays: int) -> Float64:
-    """(P, rays, 3) unit directions with density cosine / pi about normals (P, 3), stratified.
+    """(P, rays, 3) unit directions with density cosine / pi about normals (P, 3), stratified."""
+    return _about(normals[:, None], _stratified(len(normals), random, rays))
 
-    By a point of the unit sphere about the normal's tip.
-    """
-    u = _stratified(len(normals), random, rays)
+
+def _about(normals: Float64, u: Float64) -> Float64:
+    """(..., 3) unit directions by the cosine about normals: a point of the unit sphere about the normal's tip."""
     z = 1 - 2 * u[..., 0]
     r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
-    wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals[:, None]
+    wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals
     length = np.linalg.norm(wi, axis=-1, keepdims=True)
-    return np.asarray(np.where(length > 1e-9, wi / np.maximum(length, 1e-9), normals[:, None]))
+    return np.asarray(np.where(length > 1e-9, wi / np.maximum(length, 1e-9), normals))
+
+
+def guides_of(weights: Float64) -> Float64:
+    """(P, BINS): sums of the chances of the bins, from what each is worth (P, BINS), told from few rays.
+
+    What no ray has met is beside what one has, or anywhere: half of all go by the cosine.
+    """
+    side = round(BINS**0.5)
+    grid = weights.reshape(-1, side, side)
+    # Bins of one height go round.
+    grid = grid + 0.5 * (np.roll(grid, 1, axis=2) + np.roll(grid, -1, axis=2))
+    above = np.concatenate([grid[:, :1], grid[:, :-1]], axis=1)
+    below = np.concatenate([grid[:, 1:], grid[:, -1:]], axis=1)
+    grid = (grid + 0.5 * (above + below)).reshape(-1, BINS)
+    total = grid.sum(axis=1, keepdims=True)
+    share = np.where(total > 0, grid / np.maximum(total, np.finfo(float).tiny), 1.0 / BINS)
+    found = np.cumsum(_GUIDED * share + (1.0 - _GUIDED) / BINS, axis=1)
+    return np.asarray(found / found[:, -1:])
+
+
+def drawn_bins(guides: Float64, random: np.random.Generator, rays: int) -> tuple[Int64, Float64]:
+    """(P, rays) bins drawn by guides (P, BINS), stratified, and the chance of each."""
+    at = (np.arange(rays) + random.random((len(guides), rays))) / rays
+    bins = np.minimum((guides[:, None] <= at[..., None]).sum(axis=2), BINS - 1)
+    row = np.arange(len(guides))[:, None]
+    return bins, guides[row, bins] - np.where(bins > 0, guides[row, bins - 1], 0.0)
+
+
+def directions_in_bins(normals: Float64, bins: Int64, random: np.random.Generator) -> Float64:
+    """(..., 3) unit directions about normals, by the cosine within each bin."""
+    side = round(BINS**0.5)
+    u = (np.stack([bins // side, bins % side], axis=-1) + random.random((*bins.shape, 2))) / side
+    return _about(normals, u)
 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:

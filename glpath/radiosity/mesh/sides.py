@@ -20,6 +20,8 @@ from glpath.system.kernels import kernel
 
 #: Parts of an edge of an element that is partly buried, for its points and its area.
 _FINE = 8
+#: How far off its surface a point looks around, as a share of its coordinates: those of files have 24 bits.
+_OFF = 1e-6
 
 
 @dataclass(frozen=True)
@@ -161,17 +163,21 @@ def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals
     solid           : (T,) which triangles belong to closed surfaces
     points, normals : (P, 3), on surfaces and away from them
 
-    Buried is what sees the inside of a closed surface straight ahead and to three sides.
+    Buried is what sees the inside of a closed surface straight ahead and to three sides. Where a wall stands on a
+    floor or joins a wall, two faces lie in one plane, and which of them a ray meets first is chance: so it looks
+    from off its surface by more than rounding, and what leaves a solid counts before what enters another there.
     """
     free = np.zeros(len(points), np.bool_)
     of_solid, room = np.ascontiguousarray(solid), np.empty((3, 3))
-    _in_the_open(rays_of(scene), of_solid, scene.normals, points, normals, room, free)
+    extent = float(np.ptp(scene.triangles.reshape(-1, 3), axis=0).max(initial=0.0))
+    off = _OFF * (np.abs(points).max(axis=1, initial=0.0) + 0.01 * extent)
+    _in_the_open(rays_of(scene), of_solid, scene.normals, points + off[:, None] * normals, normals, off, room, free)
     return free
 
 
 @kernel
-def _in_the_open(rays, solid, face, points, normals, work, free):  # type: ignore[no-untyped-def]
-    """Fill free (P,), which is all False; work: (3, 3)."""
+def _in_the_open(rays, solid, face, points, normals, off, work, free):  # type: ignore[no-untyped-def]
+    """Fill free (P,), which is all False; off (P,): how far apart faces in one plane may be; work: (3, 3)."""
     o, d, found = work[0], work[1], work[2]
     for p in range(len(points)):
         for way in range(4):
@@ -180,7 +186,17 @@ def _in_the_open(rays, solid, face, points, normals, work, free):  # type: ignor
                 d[k] = normals[p, k]
             if way > 0:
                 d[way - 1] += 0.7 if normals[p, way - 1] > 0 else -0.7
-            hit = nearest(rays, o, d, -1, found)
-            if hit < 0 or not solid[hit] or d[0] * face[hit, 0] + d[1] * face[hit, 1] + d[2] * face[hit, 2] < 0:
+            hit, first = -1, 0.0
+            buried = False
+            for face_there in range(2):
+                hit = nearest(rays, o, d, hit, found)
+                if hit < 0 or (face_there == 1 and found[0] > first * (1 + _OFF) + 2 * off[p]):
+                    break
+                first = found[0]
+                along = d[0] * face[hit, 0] + d[1] * face[hit, 1] + d[2] * face[hit, 2]
+                if solid[hit] and along >= 0:
+                    buried = True
+                    break
+            if not buried:
                 free[p] = True
                 break

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity.form_factors.lights import DirectLight
+from glpath.radiosity.form_factors.lights import BINS, DirectLight, directions_in_bins, drawn_bins, guides_of
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.mesh import (
@@ -51,9 +51,16 @@ _MOST_THROUGH = 64
 _START_RAYS = 4
 #: Cells that reflected light starts in, where a camera says how many start in which, and rays to the sky from each
 #: of four points of a cell.
-_CELLS, _CELL_RAYS = 4096, 16
+_CELLS, _CELL_RAYS, _FAR_RAYS = 4096, 16, 4
+#: So many sides of cells that matter most have so many: a window may be small.
+_CLOSER, _CLOSE_RAYS = 2048, 100
+#: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was met.
+_SPREAD, _UNMET = 0.25, 0.2
 #: Batches of paths from a camera that say so.
-_CAMERA_BATCHES = 4
+_CAMERA_BATCHES = 12
+#: And of those that say how much of the picture is from where.
+_VIEW_BATCHES = 1
+_ENDLESS = 1 << 62
 
 
 class _Surfaces(NamedTuple):
@@ -105,6 +112,8 @@ class _Lit(NamedTuple):
     triangle : (L,) of the scene; `back` the side of it
     chance   : (L,) of a particle to start there
     scale    : (L, 3) its energy per irradiance at its start: reflectance times area over chance
+    to_sky, to_camera : (L, BINS) guides to where the sky is seen, and to where a camera may see what leaves, of
+               starts that a camera decides; else none
     """
 
     corners: Float64
@@ -112,12 +121,15 @@ class _Lit(NamedTuple):
     back: Int64
     chance: Float64
     scale: Float64
+    to_sky: Float64 | None
+    to_camera: Float64 | None
 
 
 class _Starts(NamedTuple):
     """Particles that start elsewhere than on a lamp: position (K, 3), energy (K, 3), triangle and side (K,).
 
-    direction : (K, 3) of those that come from an eye, unit; 0 of those that a surface sends, by the cosine
+    triangle, of those that come from an eye, is -1
+    direction : (K, 3) unit; 0 of those that a surface sends by the cosine
     """
 
     position: Float64
@@ -138,8 +150,10 @@ class Shooting:
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
                 reflected; at the elements' fronts and backs
     hits      : of particles on surfaces
-    open_areas : (2, E) of what is not buried in solids, of both sides
+    open_share : (2, E) of what is not buried in solids, of both sides; and `open_areas`, which are never 0
     lit        : (2, E, 3) irradiance by lights that are no patches, which no particle brings
+    view       : (2,) sums over batches of the mean radiance that their light adds to the camera's picture by a
+                 gather, times `BATCH`, and of its square; of a solution for a camera
     whole      : false while sums change; a signal may end that in the middle
     """
 
@@ -163,11 +177,18 @@ class Shooting:
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         self._rays = rays_of(scene)
         self._light = DirectLight(scene)
-        self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
+        self.open_share, self.lit = _open_and_lit(self.mesh, self._light)
+        # All of an element that light cannot reach: nothing arrives there.
+        self.open_areas = np.where(self.open_share > 0, self.open_share, 1.0) * self.mesh.areas
         self._surfaces = _Surfaces.of(scene, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
+        self.view = np.zeros(2)
+        self._gathered: Float64 | None = None
+        if self.for_camera:
+            gathered = gathered_by_camera(scene, self._rays, self.mesh.elements, self.seed)
+            self._gathered = gathered / self.open_areas[..., None]
         self.whole = True
 
     def _find_lamps(self, sides: Sides) -> tuple[_Lamps, _Lit, int]:
@@ -203,11 +224,15 @@ class Shooting:
         reflectance = scene.side_reflectance[:, elements.triangle]
         power = (reflectance * lit).mean(axis=2) * areas
         total = float(power.sum())
+        to_sky = to_camera = None
         if total and self.for_camera:
-            cells = start_cells(scene, self.mesh.surface)
-            visits = visits_from_camera(scene, self._rays, cells, self.seed)
-            elements, power = cells, self._contribution(cells, visits)
+            elements = self._start_cells()
+            came = np.zeros((2, len(elements), BINS))
+            visits = visits_from_camera(scene, self._rays, elements, self.seed, came)
+            visits = self._spread_visits(elements, visits)
+            power, to_sky = self._contribution(elements, visits)
             reflectance = scene.side_reflectance[:, elements.triangle]
+            to_camera = came
         back, element = np.nonzero(reflectance.any(axis=2) if self._light else np.zeros(power.shape, bool))
         whole = scene.areas[elements.triangle[element]] / elements.n[element] ** 2
         chance = power[back, element]
@@ -223,26 +248,54 @@ class Shooting:
             back=back,
             chance=chance,
             scale=reflectance[back, element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
+            to_sky=None if to_sky is None else guides_of(to_sky[back, element]),
+            to_camera=None if to_camera is None else guides_of(to_camera[back, element]),
         )
         return starts, total
 
-    def _contribution(self, cells: Elements, visits: Float64) -> Float64:
-        """(2, C): the light that sides of cells reflect, times how much of that a camera sees, about."""
+    def _start_cells(self) -> Elements:
+        """Those of `start_cells`, and smaller ones where elements are small: where the camera looks."""
+        cells = start_cells(self.mesh.scene, self.mesh.surface)
+        if len(self.mesh.elements) > _CELLS // 2:
+            return cells
+        divisions = np.ones(len(self.mesh.scene.triangles), np.int64)
+        for elements, parts in ((cells, 1), (self.mesh.elements, 2)):
+            np.maximum.at(divisions, elements.triangle, parts * elements.n)
+        return Elements.of_lattices(divisions)
+
+    def _spread_visits(self, cells: Elements, visits: Float64) -> Float64:
+        """(2, C): a share of what a surface is visited goes to all of it, as chance may pass a small cell by."""
+        surface, areas = self.mesh.surface[cells.triangle], self.mesh.scene.areas[cells.triangle] / cells.n**2
+        of = np.stack([np.bincount(surface, side) for side in visits]) / np.bincount(surface, areas)
+        return np.asarray((1.0 - _SPREAD) * visits + _SPREAD * of[:, surface] * areas)
+
+    def _contribution(self, cells: Elements, visits: Float64) -> tuple[Float64, Float64]:
+        """(2, C): the light that sides of cells reflect, times how much of that a camera sees, about.
+
+        And where in the sky it comes from: (2, C, BINS).
+        """
         scene = self.mesh.scene
         reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
-        back, cell = np.nonzero(visits * reflectance)
-        triangle, each, random = cells.triangle[cell], 4, np.random.default_rng([self.seed, 1])
-        u = np.sort(random.random((len(cell), each, 2)), axis=2)
-        b = np.stack([u[..., 0], u[..., 1] - u[..., 0], 1.0 - u[..., 1]], axis=2)
-        points = np.einsum("cek,ckd->ced", b, cells[cell].points(scene, np.eye(3))).reshape(-1, 3)
-        normals = np.repeat(scene.normals[triangle] * (1 - 2 * back[:, None]), each, axis=0)
-        irradiance = self._light.estimate(points, normals, np.repeat(triangle, each), random, _CELL_RAYS)
-        lit = np.zeros(visits.shape)
-        lit[back, cell] = irradiance.reshape(-1, 3 * each).mean(axis=1)
+        lit, from_sky = np.zeros(visits.shape), np.zeros((*visits.shape, BINS))
+        worth = visits * reflectance
+        random = np.random.default_rng([self.seed, 1])
+        least = np.sort(worth, axis=None)[-_CLOSER] if worth.size > _CLOSER else 0.0
+        close, there = worth > least, worth > 0
+        for some, rays in ((close, _CLOSE_RAYS), (there & ~close, _CELL_RAYS), (~there, _FAR_RAYS)):
+            back, cell = np.nonzero(some & (reflectance > 0))
+            triangle, each = cells.triangle[cell], 4
+            u = np.sort(random.random((len(cell), each, 2)), axis=2)
+            b = np.stack([u[..., 0], u[..., 1] - u[..., 0], 1.0 - u[..., 1]], axis=2)
+            points = np.einsum("cek,ckd->ced", b, cells[cell].points(scene, np.eye(3))).reshape(-1, 3)
+            normals = np.repeat(scene.normals[triangle] * (1 - 2 * back[:, None]), each, axis=0)
+            of = np.repeat(triangle, each)
+            irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays)
+            lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
+            from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
         # A window, a lamp or a way to the camera may have been missed by all of a few rays: what has a small chance
         # to start comes with much energy, and a single particle of it would be a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
-        return np.asarray(reflectance * (visits + 1.0) * (lit + 0.3 * usual))
+        return np.asarray(reflectance * visits * (lit + _UNMET * usual)), from_sky
 
     def _starts(self, number: int) -> _Starts:
         """Those of a batch: how many start on an element is even, as far as its chance allows."""
@@ -255,8 +308,14 @@ class Shooting:
         position = corners[:, :3] + root * ((1 - v) * corners[:, 3:6] + v * corners[:, 6:])
         triangle, back = lit.triangle[which], lit.back[which]
         normals = self._surfaces.normals[triangle] * (1 - 2 * back[:, None])
-        energy = lit.scale[which] * self._light.estimate(position, normals, triangle, random, _START_RAYS)
-        return _Starts(position, energy, triangle, back, np.zeros((count, 3)))
+        guides = None if lit.to_sky is None else lit.to_sky[which]
+        energy = lit.scale[which] * self._light.estimate(position, normals, triangle, random, _START_RAYS, guides)
+        direction = np.zeros((count, 3))
+        if lit.to_camera is not None:
+            bins, share = drawn_bins(lit.to_camera[which], random, 1)
+            direction = directions_in_bins(normals, bins[:, 0], random)
+            energy /= BINS * share
+        return _Starts(position, energy, triangle, back, direction)
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
@@ -269,6 +328,10 @@ class Shooting:
                     self.whole = False
                     self.flux += flux
                     self.square += flux.sum(axis=0) ** 2
+                    if self._gathered is not None:
+                        # Direct light is found by other means where it is seen.
+                        seen = float((self._gathered * flux[INDIRECT]).sum()) / 3
+                        self.view += seen, seen * seen
                     self.hits += hits
                     self.particles += BATCH
                     self.whole = True
@@ -277,11 +340,11 @@ class Shooting:
     def state(self) -> dict[str, NDArray[Any]]:
         """All that the solution depends on, for `restore`."""
         counts = np.array([self.particles, self.hits], np.int64)
-        return {"flux": self.flux, "square": self.square, "counts": counts}
+        return {"flux": self.flux, "square": self.square, "view": self.view, "counts": counts}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Go on from a state of the same scene and settings. Raises ValueError for one of another mesh."""
-        for name in ("flux", "square"):
+        for name in ("flux", "square", "view"):
             if state[name].shape != getattr(self, name).shape:
                 raise ValueError(
                     f"`{name}` is of another mesh: {state[name].shape}, {getattr(self, name).shape} here"
@@ -292,7 +355,10 @@ class Shooting:
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)
         work, starts = np.empty((4, 3)), self._starts(number)
-        hits = _shoot(number, self.seed, self._rays, self._surfaces, self._lamps, starts, work, flux)
+        nowhere = np.zeros((2, 0, BINS))
+        hits = _shoot(
+            number, self.seed, self._rays, self._surfaces, self._lamps, starts, _ENDLESS, work, flux, nowhere
+        )
         return flux, int(hits)
 
     def irradiance(self) -> Float64:
@@ -310,6 +376,17 @@ class Shooting:
         mean = self.flux.sum(axis=0) / batches
         variance = np.maximum(self.square / batches - mean**2, 0.0) / (batches - 1)
         return np.asarray(np.sqrt(variance) / BATCH / self.open_areas[..., None])
+
+    def view_error(self) -> tuple[float, float] | None:
+        """Mean radiance, of the channels, that a gather of the camera's picture has of the solution, and its error.
+
+        W sr^-1 m^-2; a standard error, from how the batches differ. None of less than two, or without a camera.
+        """
+        batches = self.particles // BATCH
+        if self._gathered is None or batches < 2:
+            return None
+        mean, square = self.view / batches
+        return float(mean) / BATCH, float(np.sqrt(max(square - mean * mean, 0.0) / (batches - 1))) / BATCH
 
     def result(self) -> Float64:
         """(2, 2, E, 3): irradiance of the elements; 0 where a side neither reflects nor emits."""
@@ -336,13 +413,38 @@ def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, 
     return divisions_of_size(scene, surface, np.minimum(longest, size)[surface])
 
 
-def visits_from_camera(scene: Scene, rays: Rays, cells: Elements, seed: int) -> Float64:
+def visits_from_camera(
+    scene: Scene, rays: Rays, cells: Elements, seed: int, came: Float64 | None = None
+) -> Float64:
     """(2, C): importance of the sides of cells, how much of the light that they send a camera sees, about.
 
     Paths leave the camera, half of them in its view and half all around, as it may turn, and go on as particles do
     (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination computation). What is counted is
     where they arrive after the surface that the eye sees.
+
+    came : (2, C, BINS), if given, is added the same by the bins of directions back along these paths
     """
+    return np.asarray(_from_camera(scene, rays, cells, seed, _CAMERA_BATCHES, 0.5, _ENDLESS, came).mean(axis=2))
+
+
+def gathered_by_camera(scene: Scene, rays: Rays, elements: Elements, seed: int) -> Float64:
+    """(2, E, 3), sr^-1: the mean radiance of a camera's picture, by irradiance of sides that the eye sees by one
+    reflection: what a gather looks up."""
+    found = _from_camera(scene, rays, elements, seed, _VIEW_BATCHES, 1.0, 1, None) / (_VIEW_BATCHES * BATCH)
+    return np.asarray(found * scene.side_reflectance[:, elements.triangle] / np.pi)
+
+
+def _from_camera(
+    scene: Scene,
+    rays: Rays,
+    cells: Elements,
+    seed: int,
+    batches: int,
+    in_view: float,
+    most: int,
+    came: Float64 | None,
+) -> Float64:
+    """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
     divisions = np.ones(len(scene.triangles), np.int64)
     np.maximum.at(divisions, cells.triangle, cells.n)
     surfaces, camera = _Surfaces.of(scene, divisions), scene.camera.at()
@@ -350,20 +452,21 @@ def visits_from_camera(scene: Scene, rays: Rays, cells: Elements, seed: int) -> 
     lamps = _Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
     flux = np.zeros((2, 2, len(cells), 3))
     none = np.zeros(BATCH, np.int64)
-    for i in range(_CAMERA_BATCHES):
+    bins = np.zeros((2, 0, BINS)) if came is None else came
+    for i in range(batches):
         random = np.random.default_rng([seed, i, 0])
-        origin, direction = _camera_rays(camera, random.random((BATCH, 2)))
+        origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
         starts = _Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
-        _shoot(1 << 40 | i, seed, rays, surfaces, lamps, starts, np.empty((4, 3)), flux)
-    return np.asarray(flux[INDIRECT].mean(axis=2))
+        _shoot(1 << 40 | i, seed, rays, surfaces, lamps, starts, most, np.empty((4, 3)), flux, bins)
+    return np.asarray(flux[INDIRECT])
 
 
-def _camera_rays(camera: Camera, u: Float64) -> tuple[Float64, Float64]:
-    """Origins and unit directions (N, 3) for u (N, 2): the first half in a camera's view, the other all around."""
+def _camera_rays(camera: Camera, u: Float64, in_view: float) -> tuple[Float64, Float64]:
+    """Origins and unit directions (N, 3) for u (N, 2): a share in a camera's view, then the others all around."""
     direction = uniform_sphere(u)
     origin = np.repeat(np.asarray(camera.position, np.float64)[None], len(u), axis=0)
     if camera.projection != "panorama":
-        half = len(u) // 2
+        half = round(in_view * len(u))
         right, up, forward = camera.frame()
         width, height = camera.resolution
         at = (2 * u[:half] - 1) * [width / height, 1.0]
@@ -386,13 +489,13 @@ def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
 
 
 def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
-    """(2, E) areas of what light can reach, all of an element where it can reach nothing, and `Shooting.lit`."""
+    """`Shooting.open_share` and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
     solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
     points, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
     share = np.ones((2, len(mesh.elements)))
-    share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
+    share[sides.back, sides.element] = is_open
     lit = np.zeros((2, len(mesh.elements), 3))
     each = points.shape[1]
     lit[sides.back, sides.element] = light.of_sides(
@@ -402,7 +505,7 @@ def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
         np.repeat(np.arange(len(sides)), each),
         each,
     )
-    return share * mesh.areas, lit
+    return share, lit
 
 
 @inner_kernel
@@ -417,8 +520,12 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ignore[no-untyped-def]
-    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3)."""
+def _shoot(number, seed, rays, surfaces, lamps, starts, most, work, flux, came):  # type: ignore[no-untyped-def]
+    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3).
+
+    most : reflections after which a particle ends where it arrives
+    came : (2, E, BINS), or (2, 0, BINS); adds what arrives after being reflected, by the bin that it came from
+    """
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
     hits = 0
     if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
@@ -437,8 +544,8 @@ def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ig
                 )
             if max(w[0], w[1], w[2]) <= 0:
                 continue  # in the shadow
-            part = 1 if d[0] == 0 and d[1] == 0 and d[2] == 0 else 0
-            leaves = part == 1
+            part = 0 if triangle < 0 else 1
+            leaves = d[0] == 0 and d[1] == 0 and d[2] == 0
         else:
             state, u = _random(state)
             which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
@@ -450,7 +557,7 @@ def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ig
                 o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
                 w[k] = lamps.energy[which, k]
             leaves = True
-        passed = 0
+        passed, reflections = 0, 0
         while True:
             if leaves:
                 state = _leave(state, normals[triangle], back, d)
@@ -474,6 +581,8 @@ def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ig
             j = max(0, min(int(y), n - 1 - i))
             upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
             at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
+            if part == 1 and came.shape[1] > 0:
+                came[back, at, _bin(normals[triangle], d)] += (w[0] + w[1] + w[2]) / 3
             survival = 0.0
             for k in range(3):
                 flux[part, back, at, k] += w[k]
@@ -516,6 +625,9 @@ def _shoot(number, seed, rays, surfaces, lamps, starts, work, flux):  # type: ig
             passed = 0
             leaves = u < chance
             if leaves:
+                reflections += 1
+                if reflections > most:
+                    break
                 part = 1
                 for k in range(3):
                     w[k] *= reflectance[back, triangle, k] / survival
@@ -535,6 +647,21 @@ def _above(cdf, u):  # type: ignore[no-untyped-def]
         else:
             high = middle
     return low
+
+
+@kernel_part
+def _bin(normal, d):  # type: ignore[no-untyped-def]
+    """The bin of the direction back along d, which arrives: of the point about the normal's tip, as in `_leave`."""
+    c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
+    sign = -1.0 if c > 0 else 1.0
+    x = 2 * abs(c) * -d[0] - sign * normal[0]
+    y = 2 * abs(c) * -d[1] - sign * normal[1]
+    z = 2 * abs(c) * -d[2] - sign * normal[2]
+    turn = np.arctan2(y, x) / (2 * np.pi)
+    side = int(np.sqrt(BINS))
+    i = min(max(int((1 - z) / 2 * side), 0), side - 1)
+    j = min(max(int((turn + (1 if turn < 0 else 0)) * side), 0), side - 1)
+    return i * side + j
 
 
 @kernel_part
