@@ -335,21 +335,35 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             continue
         if depth == 0:
             counts[PARTIAL] += 1
-            part = tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+            tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+        part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         coarse = whole <= _COARSE * part
         may_halve = put - end > _FEW_SHADES and depth < DEEPEST and not coarse
         if may_halve and put - end > _MANY_SHADES and _halve(a, n, b, m, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
+        _, radius_a = measure(a, n, work.centre_a)
+        _, radius_b = measure(b, m, work.centre_b)
+        on_a = radius_a <= radius_b
+        if depth < DEEPEST and not coarse:
+            if on_a:
+                stands = _standing(a, n, facets.planes, i, shades, work)
+            else:
+                stands = _standing(b, m, facets.planes, j, shades, work)
+            if stands >= 0:
+                for k in range(4):
+                    work.hull[0, k] = occluders.planes[work.shade_plane[stands], k]
+                    work.hull[1, k] = -work.hull[0, k]
+                if _divide(a, n, b, m, on_a, top, work):
+                    top = _push_halves(pairs, top, end, put, depth)
+                    continue
         first = BLOCKS
         while not coarse and first < _TRIED and first * _A_POINT * part < whole:
             first *= 2
         most = _TRIED if may_halve else MOST_POINTS
         seed = mixed(seed)
         work.lost[0] = 0
-        _, radius_a = measure(a, n, work.centre_a)
-        _, radius_b = measure(b, m, work.centre_b)
-        if radius_a <= radius_b:
+        if on_a:
             share, uncertain, points = seen_share(
                 a, n, facets.planes[i], b, m, whole, part, first, most, seed, shades, occluders.planes, work
             )
@@ -397,8 +411,6 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
     first = radius_a >= radius_b
     source, count = (a, n) if first else (b, m)
     centre = work.centre_a if first else work.centre_b
-    if count > ROOM - 3:
-        return False
     # Across the line from the centre to the farthest corner.
     farthest, at = -1.0, 0
     for k in range(count):
@@ -414,6 +426,17 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
         for j in range(3):
             cut[side, j] = (source[at, j] - centre[j]) / length * (1 - 2 * side)
             cut[side, 3] -= cut[side, j] * centre[j]
+    return _divide(a, n, b, m, first, top, work)
+
+
+@inner_kernel
+def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
+    """Put the two parts of a, if `first`, or of b, before each of work.hull[:2], at `top` and above it, each with the
+    other polygon; False where one is empty, or where it has too many corners to be cut."""
+    source, count = (a, n) if first else (b, m)
+    if count > ROOM - 3:
+        return False
+    cut = work.hull
     one = clip(source, count, cut, 0, work.eps, work.spare)
     other = work.a[top + 1] if first else work.b[top + 1]
     two = clip(source, count, cut, 1, work.eps, other)
@@ -429,6 +452,48 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
     work.pairs[top, 0], work.pairs[top, 1] = (one, m) if first else (n, one)
     work.pairs[top + 1, 0], work.pairs[top + 1, 1] = (two, m) if first else (n, two)
     return True
+
+
+@inner_kernel
+def _standing(polygon, n, planes, i, shades, work):  # type: ignore[no-untyped-def]
+    """Of work.shades[:shades] the one that stands on polygon[:n], in planes[i], along the longest line that is not
+    its edge; -1 where none does. What a point sees leaps there, and points are slow at finding where."""
+    eps = work.eps
+    found, longest = -1, 8 * eps
+    for s in range(shades):
+        count = work.shade_count[s]
+        shade = work.shades[s]
+        last = count - 1
+        touches = abs(height(planes, i, shade[last, 0], shade[last, 1], shade[last, 2])) <= 2 * eps
+        for k in range(count):
+            touched, touches = touches, abs(height(planes, i, shade[k, 0], shade[k, 1], shade[k, 2])) <= 2 * eps
+            if touched and touches:
+                x, y, z = shade[last, 0], shade[last, 1], shade[last, 2]
+                dx, dy, dz = shade[k, 0] - x, shade[k, 1] - y, shade[k, 2] - z
+                begin, end = 0.0, 1.0
+                for c in range(n):
+                    j = c + 1 if c + 1 < n else 0
+                    ex, ey, ez = (
+                        polygon[j, 0] - polygon[c, 0], polygon[j, 1] - polygon[c, 1], polygon[j, 2] - polygon[c, 2]
+                    )  # fmt: skip
+                    # Inward, of the length of the edge.
+                    mx = planes[i, 1] * ez - planes[i, 2] * ey
+                    my = planes[i, 2] * ex - planes[i, 0] * ez
+                    mz = planes[i, 0] * ey - planes[i, 1] * ex
+                    at = mx * (x - polygon[c, 0]) + my * (y - polygon[c, 1]) + mz * (z - polygon[c, 2])
+                    at -= 4 * eps * np.sqrt(ex * ex + ey * ey + ez * ez)
+                    slope = mx * dx + my * dy + mz * dz
+                    if slope > 0:
+                        begin = max(begin, -at / slope)
+                    elif slope < 0:
+                        end = min(end, -at / slope)
+                    elif at < 0:
+                        end = -1.0
+                length = (end - begin) * np.sqrt(dx * dx + dy * dy + dz * dz)
+                if length > longest:
+                    found, longest = s, length
+            last = k
+    return found
 
 
 @kernel
