@@ -25,6 +25,8 @@ BLOCKS = 4
 MISSED = 0.1
 #: Points of Sobol's sequence that there are.
 MOST_POINTS = 1 << 16
+#: Of what points miss of the exchange area without occluders, which is known, what counts as a standard error.
+UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
 
@@ -269,6 +271,8 @@ def seen_share(  # type: ignore[no-untyped-def]
         variance *= BLOCKS / ((BLOCKS - 1.0) * whole * whole)
         if min(share, 1 - share) * points < 1:
             variance += (MISSED / points) ** 2
+        # Of what the points get wrong of all, as much is unknown of what is seen.
+        variance += (UNKNOWN * (whole * work.fan[n - 2] / (points * exchange) - 1)) ** 2
         uncertain = np.sqrt(variance)
         if uncertain * exchange <= tolerance or points >= most:
             return share, uncertain, points
