@@ -248,7 +248,7 @@ def seen_share(  # type: ignore[no-untyped-def]
             seen = whole = 0.0
             for _ in range(size):
                 x, y, z = point_of(
-                    a, n, sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1), work.fan, points == 0
+                    a, n, _scrambled(sobol[points, 0], r0), _scrambled(sobol[points, 1], r1), work.fan, points == 0
                 )
                 points += 1
                 s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, shades, planes, work)
@@ -281,6 +281,32 @@ def seen_share(  # type: ignore[no-untyped-def]
                 sums[block, j] = sums[2 * block, j] + sums[2 * block + 1, j]
         filled = BLOCKS // 2
         size *= 2
+
+
+@inner_kernel
+def _reversed(x):  # type: ignore[no-untyped-def]
+    """The 32 bits of x in reverse."""
+    x = (x >> 1 & 0x55555555) | ((x & 0x55555555) << 1)
+    x = (x >> 2 & 0x33333333) | ((x & 0x33333333) << 2)
+    x = (x >> 4 & 0x0F0F0F0F) | ((x & 0x0F0F0F0F) << 4)
+    x = (x >> 8 & 0x00FF00FF) | ((x & 0x00FF00FF) << 8)
+    return x >> 16 | ((x & 0xFFFF) << 16)
+
+
+@inner_kernel
+def _times(x, low, high):  # type: ignore[no-untyped-def]
+    return (x * low + ((x * high & 0xFFFF) << 16)) & 0xFFFFFFFF
+
+
+@inner_kernel
+def _scrambled(x, seed):  # type: ignore[no-untyped-def]
+    """x, 32 bits, each bit flipped or not by what stands before it: nested uniform scrambling (Owen 1995), by the hash of Laine & Karras 2011."""
+    x = (_reversed(x) + (seed << 1)) & 0xFFFFFFFF
+    x ^= _times(x, 0xB47C, 0x6C50)
+    x ^= _times(x, 0x1E52, 0xB82F)
+    x ^= _times(x, 0xE638, 0xC7AF)
+    x ^= _times(x, 0xF6E6, 0x8D22)
+    return _reversed(x)
 
 
 @inner_kernel
