@@ -77,7 +77,7 @@ def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
     side = work.pyramid[o, k]
     side[0], side[1], side[2] = cx, cy, cz
     side[3] = work.eps * np.sqrt(cx * cx + cy * cy + cz * cz)
-    work.made[o] = k + 1
+    work.made[o] |= 1 << k
 
 
 @inner_kernel
@@ -123,8 +123,9 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             # Outside of one plane: the pyramid leaves it alone. Inside of all: nothing of it is seen.
             outside, inside = False, True
             sides = work.shade_count[o]
-            for e in range(sides):
-                if e == made[o]:
+            e = work.parting[o]
+            for _ in range(sides):
+                if made[o] >> e & 1 == 0:
                     _make_side(x, y, z, o, e, work)
                 side = pyramid[o, e]
                 px, py, pz, eps = side[0], side[1], side[2], side[3]
@@ -134,9 +135,11 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
                     lowest, highest = min(lowest, h), max(highest, h)
                 if highest <= eps:
                     outside = True
+                    work.parting[o] = e  # likely for the next point, too
                     break
                 if lowest < -eps:
                     inside = False
+                e = e + 1 if e + 1 < sides else 0
             if outside:
                 o += 1
                 continue
@@ -241,6 +244,8 @@ def seen_share(  # type: ignore[no-untyped-def]
     r0 = mixed(seed)
     r1 = mixed(r0)
     sums, sobol = work.blocks, work.sobol
+    for o in range(shades):
+        work.parting[o] = 0
     size = first // BLOCKS
     filled = points = 0
     while True:

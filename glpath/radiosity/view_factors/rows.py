@@ -140,6 +140,7 @@ class Work(NamedTuple):
     shade_plane: Int64
     pyramid: Float64
     made: Int64
+    parting: Int64
     fronts: Float64
     parts: Float64
     part_corners: Int64
@@ -184,6 +185,7 @@ class Work(NamedTuple):
             shade_plane=np.empty(MOST_SHADES, np.int64),
             pyramid=np.empty((MOST_SHADES, ROOM, 4)),
             made=np.empty(MOST_SHADES, np.int64),
+            parting=np.empty(MOST_SHADES, np.int64),
             fronts=np.empty(MOST_SHADES),
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
             part_corners=np.empty(PARTS + 2, np.int64),
