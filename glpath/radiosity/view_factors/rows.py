@@ -33,7 +33,7 @@ Int64 = NDArray[np.int64]
 
 #: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.3
+_SHARE = 0.4
 #: Of the error wanted of a row, what is allowed where nothing stands between.
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
