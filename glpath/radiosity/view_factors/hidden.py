@@ -22,7 +22,7 @@ PARTS = 1024
 #: Blocks of points whose means are compared.
 BLOCKS = 4
 #: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
-MISSED = 0.1
+MISSED = 0.3
 #: Points of Sobol's sequence that there are.
 MOST_POINTS = 1 << 16
 #: Of what points miss of the exchange area without occluders, which is known, what counts as a standard error.

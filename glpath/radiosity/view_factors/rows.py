@@ -360,7 +360,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
                     top = _push_halves(pairs, top, end, put, depth)
                     continue
         first = BLOCKS
-        while not coarse and first < _TRIED and first * _A_POINT * part < whole:
+        while first < _TRIED and first * (_A_POINT if depth == 0 else 1.0) * part < whole:
             first *= 2
         most = _TRIED if may_halve else MOST_POINTS
         seed = mixed(seed)
