@@ -51,7 +51,7 @@ _OVERLAP = 0.01
 _ASKED = 8 << 20
 #: What a row's error is made of: how many standard errors, and the width of a strip along its edges, in lengths
 #: below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to rounding.
-_CAUTION, _STRIPS = 1.5, 2e-3
+_CAUTION, _STRIPS = 1.25, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
 _FORMAT = 3
 

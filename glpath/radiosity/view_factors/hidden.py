@@ -306,7 +306,7 @@ def _times(x, low, high):  # type: ignore[no-untyped-def]
 @inner_kernel
 def _scrambled(x, seed):  # type: ignore[no-untyped-def]
     """x, 32 bits, each bit flipped or not by what stands before it: nested uniform scrambling (Owen 1995), by the hash of Laine & Karras 2011."""
-    x = (_reversed(x) + (seed << 1)) & 0xFFFFFFFF
+    x = (_reversed(x) + (seed << 1 | seed >> 30)) & 0xFFFFFFFF
     x ^= _times(x, 0xB47C, 0x6C50)
     x ^= _times(x, 0x1E52, 0xB82F)
     x ^= _times(x, 0xE638, 0xC7AF)

@@ -42,7 +42,7 @@ _OF_BOUND = 0.1
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
-_A_POINT, _TRIED = 5.0, 64
+_A_POINT, _TRIED = 3.0, 128
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
 #: no point is tried; how often it is halved; and those that count then.
 _FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
@@ -340,7 +340,8 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         coarse = whole <= _COARSE * part
-        may_halve = put - end > _FEW_SHADES and depth < DEEPEST and not coarse
+        crowded = put - end > MOST_SHADES
+        may_halve = depth < DEEPEST and (crowded or (put - end > _FEW_SHADES and not coarse))
         if may_halve and put - end > _MANY_SHADES and _halve(a, n, b, m, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
