@@ -25,7 +25,8 @@ BLOCKS = 4
 MISSED = 0.3
 #: Points of Sobol's sequence that there are.
 MOST_POINTS = 1 << 16
-#: Of what points miss of the exchange area without occluders, which is known, what counts as a standard error.
+#: Of the share of the exchange area without occluders, which is known, by which points are off it, what counts as
+#: one standard error.
 UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
@@ -77,7 +78,7 @@ def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
     side = work.pyramid[o, k]
     side[0], side[1], side[2] = cx, cy, cz
     side[3] = work.eps * np.sqrt(cx * cx + cy * cy + cz * cz)
-    work.made[o] |= 1 << k
+    work.made[o] |= 1 << k  # a bit for each side
 
 
 @inner_kernel
@@ -232,14 +233,14 @@ def seen_share(  # type: ignore[no-untyped-def]
 ):
     """The share of an exchange area that is seen past occluders, its standard error, and how many points it took.
 
-    The points are on a[:n], in that plane, and what is seen is b[:m]. They are Sobol's with a random digital shift,
-    and are doubled until the standard error is below the tolerance. It is what the means of `BLOCKS` successive
-    blocks say, each of which is a net; all together are a better net, so that it is cautious.
+    The points are on a[:n], in that plane, and what is seen is b[:m]. They are Sobol's, scrambled, and are doubled
+    until the standard error is below the tolerance. It is what the means of `BLOCKS` successive blocks say, each of
+    which is a net; all together are a better net, so that it is cautious.
 
     exchange    : of the two polygons, without occluders
     tolerance   : of the exchange area, one standard error
     first, most : points at first, and at most; powers of 2 from `BLOCKS` to `MOST_POINTS`
-    seed        : of the shift
+    seed        : of the scrambling
     """
     r0 = mixed(seed)
     r1 = mixed(r0)
@@ -277,7 +278,8 @@ def seen_share(  # type: ignore[no-untyped-def]
         if min(share, 1 - share) * points < 1:
             variance += (MISSED / points) ** 2
         # Of what the points get wrong of all, as much is unknown of what is seen.
-        variance += (UNKNOWN * (whole * work.fan[n - 2] / (points * exchange) - 1)) ** 2
+        if exchange > 0:
+            variance += (UNKNOWN * min(abs(whole * work.fan[n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)
         if uncertain * exchange <= tolerance or points >= most:
             return share, uncertain, points
@@ -300,12 +302,14 @@ def _reversed(x):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _times(x, low, high):  # type: ignore[no-untyped-def]
+    """The lower 32 bits of a product, by halves of the second factor; no product passes 63 bits, see `mixed`."""
     return (x * low + ((x * high & 0xFFFF) << 16)) & 0xFFFFFFFF
 
 
 @inner_kernel
 def _scrambled(x, seed):  # type: ignore[no-untyped-def]
-    """x, 32 bits, each bit flipped or not by what stands before it: nested uniform scrambling (Owen 1995), by the hash of Laine & Karras 2011."""
+    """x, of 32 bits, each flipped or not by a hash of those before it: nested scrambling (Owen 1995), which
+    smooth functions need fewer points with than with a shift, by the hash of Laine & Karras 2011."""
     x = (_reversed(x) + (seed << 1 | seed >> 30)) & 0xFFFFFFFF
     x ^= _times(x, 0xB47C, 0x6C50)
     x ^= _times(x, 0x1E52, 0xB82F)

@@ -38,10 +38,11 @@ _SHARE = 0.4
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
 #: 0.02 to 0.3 of them.
-_OF_BOUND = 0.1
+_OF_BOUND = 0.2
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
-#: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
+#: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
+#: A few may agree by chance, and would be taken where they miss what hides a little: the sum would be too large.
 _A_POINT, _TRIED = 3.0, 128
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
 #: no point is tried; how often it is halved; and those that count then.
@@ -338,6 +339,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         if depth == 0:
             counts[PARTIAL] += 1
             tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+        # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
         part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         coarse = whole <= _COARSE * part
         crowded = put - end > MOST_SHADES
@@ -349,6 +351,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         _, radius_b = measure(b, m, work.centre_b)
         on_a = radius_a <= radius_b
         if depth < DEEPEST and not coarse:
+            # What a point sees leaps where it steps over the line that an occluder stands on.
             if on_a:
                 stands = _standing(a, n, facets.planes, i, shades, work)
             else:
@@ -434,8 +437,8 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
-    """Put the two parts of a, if `first`, or of b, before each of work.hull[:2], at `top` and above it, each with the
-    other polygon; False where one is empty, or where it has too many corners to be cut."""
+    """Put the two parts of a, if `first`, or of b, that are before each of work.hull[:2], at `top` and above it,
+    each with the other polygon; False where one is empty, or where it has too many corners to be cut."""
     source, count = (a, n) if first else (b, m)
     if count > ROOM - 3:
         return False
@@ -460,7 +463,7 @@ def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
 @inner_kernel
 def _standing(polygon, n, planes, i, shades, work):  # type: ignore[no-untyped-def]
     """Of work.shades[:shades] the one that stands on polygon[:n], in planes[i], along the longest line that is not
-    its edge; -1 where none does. What a point sees leaps there, and points are slow at finding where."""
+    its edge; -1 where none does."""
     eps = work.eps
     found, longest = -1, 8 * eps
     for s in range(shades):
