@@ -51,7 +51,7 @@ _OVERLAP = 0.01
 _ASKED = 8 << 20
 #: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
 #: some two true ones; how many of backs, of which rays say less; and the width of a strip along its edges, in
-#: lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to rounding.
+#: lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to that.
 _CAUTION, _OF_BACKS, _STRIPS = 1.25, 2.5, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
 _FORMAT = 4
@@ -121,8 +121,8 @@ def view_factors(
                   "shapes", the shapes of a scene; or a label for each face
     error       : wanted of a row's sum, 0.1 to 1e-7. In closed rooms 99 rows of 100 meet it, most by far; see
                   `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
-                  of two faces, it promises error sqrt(F): 97 of 100 factors past occluders meet that, the worst of
-                  thousands is 9 times that far off. Factors below the square of `error` may be found as 0
+                  of two faces, it promises error sqrt(F): 99 of 100 factors past occluders meet that, the worst of
+                  thousands is 3 times that far off. Factors below the square of `error` may be found as 0
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
