@@ -52,7 +52,7 @@ _ASKED = 8 << 20
 #: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
 #: some two true ones; how many of backs, of which rays say less; and the width of a strip along its edges, in
 #: lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to that.
-_CAUTION, _OF_BACKS, _STRIPS = 1.25, 2.5, 2e-3
+_CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
 _FORMAT = 4
 

@@ -38,7 +38,7 @@ _SHARE = 0.4
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
 #: 0.02 to 0.3 of them.
-_OF_BOUND = 0.2
+_OF_BOUND = 0.16
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
