@@ -148,7 +148,7 @@ def test_rows_past_many_occluders_take_seconds(make: Callable[[], FaceList]) -> 
     before = time.process_time()
     off, stated = off_and_stated([make()], 1e-3)
     assert time.process_time() - before < 10  # 2 and 5
-    check_errors(off, stated, 1e-3, beyond=0.1)
+    check_errors(off, stated, 1e-3, beyond=0.15)
 
 
 def test_a_pair_is_the_same_from_either_side() -> None:
