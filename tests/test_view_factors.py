@@ -90,15 +90,13 @@ def off_and_stated(rooms: Iterable[FaceList], error: float) -> tuple[Float64, Fl
     return np.concatenate([abs(f.enclosure) for f in found]), np.concatenate([f.error for f in found])
 
 
-def check_errors(off: Float64, stated: Float64, error: float, beyond: float, missed: float = 0.01) -> None:
+def check_errors(off: Float64, stated: Float64, error: float, beyond: float) -> None:
     """At most one row in a hundred misses what was asked for, and the errors that are reported are of the right
-    size, but for rows that are all but exact."""
-    assert (off > error).mean() <= missed
-    assert (stated > error).mean() <= missed
+    size."""
+    assert (off > error).mean() <= 0.01
+    assert (stated > error).mean() <= 0.01
     assert (off > stated).mean() <= beyond
-    some = stated > 0.01 * error
-    assert some.sum() > 50
-    assert 1 < np.median(stated[some] / np.maximum(off[some], 1e-12)) < 13
+    assert 1 < np.median(stated / np.maximum(off, 1e-12)) < 10
 
 
 def test_errors_of_random_rooms_are_of_the_size_that_is_reported() -> None:
@@ -108,16 +106,39 @@ def test_errors_of_random_rooms_are_of_the_size_that_is_reported() -> None:
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize(
-    ("error", "rooms", "missed"), [(0.1, 30, 0.01), (1e-2, 50, 0.01), (1e-3, 30, 0.01), (1e-4, 4, 0.02)]
-)
-def test_errors_of_many_random_rooms_are_of_the_size_that_is_reported(
-    error: float, rooms: int, missed: float
-) -> None:
+@pytest.mark.parametrize(("error", "rooms"), [(0.1, 30), (1e-2, 50), (1e-3, 20), (1e-4, 6)])
+def test_errors_of_many_random_rooms_are_of_the_size_that_is_reported(error: float, rooms: int) -> None:
     """Thousands of rows; what a closed room's row lacks of 1 is its error, by no method of ours."""
     off, stated = off_and_stated(map(closed_at_random, range(2000, 2000 + rooms)), error)
     assert len(off) > 40 * rooms
-    check_errors(off, stated, error, beyond=0.02, missed=missed)
+    check_errors(off, stated, error, beyond=0.04)
+
+
+@pytest.mark.evidence
+@pytest.mark.filterwarnings("ignore:.*see backs of faces")
+def test_rows_of_furniture_are_not_too_large() -> None:
+    """Chairs saw up to 1.9 hundredths too much of the ceiling: few points that missed what is near were enough."""
+    found = glpath.view_factors("office", error=1e-2)
+    assert found.row_sums.max() < 1.01
+    assert found.statistics["rows_beyond_error"] == 0
+    assert found.statistics["crowded_pairs"] == 0
+
+
+def test_what_stands_on_a_face_takes_hardly_more_points_than_where_the_face_ends_there() -> None:
+    """What a point sees leaps where it steps over the foot of a sheet, and points are slow at finding where."""
+    foot, head = [[0.4, 0, 0], [0.55, 1, 0]], [[0.55, 1, 0.5], [0.4, 0, 0.5]]
+    sheet = np.array([*foot, *head]), [[0, 1, 2, 3], [3, 2, 1, 0]]
+    target = grid([1.2, 0, 0.1], [0, 0, 1], [0, 1, 0], 1, 1)
+    whole = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), [[0, 1, 2, 3]]
+    left = np.array([[0.0, 0, 0], foot[0], foot[1], [0, 1, 0]]), [[0, 1, 2, 3]]
+    right = np.array([foot[0], [1.0, 0, 0], [1, 1, 0], foot[1]]), [[0, 1, 2, 3]]
+    one, two = (joined(*floor, target, sheet) for floor in ([whole], [left, right]))
+    found, apart = (
+        glpath.view_factors(faces, groups=[0] * (len(faces[1]) - 3) + [1, 2, 2], error=1e-4) for faces in (one, two)
+    )
+    assert found.matrix[0, 1] == pytest.approx(apart.matrix[0, 1], abs=4e-5)
+    assert 0.01 < found.matrix[0, 1] < 0.2
+    assert found.statistics["points"] < 3 * apart.statistics["points"]
 
 
 @pytest.mark.parametrize("make", [ball_in_a_box, slats], ids=["ball in a box", "slats"])
@@ -126,8 +147,8 @@ def test_rows_past_many_occluders_take_seconds(make: Callable[[], FaceList]) -> 
     glpath.view_factors(np.array([FLOOR, LAMP], float))  # compiles
     before = time.process_time()
     off, stated = off_and_stated([make()], 1e-3)
-    assert time.process_time() - before < 20  # 3 to 8; twice that for processors that are slower
-    check_errors(off, stated, 1e-3, beyond=0.1)
+    assert time.process_time() - before < 10  # 2 and 5
+    check_errors(off, stated, 1e-3, beyond=0.15)
 
 
 def test_a_pair_is_the_same_from_either_side() -> None:

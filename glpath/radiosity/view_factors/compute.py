@@ -49,11 +49,12 @@ _BYTES_PER_FACTOR = 40
 _OVERLAP = 0.01
 #: Bytes below which it is not asked whether there are so many.
 _ASKED = 8 << 20
-#: What a row's error is made of: how many standard errors, and the width of a strip along its edges, in lengths
-#: below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to rounding.
-_CAUTION, _STRIPS = 2.5, 2e-3
+#: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
+#: some two true ones; how many of backs, of which rays say less; and the width of a strip along its edges, in
+#: lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to that.
+_CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
-_FORMAT = 3
+_FORMAT = 4
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def view_factors(
 
     Where shafts prove that nothing stands between two faces, there is no ray: of faces apart from each other Gauss
     points on both, as many as the error asks for, of others the double contour integral. Where something does,
-    visibility is exact from every point of the smaller face, and points, Sobol's with a random shift, are doubled
+    visibility is exact from every point of the smaller face, and points, Sobol's, scrambled, are doubled
     until their own spread is below what is wanted. Both sides of a face hide; only the front sends and receives:
     what arrives at backs is reported as `ViewFactors.backs`, and is no sky.
 
@@ -120,8 +121,8 @@ def view_factors(
                   "shapes", the shapes of a scene; or a label for each face
     error       : wanted of a row's sum, 0.1 to 1e-7. In closed rooms 99 rows of 100 meet it, most by far; see
                   `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
-                  of two faces, it promises error sqrt(F): 97 of 100 factors past occluders meet that, the worst of
-                  thousands is 9 times that far off. Factors below the square of `error` may be found as 0
+                  of two faces, it promises error sqrt(F): 99 of 100 factors past occluders meet that, the worst of
+                  thousands is 3 times that far off. Factors below the square of `error` may be found as 0
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
@@ -356,7 +357,7 @@ class _Run:
             "backs_most": float(backs.max()),
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
-        return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _CAUTION * backs_error)
+        return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _OF_BACKS * backs_error)
 
 
 def _whole(ended: _Part | BaseException) -> _Part:

@@ -33,16 +33,17 @@ Int64 = NDArray[np.int64]
 
 #: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
-_SHARE = 0.3
+_SHARE = 0.4
 #: Of the error wanted of a row, what is allowed where nothing stands between.
 _EXACT = 0.05
 #: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
 #: 0.02 to 0.3 of them.
-_OF_BOUND = 0.1
+_OF_BOUND = 0.16
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
-#: An exchange area of so many tolerances begins with another point, up to `_TRIED`: a few may agree by chance.
-_A_POINT, _TRIED = 5.0, 64
+#: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
+#: A few may agree by chance, and would be taken where they miss what hides a little: the sum would be too large.
+_A_POINT, _TRIED = 3.0, 128
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
 #: no point is tried; how often it is halved; and those that count then.
 _FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
@@ -140,6 +141,7 @@ class Work(NamedTuple):
     shade_plane: Int64
     pyramid: Float64
     made: Int64
+    parting: Int64
     fronts: Float64
     parts: Float64
     part_corners: Int64
@@ -184,6 +186,7 @@ class Work(NamedTuple):
             shade_plane=np.empty(MOST_SHADES, np.int64),
             pyramid=np.empty((MOST_SHADES, ROOM, 4)),
             made=np.empty(MOST_SHADES, np.int64),
+            parting=np.empty(MOST_SHADES, np.int64),
             fronts=np.empty(MOST_SHADES),
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
             part_corners=np.empty(PARTS + 2, np.int64),
@@ -335,21 +338,38 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             continue
         if depth == 0:
             counts[PARTIAL] += 1
-            part = tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+            tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+        # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
+        part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         coarse = whole <= _COARSE * part
-        may_halve = put - end > _FEW_SHADES and depth < DEEPEST and not coarse
+        crowded = put - end > MOST_SHADES
+        may_halve = depth < DEEPEST and (crowded or (put - end > _FEW_SHADES and not coarse))
         if may_halve and put - end > _MANY_SHADES and _halve(a, n, b, m, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
+        _, radius_a = measure(a, n, work.centre_a)
+        _, radius_b = measure(b, m, work.centre_b)
+        on_a = radius_a <= radius_b
+        if depth < DEEPEST and not coarse:
+            # What a point sees leaps where it steps over the line that an occluder stands on.
+            if on_a:
+                stands = _standing(a, n, facets.planes, i, shades, work)
+            else:
+                stands = _standing(b, m, facets.planes, j, shades, work)
+            if stands >= 0:
+                for k in range(4):
+                    work.hull[0, k] = occluders.planes[work.shade_plane[stands], k]
+                    work.hull[1, k] = -work.hull[0, k]
+                if _divide(a, n, b, m, on_a, top, work):
+                    top = _push_halves(pairs, top, end, put, depth)
+                    continue
         first = BLOCKS
-        while not coarse and first < _TRIED and first * _A_POINT * part < whole:
+        while first < _TRIED and first * (_A_POINT if depth == 0 else 1.0) * part < whole:
             first *= 2
         most = _TRIED if may_halve else MOST_POINTS
         seed = mixed(seed)
         work.lost[0] = 0
-        _, radius_a = measure(a, n, work.centre_a)
-        _, radius_b = measure(b, m, work.centre_b)
-        if radius_a <= radius_b:
+        if on_a:
             share, uncertain, points = seen_share(
                 a, n, facets.planes[i], b, m, whole, part, first, most, seed, shades, occluders.planes, work
             )
@@ -397,8 +417,6 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
     first = radius_a >= radius_b
     source, count = (a, n) if first else (b, m)
     centre = work.centre_a if first else work.centre_b
-    if count > ROOM - 3:
-        return False
     # Across the line from the centre to the farthest corner.
     farthest, at = -1.0, 0
     for k in range(count):
@@ -414,6 +432,17 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
         for j in range(3):
             cut[side, j] = (source[at, j] - centre[j]) / length * (1 - 2 * side)
             cut[side, 3] -= cut[side, j] * centre[j]
+    return _divide(a, n, b, m, first, top, work)
+
+
+@inner_kernel
+def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
+    """Put the two parts of a, if `first`, or of b, that are before each of work.hull[:2], at `top` and above it,
+    each with the other polygon; False where one is empty, or where it has too many corners to be cut."""
+    source, count = (a, n) if first else (b, m)
+    if count > ROOM - 3:
+        return False
+    cut = work.hull
     one = clip(source, count, cut, 0, work.eps, work.spare)
     other = work.a[top + 1] if first else work.b[top + 1]
     two = clip(source, count, cut, 1, work.eps, other)
@@ -429,6 +458,48 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
     work.pairs[top, 0], work.pairs[top, 1] = (one, m) if first else (n, one)
     work.pairs[top + 1, 0], work.pairs[top + 1, 1] = (two, m) if first else (n, two)
     return True
+
+
+@inner_kernel
+def _standing(polygon, n, planes, i, shades, work):  # type: ignore[no-untyped-def]
+    """Of work.shades[:shades] the one that stands on polygon[:n], in planes[i], along the longest line that is not
+    its edge; -1 where none does."""
+    eps = work.eps
+    found, longest = -1, 8 * eps
+    for s in range(shades):
+        count = work.shade_count[s]
+        shade = work.shades[s]
+        last = count - 1
+        touches = abs(height(planes, i, shade[last, 0], shade[last, 1], shade[last, 2])) <= 2 * eps
+        for k in range(count):
+            touched, touches = touches, abs(height(planes, i, shade[k, 0], shade[k, 1], shade[k, 2])) <= 2 * eps
+            if touched and touches:
+                x, y, z = shade[last, 0], shade[last, 1], shade[last, 2]
+                dx, dy, dz = shade[k, 0] - x, shade[k, 1] - y, shade[k, 2] - z
+                begin, end = 0.0, 1.0
+                for c in range(n):
+                    j = c + 1 if c + 1 < n else 0
+                    ex, ey, ez = (
+                        polygon[j, 0] - polygon[c, 0], polygon[j, 1] - polygon[c, 1], polygon[j, 2] - polygon[c, 2]
+                    )  # fmt: skip
+                    # Inward, of the length of the edge.
+                    mx = planes[i, 1] * ez - planes[i, 2] * ey
+                    my = planes[i, 2] * ex - planes[i, 0] * ez
+                    mz = planes[i, 0] * ey - planes[i, 1] * ex
+                    at = mx * (x - polygon[c, 0]) + my * (y - polygon[c, 1]) + mz * (z - polygon[c, 2])
+                    at -= 4 * eps * np.sqrt(ex * ex + ey * ey + ez * ez)
+                    slope = mx * dx + my * dy + mz * dz
+                    if slope > 0:
+                        begin = max(begin, -at / slope)
+                    elif slope < 0:
+                        end = min(end, -at / slope)
+                    elif at < 0:
+                        end = -1.0
+                length = (end - begin) * np.sqrt(dx * dx + dy * dy + dz * dz)
+                if length > longest:
+                    found, longest = s, length
+            last = k
+    return found
 
 
 @kernel
