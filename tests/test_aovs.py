@@ -120,7 +120,7 @@ CARDS: dict[str, object] = {
 }
 EVERY: list[dict[str, Any]] = [
     {"integrator": "path"},
-    {"integrator": "path", "directions": "pair"},
+    {"integrator": "path-buffer"},
     {"integrator": "gather"},
     {"integrator": "t-buffer"},
     {"integrator": "classic"},
@@ -179,10 +179,10 @@ def assert_same_aovs(one: Film, other: Film) -> None:
 
 
 ENGINES: dict[str, dict[str, object]] = {
-    "own": {},
-    "pair": {"directions": "pair"},
+    "path": {},
+    "pair": {"integrator": "path-buffer"},
     "gather": {"integrator": "gather"},
-    "gather-pair": {"integrator": "gather", "directions": "pair"},
+    "gather-pair": {"integrator": "gather", "cast": "path-buffer"},
     "t-buffer": {"integrator": "t-buffer"},
     "classic": {"integrator": "classic"},
 }
@@ -297,7 +297,7 @@ def test_a_picture_in_tiles_has_the_aovs_of_the_picture_in_one(
     tiled = glpath.render(SCENE, **options)
     for name in SURFACES:
         assert np.array_equal(tiled.aov(name), whole.aov(name)), name
-    if options.get("directions") != "pair":  # whose cells are a window's
+    if "path-buffer" not in options.values():  # whose cells are a window's
         assert_same_aovs(tiled, whole)
 
 

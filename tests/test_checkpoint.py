@@ -53,7 +53,7 @@ def render(*arguments: object) -> Result:
     [
         (BOX, {}),
         (BOX, {"aovs": ("albedo", "normal"), "sampling": "random"}),
-        (BOX, {"directions": "pair"}),
+        (BOX, {"integrator": "path-buffer"}),
         (BOX, {"guide": "solution"}),
         (BOX, {"integrator": "gather"}),
         ("three-spheres", {"integrator": "t-buffer", "shadows": "cube"}),
@@ -550,9 +550,9 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
     def some(first: int, count: int) -> dict[str, float]:
         for i in range(first, first + count):
             checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
-            directions = ("own", "pair")[i % 2]
+            engine = ("path", "path-buffer")[i % 2]
             glpath.render(
-                BOX, spp=2, seed=i, max_depth=2, directions=directions, resolution=(32, 24), on_step=checkpoint
+                BOX, spp=2, seed=i, max_depth=2, integrator=engine, resolution=(32, 24), on_step=checkpoint
             )
         return measured()
 

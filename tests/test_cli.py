@@ -303,7 +303,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     options = (
         "--spp 32 --max-depth 3 --seed 9 --resolution 64x32 --crop 1,2,30,20 --camera-position -1,0,.5 "
         "--camera-fov 50 "
-        "--sampling random --directions sphere --light-resolution 128 --ambient 0.5 --roulette 3 "
+        "--integrator path-buffer --directions sphere --light-resolution 128 "
+        "--sampling random --ambient 0.5 --roulette 3 "
         "--backend egl --device 1 --require-gpu"
     )
     run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *options.split())
@@ -318,10 +319,11 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
     unused += ("radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "guide", "branches")
+    unused += ("lookup_depth", "cast")
     unused += ("light_samples", "aovs", "geometry_budget", "bounce_lod")
-    assert [call.pop(name) for name in unused] == [None] * 15
+    assert [call.pop(name) for name in unused] == [None] * 17
     assert call == {
-        "integrator": "path",
+        "integrator": "path-buffer",
         "spp": 32,
         "max_depth": 3,
         "seed": 9,
@@ -397,7 +399,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--tonemap filmic", "Allowed: srgb, reinhard, aces"),
         ("--integrator bdpt", "Allowed: path"),
         ("--sampling halton", "Allowed: sobol, random"),
-        ("--directions cone", "Allowed: own, pair, lattice, hemisphere, sphere"),
+        ("--directions cone", "Allowed: pair, lattice, hemisphere, sphere"),
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
         ("-q -v", "contradict each other"),
         ("-D radiance", "not of the form key=value"),

@@ -74,7 +74,7 @@ def job_of(spp: int, **options: Any) -> RenderJob:
     [
         (77, {}),
         (64, {"aovs": ("albedo", "normal"), "sampling": "random", "first_path_set": 3}),
-        (24, {"directions": "pair"}),
+        (24, {"integrator": "path-buffer"}),
         (40, {"integrator": "gather"}),
         (40, {"guide": "solution"}),
         (3, {"integrator": "t-buffer"}),

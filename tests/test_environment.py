@@ -20,12 +20,13 @@ from glpath.radiosity.solution import DIRECT
 from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
+from tests.engines import engine_options
 
 ENGINES: list[dict[str, Any]] = [
-    {"directions": "own"},
-    {"directions": "pair"},
-    {"directions": "hemisphere"},
-    {"directions": "sphere"},
+    {"integrator": "path"},
+    {"integrator": "path-buffer"},
+    {"integrator": "path-buffer", "directions": "hemisphere"},
+    {"integrator": "path-buffer", "directions": "sphere"},
     {"integrator": "gather"},
     {"integrator": "t-buffer", "light_samples": 4},
     {"integrator": "classic", "light_samples": 4},
@@ -176,12 +177,12 @@ def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_open_to_a_map_of_one_a_furnace_is_a_furnace(directions: Any):
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_open_to_a_map_of_one_a_furnace_is_a_furnace(engine: Any):
     radiance = {"radiance": 0.5, "two_sided": True}
     scene = scene_of([shape | {"material": "grey", "emission": radiance} for shape in THINGS], size=(12, 12))
     scene = replace(scene, sky=Environment(np.ones((6, 12, 3), np.float32)))
-    film = glpath.render(scene, spp=128, max_depth=9, directions=directions)
+    film = glpath.render(scene, spp=128, max_depth=9, **engine_options(engine))
     assert film.mean.mean() == pytest.approx(1.0, rel=0.01)
     np.testing.assert_allclose(film.mean, 1.0, rtol=0.25)
 
@@ -239,7 +240,12 @@ def test_radiosity_has_the_light_of_one_bright_texel():
 
 @pytest.mark.parametrize(
     ("depth", "engine"),
-    [(3, {"directions": "own"}), (3, {"directions": "pair"}), (2, {"directions": "sphere"}), (2, ENGINES[4])],
+    [
+        (3, {"integrator": "path"}),
+        (3, {"integrator": "path-buffer"}),
+        (2, {"integrator": "path-buffer", "directions": "sphere"}),
+        (2, ENGINES[4]),
+    ],
 )
 def test_a_small_slow_tracer_agrees(depth: int, engine: dict[str, Any]):
     sky = Environment(noise(6, 9), np.array([0.0, 0, 1]), 40.0)
@@ -265,8 +271,8 @@ def sunny(size: tuple[int, int] = (32, 24)) -> tuple[Scene, Scene]:
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_mitsuba_sees_the_same_under_a_map_with_a_sun(engine: Any):
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
 
@@ -274,7 +280,7 @@ def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
     flat = [shape for shape in THINGS if shape["type"] != "sphere"]
     scene = replace(scene_of(flat, size=(32, 24)), sky=sky)
     theirs = render_mitsuba(scene, 1024, 3)
-    ours = glpath.render(scene, spp=1024, max_depth=3, directions=directions).mean
+    ours = glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine)).mean
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.005)
     assert relative_mse(ours, theirs) < 2e-3
 
@@ -313,7 +319,7 @@ def test_path_sets_and_tiles_under_a_map_merge_bit_for_bit(engine: dict[str, Any
     first = glpath.render(scene, spp=9, max_depth=3, **engine)
     second = glpath.render(scene, spp=15, first_path_set=9, max_depth=3, **engine)
     np.testing.assert_array_equal(second.merge(first).mean, whole.mean)
-    if engine["directions"] == "own":
+    if engine["integrator"] == "path":
         crop = glpath.render(scene, spp=24, max_depth=3, crop=(8, 4, 16, 20), **engine)
         np.testing.assert_array_equal(crop.mean, whole.mean[4:24, 8:24])
 

@@ -160,7 +160,7 @@ def test_nothing_shines_through_a_closed_surface(streamed: bool):
     surface = ring()
     levels = surface.levels_seen(CAMERA, 25.0)
     scene = closed_in(surface, None if streamed else diced(surface, levels, bumps), levels)
-    film = glpath.render(scene, directions="pair", spp=16, max_depth=2, light_resolution=64)
+    film = glpath.render(scene, integrator="path-buffer", spp=16, max_depth=2, light_resolution=64)
     assert film.mean.mean() < 1e-4 * 1e6
     assert np.median(film.mean) == 0
     if not streamed:
@@ -172,7 +172,7 @@ def test_a_furnace_of_patches_sums_the_series():
     levels = surface.levels_seen(CAMERA, 25.0)
     scene = closed_in(surface, diced(surface, levels, bumps), levels, emission={"radiance": 0.5})
     del scene["sky"]
-    for options in ({"directions": "pair", "light_resolution": 64}, {}):
+    for options in ({"integrator": "path-buffer", "light_resolution": 64}, {}):
         film = glpath.render(scene, spp=64, max_depth=3, **options)
         assert film.mean.mean() == pytest.approx(0.5 * (1 + 0.5 + 0.25 + 0.125), rel=0.005)
 
@@ -209,7 +209,7 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     assert repr(scene).startswith("<Scene scene: 648 triangles, 1 shape")
     films = [
         glpath.render(scene, spp=256, max_depth=2, **options)
-        for options in ({}, {"directions": "pair"}, {"integrator": "gather"})
+        for options in ({}, {"integrator": "path-buffer"}, {"integrator": "gather"})
     ]
     for film in films[1:]:
         assert relative_mse(film.mean, films[0].mean) < 5e-3
@@ -249,7 +249,7 @@ def test_streamed_patches_are_the_same_triangles_shaded_flat(tmp_path: Path):
     (mesh,) = kept.shapes.meshes
     flat = {"vertices": mesh.vertices, "faces": mesh.faces, "material": "m"}
     flat_scene = glpath.load_scene({**net_scene(tmp_path), "shapes": [flat]})
-    options = {"directions": "pair", "spp": 4, "max_depth": 3, "light_resolution": 64}
+    options = {"integrator": "path-buffer", "spp": 4, "max_depth": 3, "light_resolution": 64}
     np.testing.assert_array_equal(
         glpath.render(streamed, **options).mean, glpath.render(flat_scene, **options).mean
     )

@@ -33,7 +33,7 @@ def glpath_app() -> Any:
     return app
 
 
-@pytest.mark.parametrize("options", [{}, {"directions": "pair", "sampling": "random"}])
+@pytest.mark.parametrize("options", [{}, {"integrator": "path-buffer", "sampling": "random"}])
 def test_by_noise_it_has_the_bits_of_as_many_path_sets(options: dict[str, Any]) -> None:
     film = glpath.render(BOX, noise=0.1, **TINY, **options)
     m = film.metadata
@@ -157,8 +157,8 @@ def test_a_film_of_few_batches_has_no_bound_and_a_black_one_no_error() -> None:
     [
         ({"sampling": "sobol"}, 0.06),
         ({"sampling": "random"}, 0.06),
-        ({"sampling": "sobol", "directions": "pair"}, 0.08),
-        ({"sampling": "random", "directions": "pair"}, 0.08),
+        ({"sampling": "sobol", "integrator": "path-buffer"}, 0.08),
+        ({"sampling": "random", "integrator": "path-buffer"}, 0.08),
         ({"integrator": "gather"}, 0.04),
     ],
 )

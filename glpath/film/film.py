@@ -489,9 +489,10 @@ class Film:
         m = self.metadata
         error = self.relative_error()
         noise = "" if error is None else f", error about {100 * error:.2g} %"
+        depth = "light of all bounces" if m.max_depth is None else f"depth {m.max_depth}"
         return (
             f"<Film of {m.scene}: {m.window[2]} x {m.window[3]} pixels, {self.path_sets} path sets, "
-            f"depth {m.max_depth}{noise}, {m.device or 'unknown device'}>"
+            f"{depth}{noise}, {m.device or 'unknown device'}>"
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:

@@ -58,7 +58,8 @@ RULES = (SPP, TIME_LIMIT, NOISE)
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,
-    "seed max_depth": int,
+    "seed": int,
+    "max_depth": int | None,
     "elapsed_s": int | float,
     "noisy": bool,
     "settings versions statistics": dict,
@@ -99,8 +100,9 @@ class FilmMetadata:
 
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
-    integrator      : for example "path_trace"
-    seed, max_depth : of the random numbers; vertices of a path, as in the paper
+    integrator      : for example "path-buffer"
+    seed, max_depth : of the random numbers; vertices of a path, as in the paper, None of a gather: it has light of
+                      all bounces
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
     unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
@@ -129,7 +131,7 @@ class FilmMetadata:
     scene_hash: str
     integrator: str
     seed: int
-    max_depth: int
+    max_depth: int | None
     settings: Mapping[str, Any]
     full_resolution: tuple[int, int]
     window: tuple[int, int, int, int]

@@ -26,8 +26,8 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     streams : are streamed triangles known, too?
     centred : False leaves it where it is, for who works in float64
 
-    Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do: planes, and streams for who keeps all triangles in memory. Warns with SceneWarning of triangles
+    Spheres become icospheres of their `subdivisions`. Raises SceneError for what no path can
+    meet: planes, and streams where all triangles are kept in memory. Warns with SceneWarning of triangles
     without area.
     """
     _check_known(scene)
@@ -92,8 +92,8 @@ def check_resident(scene: Scene) -> None:
     """Raise SceneError for streams, whose triangles are never in memory all at once."""
     _check_resident(
         scene,
-        "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
-        'Render it with integrator="path" and directions="pair" (or lattice, hemisphere, sphere).',
+        "only scans of the path-buffer can render: rays, a BVH and radiosity need them all in memory",
+        'Render it with integrator="path-buffer".',
     )
 
 
