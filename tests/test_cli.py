@@ -28,7 +28,7 @@ from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
-from glpath.rendering.job import ALL_BOUNCES
+from glpath.integrators.settings import PathSettings
 from glpath.rendering.progress import duration, percent, reporting
 
 
@@ -180,9 +180,9 @@ def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) ->
     """Not those of a picture: by paths all bounces count, and there is no eye and no stream."""
     said = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
     (depth,) = [line for line in said.splitlines() if "--max-depth" in line]
-    assert f"default {ALL_BOUNCES['max_depth']}." in depth
+    assert f"default {PathSettings.all_bounces['max_depth']}." in depth
     (roulette,) = [line for line in said.splitlines() if "--roulette" in line]
-    assert f"default {ALL_BOUNCES['roulette']}." in roulette
+    assert f"default {PathSettings.all_bounces['roulette']}." in roulette
     for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer"):
         assert other not in said, other
     rendered = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
@@ -499,7 +499,7 @@ from glpath.cli.main import run
 from glpath.film.film import Film, FilmMetadata
 
 def render(scene, **options):
-    film = Film.empty(FilmMetadata("slow", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Film.empty(FilmMetadata("slow", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     film.add(0, 5, np.ones((4, 6, 3)))
     try:
         print("ready", flush=True)

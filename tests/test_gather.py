@@ -444,7 +444,7 @@ def test_a_solution_comes_from_a_file_and_must_be_of_this_scene(tmp_path: Path) 
         ({"integrator": "gather", "radiosity_lookup": "cubic"}, "interpolated, constant"),
         ({"integrator": "path", "radiosity": "a.npz"}, 'it is an option of "gather"'),
         ({"integrator": "t-buffer", "radiosity_lookup": "constant"}, 'it is an option of "gather"'),
-        ({"integrator": "radiosity"}, "path, gather, classic, t-buffer"),
+        ({"integrator": "radiosity"}, "path, path-buffer, gather, classic, t-buffer"),
     ],
 )
 def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: str) -> None:
@@ -573,8 +573,8 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
     def variance(directions: Any) -> float:
         films = [
             glpath.render(
-                "cornell-box-36", integrator="gather", radiosity=solution, spp=256, resolution=(64, 64), seed=seed,
-                directions=directions, direct_light="solution", lookup_distance=0,
+                "cornell-box-36", integrator=gather_by(directions), radiosity=solution, spp=256, resolution=(64, 64),
+                seed=seed, direct_light="solution", lookup_distance=0,
             ).mean
             for seed in range(6)
         ]  # fmt: skip

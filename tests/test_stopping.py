@@ -144,7 +144,7 @@ def test_the_bound_holds_whether_pixels_err_together_or_not(independent: int) ->
 
 
 def test_a_film_of_few_batches_has_no_bound_and_a_black_one_no_error() -> None:
-    film = Film.empty(FilmMetadata("black", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Film.empty(FilmMetadata("black", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     for i in range(4):
         assert film.error_bound() is None
         film.add(8 * i, 8 * i + 8, np.zeros((4, 6, 3)))

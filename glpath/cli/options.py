@@ -144,8 +144,10 @@ def _annotation(option: Option, integrators: Collection[str]) -> Any:
 
 
 def _panel(option: Option, integrators: Collection[str]) -> str:
-    owners = list(option.settings)
-    return FOR_ALL if len(owners) == len(integrators) else f"With --integrator {' or '.join(owners)}"
+    *others, last = option.settings
+    if len(option.settings) == len(integrators):
+        return FOR_ALL
+    return f"With --integrator {', '.join(others)} or {last}" if others else f"With --integrator {last}"
 
 
 def _value(option: Option, integrator: str, value: Any) -> Any:

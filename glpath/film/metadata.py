@@ -112,10 +112,10 @@ class FilmMetadata:
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
     elapsed_s       : seconds of rendering, summed over what was merged
-    statistics      : counts, summed when merging: `paths_cast`; of shared directions `paths_lost` (to the roulette
-                      of a cell); `paths_cut` (at a length that chance should have ended before); `dropped_samples`
-                      (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage; `radiosity_s`, of a
-                      gather, the seconds until it had its radiosity solution
+    statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
+                      roulette of a cell); `paths_cut` (at a length that chance should have ended before);
+                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise

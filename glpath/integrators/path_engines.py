@@ -79,5 +79,5 @@ def _check_shared(scene: Scene) -> None:
         )
         raise SceneError(
             f"{scene.source or scene.name}: has {found}, which paths that share their directions cannot follow.",
-            'Render it with integrator="path", or with "gather" and cast="bvh".',
+            'Render it with integrator="path", or gather with cast="bvh".',
         )

@@ -128,7 +128,7 @@ Roulette = Annotated[
         extra={"metavar": "DEPTH", "unset": "never"},
     ),
 ]
-# A path tracer would be later with its first picture: by default it has no guide.
+# Path tracing would be later with its first picture: by default it has no guide.
 GuidedBy = Annotated[
     Guide,
     Meta(

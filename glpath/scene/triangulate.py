@@ -1,4 +1,4 @@
-"""A scene for the path-buffer, which knows triangles, and every kind of light."""
+"""A scene for engines that trace paths, which know triangles alone, and every kind of light."""
 
 from __future__ import annotations
 
