@@ -573,8 +573,8 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
     def variance(directions: Any) -> float:
         films = [
             glpath.render(
-                "cornell-box-36", integrator=gather_by(directions), radiosity=solution, spp=256, resolution=(64, 64),
-                seed=seed, direct_light="solution", lookup_distance=0,
+                "cornell-box-36", integrator=gather_by(directions), radiosity=solution, spp=256,
+                resolution=(64, 64), seed=seed, direct_light="solution", lookup_distance=0,
             ).mean
             for seed in range(6)
         ]  # fmt: skip

@@ -170,7 +170,7 @@ def test_no_box_that_reaches_into_what_is_seen_is_left_out(projection):
 @pytest.mark.parametrize(
     "options",
     [{}, {"integrator": "gather"}, {"integrator": "gather", "cast": "path-buffer"}, {"integrator": "t-buffer"}],
-    ids=["own rays", "gather", "gather by scans", "t-buffer"],
+    ids=["path", "gather", "gather by scans", "t-buffer"],
 )
 def test_engines_that_want_all_triangles_in_memory_say_so(options: Any):
     scene = scene_of({"type": "stream", "stream": Hills(1, 2), "name": "hills"})

@@ -61,7 +61,7 @@ from glpath.system.versions import versions
 SCENE = "cornell-box-36"
 #: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.
 DEPTH = 64
-#: The path tracer's. Longer paths add less than a tenth of the target to the error and cost a scan each.
+#: The path tracer's. Longer paths add less than a tenth of the target to the error and cost two rays a vertex.
 PATH_DEPTH = 8
 _GATHER_SETS = (16, 32, 64, 128)
 _PATH_SETS = (32, 64, 128)

@@ -280,14 +280,15 @@ def figure_10(scale: float, say: Say) -> Outcome:
     )
     said = "the algorithm can handle non-diffuse BRDFs; brushed metal wants 4096 paths per pixel instead of 1024"
     here = (
-        f"the metal's mean is {100 * measured['metal_mean_off']:.2f} % off that by directions of its own lobe; its "
+        f"the metal's mean is {100 * measured['metal_mean_off']:.2f} % off that of path, whose directions its lobe "
+        "chooses; its "
         f"pixels are {100 * measured['off_metal_fewer']:.1f} % off with {fewer.path_sets} path sets and "
         f"{100 * measured['off_metal']:.1f} % with {sets}, all others "
         f"{100 * measured['off_diffuse_fewer']:.1f} % and {100 * measured['off_diffuse']:.1f} %"
     )
     rows = [
-        found.row("shared directions", name) | {"off_metal": measured["off_metal"]},
-        fewer.row("shared directions, fewer") | {"off_metal": measured["off_metal_fewer"]},
+        found.row("path-buffer", name) | {"off_metal": measured["off_metal"]},
+        fewer.row("path-buffer, fewer") | {"off_metal": measured["off_metal_fewer"]},
     ]
     panels = [("path-buffer", found.radiance), ("path", path)]
     table = against_paper(name, found.seconds, found.path_sets)

@@ -91,9 +91,7 @@ class RayPathEngine(PathSetEngine):
         self.guide: PathGuide | None = None
         self._radiosity = radiosity
         self._hardware = hardware
-        self._ambient = np.zeros(3)
-        if isinstance(settings, PathSettings):
-            self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
+        self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
         ambient_alone = settings.path_length == 1 and bool(np.any(self._ambient > 0))
         super().__init__(
@@ -251,11 +249,6 @@ class RayPathEngine(PathSetEngine):
 
     # What the draw is told.
 
-    @property
-    def _endless(self) -> bool:
-        """Is it chance alone that ends paths? Then the deepest that can be asked for is no end."""
-        return isinstance(self.settings, PathSettings) and self.settings.endless
-
     def _of_set(self, index: int) -> Uniforms:
         seed = self._settings.seed
         # Branches are as even as so many sets, over all of a pixel's paths.
@@ -316,8 +309,8 @@ class RayPathEngine(PathSetEngine):
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
-            "max_depth": CEILING if self._endless else settings.path_length,
-            "cut_depth": CEILING - 1 if self._endless else 1 << 30,
+            "max_depth": CEILING if settings.endless else settings.path_length,
+            "cut_depth": CEILING - 1 if settings.endless else 1 << 30,
             "ambient": tuple(map(float, self._ambient)),
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),

@@ -172,6 +172,11 @@ class PathSetSettings(IntegratorSettings):
         return False
 
     @property
+    def endless(self) -> bool:
+        """Does chance alone end paths? Then the largest max_depth is no end."""
+        return False
+
+    @property
     def needs_solution(self) -> bool:
         """Does the engine have a radiosity solution, as a guide or to look it up?"""
         return self.guided
@@ -223,7 +228,6 @@ class PathSettings(PathSetSettings):
 
     @property
     def endless(self) -> bool:
-        """Does chance alone end paths? Then the largest max_depth is no end."""
         return self.roulette is not None and self.max_depth == DEEPEST
 
     def recorded(self) -> dict[str, Any]:
@@ -307,7 +311,9 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    bounce_lod: ClassVar[None] = None  # further vertices look the solution up, which is of the scene itself
+    # What paths have and a gather does not: its solution is of the scene itself, and has light of all bounces.
+    bounce_lod: ClassVar[None] = None
+    ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 
     lookup_depth: Annotated[
         int,

@@ -36,7 +36,7 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     elif scene.moving_shapes:
         _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
     elif scene.camera.projection == "panorama":
-        _check_resident(scene, "no panorama can see: its eye rays want a tree of boxes", "Take another camera.")
+        _check_resident(scene, "no panorama can see: its eye rays need a BVH", "Take another camera.")
     if centred:
         scene = scene.centred
     if not len(scene.spheres):
