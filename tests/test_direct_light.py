@@ -7,7 +7,7 @@ import pytest
 
 import glpath
 from glpath.film.film import Film
-from tests.engines import engine_options
+from tests.engines import engine_options, with_depth
 
 #: Every kind of light, textures, masks aside; diffuse, so that every engine has it.
 LIGHTS: dict[str, object] = {
@@ -42,7 +42,7 @@ ENGINES: dict[str, dict[str, object]] = {
 
 
 def render(scene: object, depth: int = 3, **options: object) -> Film:
-    return glpath.render(scene, max_depth=depth, aovs=("direct", "indirect"), **options)
+    return glpath.render(scene, aovs=("direct", "indirect"), **with_depth(options, depth))
 
 
 def assert_is_the_picture(film: Film) -> None:

@@ -20,7 +20,7 @@ from glpath.radiosity.solution import DIRECT
 from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
-from tests.engines import engine_options
+from tests.engines import engine_options, with_depth
 
 ENGINES: list[dict[str, Any]] = [
     {"integrator": "path"},
@@ -92,7 +92,7 @@ def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target
     sky = Environment(noise(9, 20), np.array([0.02, 1, 0.05]), 77.0, 3.0)
     at = np.array([0, 900, 900])
     scene = replace(scene_of([LAMP], at, at + target, fov=70, size=(16, 12)), sky=sky)
-    film = glpath.render(scene, spp=1, max_depth=2, **engine)
+    film = glpath.render(scene, spp=1, **with_depth(engine, 2))
     camera = scene.camera
     traces_paths = engine.get("integrator") not in ("t-buffer", "classic")
     place = PathSetSampler(0, 1)[0].pixel if traces_paths else 0.5  # theirs begin with the centre
@@ -171,7 +171,9 @@ def test_a_number_just_below_one_is_a_direction_of_the_map():
 def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     scene = scene_of([*THINGS, LAMP], size=(16, 12))
     sky, sky_map = Sky(np.full(3, 1.5), np.full(3, 1.5)), Environment(np.full((5, 8, 3), 0.5, np.float32), scale=3)
-    a, b = (glpath.render(replace(scene, sky=each), spp=200, max_depth=3, **engine).mean for each in (sky, sky_map))
+    a, b = (
+        glpath.render(replace(scene, sky=each), spp=200, **with_depth(engine, 3)).mean for each in (sky, sky_map)
+    )
     noisy = engine.get("directions") == "sphere"
     assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1e-2)
     assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
@@ -212,7 +214,7 @@ def irradiance_of_texel(sky: Environment, row: int) -> Float64:
 def test_a_floor_under_one_bright_texel(engine: dict[str, Any]):
     sky = Environment(sun(32, 64, 9, 50, (1e4, 8e3, 5e3)), np.array([0.0, 1, 0]), 10.0, 0.5)
     scene = replace(floor_from_above(), sky=sky)
-    film = glpath.render(scene, spp=256, max_depth=2, **engine)
+    film = glpath.render(scene, spp=256, **with_depth(engine, 2))
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * irradiance_of_texel(sky, 9), rtol=0.01)
 
 
@@ -250,9 +252,9 @@ def test_radiosity_has_the_light_of_one_bright_texel():
 def test_a_small_slow_tracer_agrees(depth: int, engine: dict[str, Any]):
     sky = Environment(noise(6, 9), np.array([0.0, 0, 1]), 40.0)
     scene = replace(scene_of([*THINGS[:-1], LAMP], size=(8, 6), lights=[POINT]), sky=sky)
-    gathers = "integrator" in engine
+    gathers = engine["integrator"] == "gather"
     truth, variance = path_trace(scene, 300, 6 if gathers else depth, seed=1)
-    film = glpath.render(scene, spp=512, max_depth=depth, **engine)
+    film = glpath.render(scene, spp=512, **with_depth(engine, depth))
     assert film.mean.mean() == pytest.approx(truth.mean(), rel=0.03 if gathers else 0.02)
     if not gathers:
         z = (film.mean - truth) / np.sqrt(variance + film.variance_of_mean() + 1e-12)
