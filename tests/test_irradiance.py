@@ -313,7 +313,7 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
         (["--plane", "z=0", "--area", "0,0,0,1"], "second corner must lie beyond"),
         (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
         (["--points", "nothing.csv"], "cannot be read"),
-        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, gather"),
+        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, path-buffer, gather"),
         (["--plane", "z=0", "--spp", "0"], "--spp 0"),
         (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .png"),
         (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),

@@ -444,7 +444,7 @@ def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
         (["-o", "a.glb", "--materials", "all"], "unlit, keep"),
         (["-o", "a.glb", "--moz-lightmap"], "--materials keep"),
         (["-o", "a.glb", "--materials", "keep", "--exposure", "1"], "irradiance is written as it is"),
-        (["-o", "a.glb", "--integrator", "classic"], "path, gather"),
+        (["-o", "a.glb", "--integrator", "classic"], "path, path-buffer, gather"),
         (["-o", "a.glb", "--uv", "keep", "--texels", "4"], "kept"),
     ],
 )

@@ -24,6 +24,7 @@ from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.settings import PathBufferSettings, PathSettings
+from tests.engines import with_depth
 
 SMALL: dict[str, Any] = {"resolution": (16, 12), "spp": 1, "max_depth": 2}
 # Names of a driver are numbers from 1 on; Mesa gives the least that is free.
@@ -89,10 +90,11 @@ OPTIONS: list[dict[str, Any]] = [
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda options: "-".join(map(str, options.values())))
 def test_a_render_leaves_no_object_on_the_device(context, options):
     scene = glpath.load_scene("cornell-box-36").add({"type": "sphere", "center": [0, 0, 0.5], "radius": 0.2})
-    glpath.render(scene, **SMALL, **options)  # what is made once
+    options = with_depth({"resolution": (16, 12), "spp": 1, **options}, 2)
+    glpath.render(scene, **options)  # what is made once
     with without_collector():
         before = objects(context)
-        glpath.render(scene, **SMALL, **options)
+        glpath.render(scene, **options)
         assert objects(context) == before
 
 
