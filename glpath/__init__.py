@@ -1,4 +1,4 @@
-"""Headless global illumination by scan conversion, on OpenGL 4.3 with or without a GPU.
+"""Headless global illumination on OpenGL 4.3, with or without a GPU.
 
     import glpath
     film = glpath.render("cornell-box", spp=64)

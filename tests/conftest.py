@@ -71,7 +71,7 @@ def make_film() -> MakeFilm:
         fields: dict[str, object] = {
             "scene": "cornell-box",
             "scene_hash": "0123abcd",
-            "integrator": "path_trace",
+            "integrator": "path",
             "seed": 3,
             "max_depth": 5,
             "settings": {"sampling": "sobol", "ambient": (0.0, 0.0, 0.0)},

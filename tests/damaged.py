@@ -147,7 +147,7 @@ def make(folder: Path) -> None:
     rng = np.random.default_rng(0)
     fields = {"sampling": "sobol", "ambient": [0.0, 0.0, 0.0]}
     sizes = (8, 6), (1, 1, 6, 4)
-    metadata = FilmMetadata("a", "0", "path_trace", 0, 5, fields, *sizes, statistics={"n": 2}, aovs=FILM_AOVS)
+    metadata = FilmMetadata("a", "0", "path", 0, 5, fields, *sizes, statistics={"n": 2}, aovs=FILM_AOVS)
     metadata = replace(metadata, shape_names=("a", "b"), material_names=("c",), shape_materials=(0, 0))
     film = Film.empty(metadata)
     for first, last in ((0, 20), (30, 40)):

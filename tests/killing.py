@@ -13,7 +13,7 @@ from pathlib import Path
 
 from glpath.film.film import Film
 
-#: Small, of own rays, and about a millisecond a path set.
+#: Small, by "path", and about a millisecond a path set.
 SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")
 RENDER = ("render", *SMALL)
 

@@ -74,6 +74,7 @@ def main(tiles: str, budget: str) -> None:
     started = time.perf_counter()
     film = glpath.render(
         scene(int(tiles), (64, 48)),
+        integrator="path-buffer",
         directions="hemisphere",
         spp=1,
         max_depth=2,

@@ -12,6 +12,7 @@ from glpath.errors import SceneWarning
 from glpath.integrators import ray_paths
 from glpath.io import load_scene
 from glpath.scene import Scene
+from tests.engines import engine_options
 
 
 def furnace(reflectance: float) -> Scene:
@@ -67,7 +68,7 @@ def test_paths_that_a_safety_cuts_are_counted_and_reported(monkeypatch: pytest.M
 
 def test_only_scans_of_cells_lose_rays() -> None:
     own, shared = (
-        glpath.render(furnace(0.5), max_depth=3, spp=2, directions=directions) for directions in ("own", "pair")
+        glpath.render(furnace(0.5), max_depth=3, spp=2, **engine_options(engine)) for engine in ("path", "pair")
     )
     assert "paths_lost" not in own.metadata.statistics
     assert "paths_lost" in shared.metadata.statistics

@@ -16,9 +16,9 @@ from tests.surfaces import BLACK, GREY, camera, lamp, level, scene_of, squares
 
 ENGINES: dict[str, dict[str, Any]] = {
     "rays": {"integrator": "path", "guide": "cosine"},
-    "scans": {"integrator": "path", "directions": "pair"},
+    "scans": {"integrator": "path-buffer"},
     "gather": {"integrator": "gather"},
-    "gather by scans": {"integrator": "gather", "directions": "pair"},
+    "gather by scans": {"integrator": "gather", "cast": "path-buffer"},
     "t-buffer": {"integrator": "t-buffer"},
     "classic": {"integrator": "classic"},
 }

@@ -21,6 +21,7 @@ from glpath.film.metadata import AOVS, DENOISER_AOVS
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene
+from tests.engines import with_depth
 
 #: A texture, a smooth sphere, a lamp, the black back of a card, and the sky behind.
 RESOLUTION = (40, 30)
@@ -120,7 +121,7 @@ CARDS: dict[str, object] = {
 }
 EVERY: list[dict[str, Any]] = [
     {"integrator": "path"},
-    {"integrator": "path", "directions": "pair"},
+    {"integrator": "path-buffer"},
     {"integrator": "gather"},
     {"integrator": "t-buffer"},
     {"integrator": "classic"},
@@ -132,7 +133,7 @@ def test_masks_have_one_number_a_pixel_and_depths_that_a_surface_has(
     options: dict[str, Any], tmp_path: Path
 ) -> None:
     scene = glpath.load_scene(CARDS).with_camera(resolution=(40, 30))
-    options = {**options, "max_depth": 2, "aovs": ("depth", "depth_min", "object_id", "material_id")}
+    options = {**with_depth(options, 2), "aovs": ("depth", "depth_min", "object_id", "material_id")}
     film = glpath.render(scene, spp=24, **options)
     depth, least, number = (film.aov(name) for name in ("depth", "depth_min", "object_id"))
     surfaces = np.array([2.0, 5.0, FAR])
@@ -179,10 +180,10 @@ def assert_same_aovs(one: Film, other: Film) -> None:
 
 
 ENGINES: dict[str, dict[str, object]] = {
-    "own": {},
-    "pair": {"directions": "pair"},
+    "path": {},
+    "pair": {"integrator": "path-buffer"},
     "gather": {"integrator": "gather"},
-    "gather-pair": {"integrator": "gather", "directions": "pair"},
+    "gather-pair": {"integrator": "gather", "cast": "path-buffer"},
     "t-buffer": {"integrator": "t-buffer"},
     "classic": {"integrator": "classic"},
 }
@@ -192,7 +193,7 @@ ENGINES: dict[str, dict[str, object]] = {
 def test_aovs_are_those_of_a_slow_ray_caster(options: dict[str, object], expected: Aovs) -> None:
     if options.get("integrator") == "gather":
         options = options | {"radiosity": glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)}
-    film = glpath.render(SCENE, resolution=RESOLUTION, spp=64, max_depth=2, aovs=AOVS, **options)
+    film = glpath.render(SCENE, resolution=RESOLUTION, spp=64, aovs=AOVS, **with_depth(options, 2))
     whole = expected["shapes"].sum(axis=2) == 1
     for name in DENOISER_AOVS:
         found, wanted = film.aov(name), expected[name]
@@ -252,7 +253,7 @@ def test_aovs_are_those_of_mitsuba(name: str) -> None:
 
 @pytest.mark.parametrize("options", ENGINES.values(), ids=ENGINES)
 def test_who_asks_for_aovs_gets_the_same_picture(options: dict[str, object]) -> None:
-    options = {"spp": 9, "max_depth": 3, "resolution": (24, 18), **options}
+    options = {"spp": 9, "resolution": (24, 18), **with_depth(options, 3)}
     if options.get("integrator") == "gather":
         options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
     plain, both = glpath.render(SCENE, **options), glpath.render(SCENE, aovs=AOVS, **options)
@@ -289,7 +290,7 @@ def test_aovs_of_parts_merge_into_those_of_the_whole_bit_for_bit(tmp_path: Path)
 def test_a_picture_in_tiles_has_the_aovs_of_the_picture_in_one(
     options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = {"spp": 3, "max_depth": 2, "resolution": (24, 18), "aovs": "all", **options}
+    options = {"spp": 3, "resolution": (24, 18), "aovs": "all", **with_depth(options, 2)}
     if options.get("integrator") == "gather":
         options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
     whole = glpath.render(SCENE, **options)
@@ -297,7 +298,7 @@ def test_a_picture_in_tiles_has_the_aovs_of_the_picture_in_one(
     tiled = glpath.render(SCENE, **options)
     for name in SURFACES:
         assert np.array_equal(tiled.aov(name), whole.aov(name)), name
-    if options.get("directions") != "pair":  # whose cells are a window's
+    if "path-buffer" not in options.values():  # whose cells are a window's
         assert_same_aovs(tiled, whole)
 
 

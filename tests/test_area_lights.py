@@ -57,9 +57,11 @@ def test_a_lamp_that_faces_away_gives_no_light_unless_both_sides_emit(integrator
     # Of the room's blinds and chair legs, texels of the default see too little: 0.2 % of its light.
     [
         ("cornell-box", 128, {}),
-        ("cornell-box", 128, {"directions": "pair"}),
+        ("cornell-box", 128, {"integrator": "path-buffer"}),
         ("room", 512, {}),
-        pytest.param("room", 1024, {"directions": "pair", "light_resolution": 1024}, marks=pytest.mark.evidence),
+        pytest.param(
+            "room", 1024, {"integrator": "path-buffer", "light_resolution": 1024}, marks=pytest.mark.evidence
+        ),
     ],
 )
 def test_engines_agree_on_direct_light(name: str, sets: int, path_options: Any):

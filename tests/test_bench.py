@@ -267,7 +267,7 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
     measured = report.measured
     assert (report.holds, measured["gather_relmse_13"] > 0) == (None, True)
     assert measured["gather_s"] > measured["solver_s"] > 0 or np.isnan(measured["gather_s"])
-    assert {row["program"] for row in report.rows} == {"gather", "path_buffer"}
+    assert {row["program"] for row in report.rows} == {"gather", "path"}
     assert "gather_ms_per_set.paths" in measured
     assert "Mitsuba 3 cannot be imported" in report.notes[0]
     assert "vs_mitsuba" not in measured

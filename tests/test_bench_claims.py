@@ -18,7 +18,7 @@ from benchmarks.benches import equal_error, gather, path_buffer, shaft, t_buffer
 from benchmarks.benches.equal_error import Contestant
 from benchmarks.references.kept import Reference
 from benchmarks.references.stored import smaller, stored_reference
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathSettings
 from glpath.io import load_scene
 
 SIDE = 64
@@ -59,7 +59,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     in_steps = gather.trace_in_steps
 
     def timed(tracer, counts):
-        ms = 1000.0 if isinstance(tracer.settings, PathTraceSettings) else 10.0
+        ms = 1000.0 if isinstance(tracer.settings, PathSettings) else 10.0
         return [ms for _ in counts], in_steps(tracer, counts)[1]
 
     monkeypatch.setattr(gather, "trace_in_steps", timed)

@@ -44,7 +44,7 @@ MIRRORS = {
 }
 ENGINES: list[dict[str, Any]] = [
     {"integrator": "path"},
-    {"integrator": "path", "directions": "pair"},
+    {"integrator": "path-buffer"},
     {"integrator": "t-buffer"},
 ]
 

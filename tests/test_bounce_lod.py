@@ -15,7 +15,7 @@ from glpath.scene.simplify import _distance, simplified
 
 pytest.importorskip("fast_simplification", reason='pip install "glpath[lod]"')
 
-SCANS = {"directions": "pair", "light_resolution": 64, "resolution": (40, 40)}
+SCANS = {"integrator": "path-buffer", "light_resolution": 64, "resolution": (40, 40)}
 
 
 def dense_box(times: int = 4) -> dict[str, Any]:
@@ -118,16 +118,16 @@ def test_the_deviation_is_that_of_points_from_triangles():
 
 
 def test_what_is_no_share_or_has_own_rays_is_refused(monkeypatch: pytest.MonkeyPatch):
-    with pytest.raises(glpath.UsageError, match=r'bounce_lod: 0.5 with directions "own"'):
+    with pytest.raises(glpath.UsageError, match=r'bounce_lod: 0.5 with the integrator "path"'):
         glpath.render("cornell-box-36", spp=1, bounce_lod=0.5)
     for share in (0, 1.5):
         with pytest.raises(glpath.UsageError, match="bounce_lod"):
-            glpath.render("cornell-box-36", spp=1, directions="pair", bounce_lod=share)
+            glpath.render("cornell-box-36", spp=1, integrator="path-buffer", bounce_lod=share)
     with pytest.raises(glpath.SceneError, match=r"streams triangles \(ground\), which bounce_lod cannot simplify"):
-        glpath.render("terrain", parameters={"streamed": True}, spp=1, directions="pair", bounce_lod=0.5)
+        glpath.render("terrain", parameters={"streamed": True}, spp=1, integrator="path-buffer", bounce_lod=0.5)
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     with pytest.raises(glpath.UsageError, match="fast-simplification") as error:
-        glpath.render(dense_box(2), spp=1, directions="pair", bounce_lod=0.5)
+        glpath.render(dense_box(2), spp=1, integrator="path-buffer", bounce_lod=0.5)
     assert 'pip install "glpath[lod]"' in error.value.remedy
 
 
@@ -137,7 +137,7 @@ def test_what_is_no_share_or_has_own_rays_is_refused(monkeypatch: pytest.MonkeyP
 )
 def test_the_error_of_simpler_bounces(name: str, parameters: dict[str, int]):
     scene = glpath.load_scene(name, parameters)
-    options = {"directions": "pair", "resolution": (48, 48), "max_depth": 3, "spp": 32}
+    options = {"integrator": "path-buffer", "resolution": (48, 48), "max_depth": 3, "spp": 32}
     full = glpath.render(scene, **options)
     noise = relative_mse(glpath.render(scene, seed=1, **options).mean, full.mean)
     for share in (0.5, 0.1):

@@ -29,6 +29,7 @@ from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 from glpath.rendering import interrupts
 from glpath.system import files
+from tests.engines import with_depth
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}
@@ -53,7 +54,7 @@ def render(*arguments: object) -> Result:
     [
         (BOX, {}),
         (BOX, {"aovs": ("albedo", "normal"), "sampling": "random"}),
-        (BOX, {"directions": "pair"}),
+        (BOX, {"integrator": "path-buffer"}),
         (BOX, {"guide": "solution"}),
         (BOX, {"integrator": "gather"}),
         ("three-spheres", {"integrator": "t-buffer", "shadows": "cube"}),
@@ -62,10 +63,11 @@ def render(*arguments: object) -> Result:
 def test_a_film_that_is_gone_on_with_has_the_bits_of_one_go(
     scene: str, options: dict[str, Any], sets: int, tmp_path: Path
 ) -> None:
-    begun = glpath.render(scene, spp=sets, **SMALL, **options)
+    options = with_depth({"resolution": (24, 16), **options}, 2)
+    begun = glpath.render(scene, spp=sets, **options)
     begun.save(tmp_path / "a.npz")
-    film = glpath.render(scene, spp=20, film=Film.load(tmp_path / "a.npz"), **SMALL, **options)
-    whole = glpath.render(scene, spp=20, **SMALL, **options)
+    film = glpath.render(scene, spp=20, film=Film.load(tmp_path / "a.npz"), **options)
+    whole = glpath.render(scene, spp=20, **options)
     assert same(film, whole)
     assert film.metadata.statistics["dropped_samples"] == 0
     for name, count in whole.metadata.statistics.items():
@@ -95,9 +97,9 @@ def test_a_film_of_another_render_is_refused_with_all_that_differs() -> None:
 
 def test_the_film_of_a_gather_goes_by_its_solution() -> None:
     coarse, fine = (glpath.solve_radiosity(BOX, method="monte-carlo", particles=4096, patches=n) for n in (40, 80))
-    film = glpath.render(BOX, integrator="gather", radiosity=coarse, spp=2, **SMALL)
+    film = glpath.render(BOX, integrator="gather", radiosity=coarse, spp=2, resolution=(24, 16))
     with pytest.raises(glpath.UsageError, match=r"settings\.radiosity is"):
-        glpath.render(BOX, integrator="gather", radiosity=fine, spp=4, film=film, **SMALL)
+        glpath.render(BOX, integrator="gather", radiosity=fine, spp=4, film=film, resolution=(24, 16))
 
 
 # The command line.
@@ -550,9 +552,9 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
     def some(first: int, count: int) -> dict[str, float]:
         for i in range(first, first + count):
             checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
-            directions = ("own", "pair")[i % 2]
+            engine = ("path", "path-buffer")[i % 2]
             glpath.render(
-                BOX, spp=2, seed=i, max_depth=2, directions=directions, resolution=(32, 24), on_step=checkpoint
+                BOX, spp=2, seed=i, max_depth=2, integrator=engine, resolution=(32, 24), on_step=checkpoint
             )
         return measured()
 

@@ -28,7 +28,7 @@ from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
-from glpath.rendering.job import ALL_BOUNCES
+from glpath.integrators.settings import PathSettings
 from glpath.rendering.progress import duration, percent, reporting
 
 
@@ -180,9 +180,9 @@ def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) ->
     """Not those of a picture: by paths all bounces count, and there is no eye and no stream."""
     said = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
     (depth,) = [line for line in said.splitlines() if "--max-depth" in line]
-    assert f"default {ALL_BOUNCES['max_depth']}." in depth
+    assert f"default {PathSettings.all_bounces['max_depth']}." in depth
     (roulette,) = [line for line in said.splitlines() if "--roulette" in line]
-    assert f"default {ALL_BOUNCES['roulette']}." in roulette
+    assert f"default {PathSettings.all_bounces['roulette']}." in roulette
     for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer"):
         assert other not in said, other
     rendered = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
@@ -303,7 +303,8 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     options = (
         "--spp 32 --max-depth 3 --seed 9 --resolution 64x32 --crop 1,2,30,20 --camera-position -1,0,.5 "
         "--camera-fov 50 "
-        "--sampling random --directions sphere --light-resolution 128 --ambient 0.5 --roulette 3 "
+        "--integrator path-buffer --directions sphere --light-resolution 128 "
+        "--sampling random --ambient 0.5 --roulette 3 "
         "--backend egl --device 1 --require-gpu"
     )
     run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *options.split())
@@ -318,10 +319,11 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
     assert callable(call.pop("on_progress"))
     unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
     unused += ("radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "guide", "branches")
+    unused += ("lookup_depth", "cast")
     unused += ("light_samples", "aovs", "geometry_budget", "bounce_lod")
-    assert [call.pop(name) for name in unused] == [None] * 15
+    assert [call.pop(name) for name in unused] == [None] * 17
     assert call == {
-        "integrator": "path",
+        "integrator": "path-buffer",
         "spp": 32,
         "max_depth": 3,
         "seed": 9,
@@ -397,7 +399,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--tonemap filmic", "Allowed: srgb, reinhard, aces"),
         ("--integrator bdpt", "Allowed: path"),
         ("--sampling halton", "Allowed: sobol, random"),
-        ("--directions cone", "Allowed: own, pair, lattice, hemisphere, sphere"),
+        ("--directions cone", "Allowed: pair, lattice, hemisphere, sphere"),
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
         ("-q -v", "contradict each other"),
         ("-D radiance", "not of the form key=value"),
@@ -497,7 +499,7 @@ from glpath.cli.main import run
 from glpath.film.film import Film, FilmMetadata
 
 def render(scene, **options):
-    film = Film.empty(FilmMetadata("slow", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Film.empty(FilmMetadata("slow", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     film.add(0, 5, np.ones((4, 6, 3)))
     try:
         print("ready", flush=True)

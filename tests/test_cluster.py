@@ -42,6 +42,7 @@ from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
+from tests.engines import with_depth
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
@@ -63,7 +64,7 @@ def own_workers():
 
 
 def job_of(spp: int, **options: Any) -> RenderJob:
-    return RenderJob.of(BOX, spp=spp, **{**SMALL, **options})
+    return RenderJob.of(BOX, spp=spp, **with_depth({"resolution": (24, 16), **options}, 2))
 
 
 # The same bits.
@@ -74,7 +75,7 @@ def job_of(spp: int, **options: Any) -> RenderJob:
     [
         (77, {}),
         (64, {"aovs": ("albedo", "normal"), "sampling": "random", "first_path_set": 3}),
-        (24, {"directions": "pair"}),
+        (24, {"integrator": "path-buffer"}),
         (40, {"integrator": "gather"}),
         (40, {"guide": "solution"}),
         (3, {"integrator": "t-buffer"}),
@@ -82,7 +83,7 @@ def job_of(spp: int, **options: Any) -> RenderJob:
 )
 def test_it_has_the_bits_of_one_process(workers, spp, options):
     scene = glpath.load_scene("three-spheres") if options.get("integrator") == "t-buffer" else BOX
-    job, loaded = RenderJob.of(scene, spp=spp, **{**SMALL, **options}), None
+    job, loaded = RenderJob.of(scene, spp=spp, **with_depth({"resolution": (24, 16), **options}, 2)), None
     if not isinstance(scene, str):
         loaded = scene
     told = []

@@ -23,6 +23,7 @@ from glpath.film.film import Film
 from glpath.film.image import read_exr_channels, read_image
 from glpath.film.metadata import DENOISER_AOVS as AOVS
 from glpath.rendering import RenderJob
+from tests.engines import with_depth
 
 pytest.importorskip("pyoidn", reason="needs the denoise extra")
 
@@ -62,10 +63,8 @@ def test_a_denoised_picture_is_nearer_to_the_converged_one_by_about_what_it_says
 )
 def test_the_error_of_denoised_pictures_is_honest(scene: str, integrator: str, spp: int, seed: int) -> None:
     reference = smaller(stored_reference(scene, 64), SIDE)
-    depth = 2 if integrator == "gather" else 8
-    film = glpath.render(
-        scene, integrator=integrator, spp=spp, seed=seed, max_depth=depth, resolution=(SIDE, SIDE), aovs=AOVS
-    )
+    options = with_depth({"integrator": integrator}, 2 if integrator == "gather" else 8)
+    film = glpath.render(scene, spp=spp, seed=seed, resolution=(SIDE, SIDE), aovs=AOVS, **options)
     error, said = np.sqrt(relative_mse(film.denoised(), reference)), film.relative_error(denoised=True)
     assert error < np.sqrt(relative_mse(film.mean, reference))
     assert said is not None

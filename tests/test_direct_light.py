@@ -7,6 +7,7 @@ import pytest
 
 import glpath
 from glpath.film.film import Film
+from tests.engines import engine_options, with_depth
 
 #: Every kind of light, textures, masks aside; diffuse, so that every engine has it.
 LIGHTS: dict[str, object] = {
@@ -27,21 +28,21 @@ LIGHTS: dict[str, object] = {
 }
 
 ENGINES: dict[str, dict[str, object]] = {
-    "own": {},
-    "pair": {"directions": "pair"},
-    "lattice": {"directions": "lattice"},
-    "sphere": {"directions": "sphere"},
+    "path": {},
+    "pair": {"integrator": "path-buffer"},
+    "lattice": {"integrator": "path-buffer", "directions": "lattice"},
+    "sphere": {"integrator": "path-buffer", "directions": "sphere"},
     "roulette": {"roulette": 1},
     "guided": {"guide": "solution"},
     "gather": {"integrator": "gather"},
-    "gather-pair": {"integrator": "gather", "directions": "pair"},
-    "gather-far": {"integrator": "gather", "directions": "pair", "lookup_distance": 0, "direct_light": "solution"},
+    "gather-pair": {"integrator": "gather", "cast": "path-buffer"},
+    "gather-far": {"integrator": "gather", "cast": "path-buffer", "lookup_distance": 0, "direct_light": "solution"},
     "t-buffer": {"integrator": "t-buffer"},
 }
 
 
 def render(scene: object, depth: int = 3, **options: object) -> Film:
-    return glpath.render(scene, max_depth=depth, aovs=("direct", "indirect"), **options)
+    return glpath.render(scene, aovs=("direct", "indirect"), **with_depth(options, depth))
 
 
 def assert_is_the_picture(film: Film) -> None:
@@ -76,7 +77,9 @@ def test_direct_light_is_a_render_of_depth_1(options: dict[str, object], depth_1
         assert indirect.mean() == pytest.approx(0.0187, rel=0.04)  # in all of them
 
 
-@pytest.mark.parametrize("options", [{}, {"directions": "pair"}, {"directions": "sphere"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"integrator": "path-buffer"}, {"integrator": "path-buffer", "directions": "sphere"}], ids=str
+)
 def test_of_depth_1_all_light_is_direct(options: dict[str, object]) -> None:
     film = render(LIGHTS, 1, spp=8, **options)
     assert np.array_equal(film.aov_sums["direct"], film.radiance_sums.sum(axis=0))
@@ -113,7 +116,7 @@ def test_through_a_pane_and_by_a_mirror_direct_light_is_as_of_depth_1() -> None:
     assert film.aov("indirect")[in_mirror].mean() > 0.8 * film.mean[in_mirror].mean() > 0
 
 
-@pytest.mark.parametrize("options", [{}, {"directions": "pair"}, {"integrator": "t-buffer"}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"integrator": "path-buffer"}, {"integrator": "t-buffer"}], ids=str)
 def test_ambient_light_is_indirect(options: dict[str, object]) -> None:
     scene = {**LIGHTS, "ambient": 0.3}
     scene = {**scene, "sky": {"zenith": 0, "horizon": 0}}
@@ -125,8 +128,8 @@ def test_ambient_light_is_indirect(options: dict[str, object]) -> None:
     assert reflectances == pytest.approx([0.8, 0.5, 0.8], abs=1e-5)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_samples_that_are_dropped_do_not_count(directions: str, spoil) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_samples_that_are_dropped_do_not_count(engine: str, spoil) -> None:
     """An engine that now and then finds what is no number: the AOV says where, and no light is kept of it."""
     spoil(
         "film/accumulate.glsl",
@@ -134,7 +137,7 @@ def test_samples_that_are_dropped_do_not_count(directions: str, spoil) -> None:
         "    if (pixel == ivec2(5, 3)) radiance.r = uintBitsToFloat(0x7fc00000u);\n"
         "    vec3 scaled = floor(radiance.rgb * quanta + 0.5);",
     )
-    film = glpath.render(LIGHTS, max_depth=2, spp=6, aovs="all", directions=directions)
+    film = glpath.render(LIGHTS, max_depth=2, spp=6, aovs="all", **engine_options(engine))
     spoilt = np.zeros(film.mean.shape[:2], bool)
     spoilt[24 - 1 - 3, 5] = True
     assert np.array_equal(film.aov("samples"), np.where(spoilt, 0, 6))

@@ -20,12 +20,13 @@ from glpath.radiosity.solution import DIRECT
 from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
+from tests.engines import engine_options, with_depth
 
 ENGINES: list[dict[str, Any]] = [
-    {"directions": "own"},
-    {"directions": "pair"},
-    {"directions": "hemisphere"},
-    {"directions": "sphere"},
+    {"integrator": "path"},
+    {"integrator": "path-buffer"},
+    {"integrator": "path-buffer", "directions": "hemisphere"},
+    {"integrator": "path-buffer", "directions": "sphere"},
     {"integrator": "gather"},
     {"integrator": "t-buffer", "light_samples": 4},
     {"integrator": "classic", "light_samples": 4},
@@ -91,7 +92,7 @@ def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target
     sky = Environment(noise(9, 20), np.array([0.02, 1, 0.05]), 77.0, 3.0)
     at = np.array([0, 900, 900])
     scene = replace(scene_of([LAMP], at, at + target, fov=70, size=(16, 12)), sky=sky)
-    film = glpath.render(scene, spp=1, max_depth=2, **engine)
+    film = glpath.render(scene, spp=1, **with_depth(engine, 2))
     camera = scene.camera
     traces_paths = engine.get("integrator") not in ("t-buffer", "classic")
     place = PathSetSampler(0, 1)[0].pixel if traces_paths else 0.5  # theirs begin with the centre
@@ -170,18 +171,20 @@ def test_a_number_just_below_one_is_a_direction_of_the_map():
 def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     scene = scene_of([*THINGS, LAMP], size=(16, 12))
     sky, sky_map = Sky(np.full(3, 1.5), np.full(3, 1.5)), Environment(np.full((5, 8, 3), 0.5, np.float32), scale=3)
-    a, b = (glpath.render(replace(scene, sky=each), spp=200, max_depth=3, **engine).mean for each in (sky, sky_map))
+    a, b = (
+        glpath.render(replace(scene, sky=each), spp=200, **with_depth(engine, 3)).mean for each in (sky, sky_map)
+    )
     noisy = engine.get("directions") == "sphere"
     assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1e-2)
     assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_open_to_a_map_of_one_a_furnace_is_a_furnace(directions: Any):
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_open_to_a_map_of_one_a_furnace_is_a_furnace(engine: Any):
     radiance = {"radiance": 0.5, "two_sided": True}
     scene = scene_of([shape | {"material": "grey", "emission": radiance} for shape in THINGS], size=(12, 12))
     scene = replace(scene, sky=Environment(np.ones((6, 12, 3), np.float32)))
-    film = glpath.render(scene, spp=128, max_depth=9, directions=directions)
+    film = glpath.render(scene, spp=128, max_depth=9, **engine_options(engine))
     assert film.mean.mean() == pytest.approx(1.0, rel=0.01)
     np.testing.assert_allclose(film.mean, 1.0, rtol=0.25)
 
@@ -211,7 +214,7 @@ def irradiance_of_texel(sky: Environment, row: int) -> Float64:
 def test_a_floor_under_one_bright_texel(engine: dict[str, Any]):
     sky = Environment(sun(32, 64, 9, 50, (1e4, 8e3, 5e3)), np.array([0.0, 1, 0]), 10.0, 0.5)
     scene = replace(floor_from_above(), sky=sky)
-    film = glpath.render(scene, spp=256, max_depth=2, **engine)
+    film = glpath.render(scene, spp=256, **with_depth(engine, 2))
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * irradiance_of_texel(sky, 9), rtol=0.01)
 
 
@@ -239,14 +242,19 @@ def test_radiosity_has_the_light_of_one_bright_texel():
 
 @pytest.mark.parametrize(
     ("depth", "engine"),
-    [(3, {"directions": "own"}), (3, {"directions": "pair"}), (2, {"directions": "sphere"}), (2, ENGINES[4])],
+    [
+        (3, {"integrator": "path"}),
+        (3, {"integrator": "path-buffer"}),
+        (2, {"integrator": "path-buffer", "directions": "sphere"}),
+        (2, ENGINES[4]),
+    ],
 )
 def test_a_small_slow_tracer_agrees(depth: int, engine: dict[str, Any]):
     sky = Environment(noise(6, 9), np.array([0.0, 0, 1]), 40.0)
     scene = replace(scene_of([*THINGS[:-1], LAMP], size=(8, 6), lights=[POINT]), sky=sky)
-    gathers = "integrator" in engine
+    gathers = engine["integrator"] == "gather"
     truth, variance = path_trace(scene, 300, 6 if gathers else depth, seed=1)
-    film = glpath.render(scene, spp=512, max_depth=depth, **engine)
+    film = glpath.render(scene, spp=512, **with_depth(engine, depth))
     assert film.mean.mean() == pytest.approx(truth.mean(), rel=0.03 if gathers else 0.02)
     if not gathers:
         z = (film.mean - truth) / np.sqrt(variance + film.variance_of_mean() + 1e-12)
@@ -265,8 +273,8 @@ def sunny(size: tuple[int, int] = (32, 24)) -> tuple[Scene, Scene]:
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_mitsuba_sees_the_same_under_a_map_with_a_sun(engine: Any):
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
 
@@ -274,7 +282,7 @@ def test_mitsuba_sees_the_same_under_a_map_with_a_sun(directions: Any):
     flat = [shape for shape in THINGS if shape["type"] != "sphere"]
     scene = replace(scene_of(flat, size=(32, 24)), sky=sky)
     theirs = render_mitsuba(scene, 1024, 3)
-    ours = glpath.render(scene, spp=1024, max_depth=3, directions=directions).mean
+    ours = glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine)).mean
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.005)
     assert relative_mse(ours, theirs) < 2e-3
 
@@ -313,7 +321,7 @@ def test_path_sets_and_tiles_under_a_map_merge_bit_for_bit(engine: dict[str, Any
     first = glpath.render(scene, spp=9, max_depth=3, **engine)
     second = glpath.render(scene, spp=15, first_path_set=9, max_depth=3, **engine)
     np.testing.assert_array_equal(second.merge(first).mean, whole.mean)
-    if engine["directions"] == "own":
+    if engine["integrator"] == "path":
         crop = glpath.render(scene, spp=24, max_depth=3, crop=(8, 4, 16, 20), **engine)
         np.testing.assert_array_equal(crop.mean, whole.mean[4:24, 8:24])
 

@@ -30,14 +30,14 @@ from glpath.sensors.sensor import PointSensor
 PLACES = ((500000.37, 30.21, 450000.11), (450000.3, 5800000.77, 37.2))
 SIZES = (1.0, 1000.0)
 ENGINES: dict[str, dict[str, Any]] = {
-    "own": {"integrator": "path", "max_depth": 3},
+    "path": {"integrator": "path", "max_depth": 3},
     "guided": {"integrator": "path", "max_depth": 3, "guide": "solution"},
-    "pair": {"integrator": "path", "max_depth": 3, "directions": "pair"},
-    "lattice": {"integrator": "path", "max_depth": 3, "directions": "lattice"},
-    "hemisphere": {"integrator": "path", "max_depth": 3, "directions": "hemisphere"},
-    "sphere": {"integrator": "path", "max_depth": 3, "directions": "sphere"},
+    "pair": {"max_depth": 3, "integrator": "path-buffer"},
+    "lattice": {"max_depth": 3, "integrator": "path-buffer", "directions": "lattice"},
+    "hemisphere": {"max_depth": 3, "integrator": "path-buffer", "directions": "hemisphere"},
+    "sphere": {"max_depth": 3, "integrator": "path-buffer", "directions": "sphere"},
     "gather": {"integrator": "gather"},
-    "gather by scans": {"integrator": "gather", "directions": "pair"},
+    "gather by scans": {"integrator": "gather", "cast": "path-buffer"},
     "t-buffer": {"integrator": "t-buffer"},
     "classic": {"integrator": "classic"},
 }
@@ -354,7 +354,7 @@ def test_streams_instances_and_what_moves_are_moved_with_the_rest() -> None:
         made = hut(place, shapes=[ball | {"motion": keys}])
         return made.with_camera(shutter=(0.0, 1.0))
 
-    for name in ("own", "pair", "t-buffer"):
+    for name in ("path", "pair", "t-buffer"):
         options = ENGINES[name] | {"spp": 8, "aovs": ("position",)}
         near, far = render(scene((0, 0, 0)), **options), render(scene(PLACES[0]), **options)
         assert np.abs(far.mean - near.mean).mean() < 1e-3 * near.mean.mean()
@@ -391,7 +391,7 @@ def test_a_distant_camera_sees_the_same_by_scans_as_by_rays(distance: float, pro
     seen |= {"fov": fov} if projection == "perspective" else {"projection": projection, "height": 4.5}
     scene = hut().with_camera(**seen)
     options: dict[str, Any] = {"max_depth": 1, "aovs": ("position", "depth", "object_id")}
-    own, pair = render(scene, spp=128, **options), render(scene, directions="pair", spp=128, **options)
+    own, pair = render(scene, spp=128, **options), render(scene, integrator="path-buffer", spp=128, **options)
     met = own.aov("depth") < 1e9
     np.testing.assert_array_equal(pair.aov("depth") < 1e9, met)
     assert pair.mean.mean() == pytest.approx(own.mean.mean(), rel=0.01)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import subprocess
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -106,3 +109,28 @@ def test_so_are_those_of_cameras_lights_and_shapes(table: str, field: str, answe
     (part if isinstance(part, dict) else part[0])[field] = 1
     with pytest.raises(SceneError, match=rf"(?s){field}.*is not a field.*Did you mean `{answer}`\?"):
         glpath.load_scene(data)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_make_render_says_that_it_renders_with_the_path_buffer_and_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line that make prints, and the command that it runs, with fewer paths."""
+    root = Path(__file__).parent.parent
+    run = subprocess.run(
+        ["make", "-n", "-o", ".venv/.glpath", "render", "SPP=2"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = run.stdout.splitlines()
+    (told,) = [shlex.split(line)[1] for line in lines if line.startswith("echo ")]
+    assert told == "Rendering the Cornell box with the path-buffer (Walter and Lengyel 1995)."
+    (command,) = [shlex.split(line) for line in lines if "glpath render" in line]
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, [*command[1:], "--resolution", "16x16", "--stats", "stats.json"])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out/cornell-box.png").exists()
+    assert (tmp_path / "out/cornell-box.exr").exists()
+    assert '"integrator": "path-buffer"' in (tmp_path / "stats.json").read_text()

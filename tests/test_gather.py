@@ -22,8 +22,9 @@ from glpath.film.film import read_image
 from glpath.gl import device_radiosity as radiosity_store
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherTracer, device_radiosity
+from glpath.integrators.path_buffer_gather import PathBufferGather
 from glpath.integrators.settings import GatherSettings
+from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene, scene_from_dict
 from glpath.lights.lighting import Lighting
 from glpath.radiosity import lookup as lookup_module
@@ -32,6 +33,7 @@ from glpath.radiosity.mesh import lattice
 from glpath.rendering import factory, tiles
 from glpath.sampling.points import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, path_traceable
+from tests.engines import gather_by
 
 Float64 = NDArray[np.float64]
 BOX = "cornell-box-36"
@@ -166,11 +168,11 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any,
     settings = GatherSettings(
         cell_share=8.0,
         radiosity_lookup=lookup,
-        directions="pair",
+        cast="path-buffer",
         direct_light="solution",
         lookup_distance=widths,
     )
-    tracer = GatherTracer(
+    tracer = PathBufferGather(
         gl,
         DeviceScene(gl, scene),
         settings,
@@ -200,12 +202,13 @@ def test_an_even_solution_lights_a_closed_room_without_noise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth", "directions"), [(2, "own"), (2, "pair"), (2, "hemisphere"), (2, "sphere"), (4, "own"), (4, "pair")]
+    ("depth", "engine"), [(2, "bvh"), (2, "pair"), (2, "hemisphere"), (2, "sphere"), (4, "bvh"), (4, "pair")]
 )
-def test_furnace_is_the_endless_series_at_any_depth(depth: int, directions: Any) -> None:
+def test_furnace_is_the_endless_series_at_any_depth(depth: int, engine: str) -> None:
     scene = load_scene("furnace", {"reflectance": 0.6}).with_camera(resolution=(12, 12))
     reflected = np.pi * (furnace_radiance(1.0, 0.6, 1000) - 1.0)
-    film = gather(scene, even(scene, reflected / 0.6), spp=128, max_depth=depth, directions=directions)
+    solution = even(scene, reflected / 0.6)
+    film = glpath.render(scene, integrator=gather_by(engine), radiosity=solution, spp=128, lookup_depth=depth)
     batches = film.radiance_sums.mean(axis=(1, 2, 3)) / film.batch_counts
     error = batches.std(ddof=1) / np.sqrt(len(batches))
     assert error < 0.05
@@ -225,10 +228,10 @@ def test_a_dark_solution_leaves_what_is_traced() -> None:
     traced = gather(BOX, dark, branches=1, **options)
     np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     # Elements of half a wall: every path ends near by.
-    for directions, depth in (("own", 4), ("pair", 3)):
-        further = glpath.render(BOX, max_depth=depth, spp=256, resolution=size, directions=directions)
-        near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000, directions=directions)
-        assert near.mean.mean() == pytest.approx(further.mean.mean(), rel=0.01), directions
+    for engine, cast, depth in (("path", "bvh", 4), ("path-buffer", "path-buffer", 3)):
+        further = glpath.render(BOX, max_depth=depth, spp=256, resolution=size, integrator=engine)
+        near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000, cast=cast)
+        assert near.mean.mean() == pytest.approx(further.mean.mean(), rel=0.01), engine
 
 
 @pytest.mark.parametrize("branches", [2, 3])
@@ -246,9 +249,20 @@ def test_branches_are_the_same_picture_with_less_error(branches: int) -> None:
     assert np.sqrt(less).mean() < 0.85 * np.sqrt(error).mean()
 
 
-def test_shared_directions_have_no_branches() -> None:
-    with pytest.raises(glpath.UsageError, match='branches: 3 with directions "pair"'):
-        glpath.render(BOX, integrator="gather", directions="pair", branches=3, spp=1)
+@pytest.mark.parametrize(
+    ("cast", "option", "remedy"),
+    [
+        ("path-buffer", {"branches": 3}, "bvh"),
+        ("path-buffer", {"guide": "cosine"}, "bvh"),
+        ("bvh", {"light_resolution": 64}, "path-buffer"),
+    ],
+)
+def test_an_option_of_the_other_cast_is_named_with_it(cast: Any, option: Any, remedy: str) -> None:
+    (name,) = option
+    for integrator in ({"integrator": "gather", "cast": cast}, {"integrator": GatherSettings(cast=cast)}):
+        with pytest.raises(glpath.UsageError, match=f'{name}: .* with cast "{cast}"') as error:
+            glpath.render(BOX, **integrator, **option, spp=1)
+        assert error.value.remedy == f'Take cast="{remedy}", or leave it out.'
 
 
 def sun_and_sky() -> Scene:
@@ -272,10 +286,10 @@ def sun_and_sky() -> Scene:
 def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None:
     scene = sun_and_sky()
     dark = even(scene, 0.0)
-    for directions in ("own", "pair"):
-        two = glpath.render(scene, max_depth=2, spp=64, directions=directions)
-        plain = {"guide": "cosine", "branches": 1} if directions == "own" else {}
-        traced = gather(scene, dark, spp=64, lookup_distance=0, directions=directions, **plain)
+    for engine, cast in (("path", "bvh"), ("path-buffer", "path-buffer")):
+        two = glpath.render(scene, max_depth=2, spp=64, integrator=engine)
+        plain = {"guide": "cosine", "branches": 1} if cast == "bvh" else {}
+        traced = gather(scene, dark, spp=64, lookup_distance=0, cast=cast, **plain)
         np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     four = glpath.render(scene, max_depth=4, spp=512)
     near = gather(scene, dark, spp=512, lookup_distance=1000)
@@ -284,7 +298,7 @@ def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None
 
 def test_where_all_light_is_looked_up_none_is_scanned_for() -> None:
     """At the second vertex; at the first the sun and the sky have their scan, as in a path of depth one."""
-    options: Any = {"spp": 8, "directions": "pair"}
+    options: Any = {"spp": 8, "cast": "path-buffer"}
     film = gather(sun_and_sky(), even(sun_and_sky(), 0.0), direct_light="solution", lookup_distance=0, **options)
     traced = gather(sun_and_sky(), even(sun_and_sky(), 0.0), lookup_distance=0, **options)
     cast, more = (f.metadata.statistics["paths_cast"] for f in (film, traced))
@@ -320,7 +334,7 @@ def test_a_lamp_by_a_wall_leaves_no_bright_spots(monkeypatch: pytest.MonkeyPatch
     solution = glpath.solve_radiosity(scene, patches=200)
 
     def worst() -> float:
-        films = [gather(scene, solution, spp=16, seed=seed, directions="pair").mean for seed in range(4)]
+        films = [gather(scene, solution, spp=16, seed=seed, cast="path-buffer").mean for seed in range(4)]
         return float(np.max(np.std(films, axis=0)))
 
     mended = worst()
@@ -425,12 +439,12 @@ def test_a_solution_comes_from_a_file_and_must_be_of_this_scene(tmp_path: Path) 
         ({"integrator": "gather", "ambient": 1.0}, 'ambient: 1.0 with the integrator "gather"; it is an option of'),
         ({"integrator": "gather", "roulette": 2}, "roulette"),
         ({"integrator": "gather", "shadows": "rays"}, '"classic" and "t-buffer"'),
-        ({"integrator": "gather", "max_depth": 1}, "max_depth: 1"),
+        ({"integrator": "gather", "lookup_depth": 1}, "lookup_depth: 1"),
         ({"integrator": "gather", "radiosity": 3}, "radiosity: 3"),
         ({"integrator": "gather", "radiosity_lookup": "cubic"}, "interpolated, constant"),
         ({"integrator": "path", "radiosity": "a.npz"}, 'it is an option of "gather"'),
         ({"integrator": "t-buffer", "radiosity_lookup": "constant"}, 'it is an option of "gather"'),
-        ({"integrator": "radiosity"}, "path, gather, classic, t-buffer"),
+        ({"integrator": "radiosity"}, "path, path-buffer, gather, classic, t-buffer"),
     ],
 )
 def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: str) -> None:
@@ -446,11 +460,12 @@ def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pyt
 
 
 def test_stages_are_timed_and_a_path_set_costs_one_scan() -> None:
-    options: Any = {"spp": 4, "resolution": (16, 16), "timings": True, "directions": "pair"}
+    options: Any = {"spp": 4, "resolution": (16, 16), "timings": True, "cast": "path-buffer"}
     film = gather(BOX, even(load_scene(BOX), 1.0), lookup_distance=0, **options)
     stages = film.metadata.statistics["stage_ms"]
     assert set(stages) == {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "look up"}
-    assert film.metadata.max_depth == GatherSettings().max_depth == 2
+    assert film.metadata.max_depth is None
+    assert film.metadata.settings["lookup_depth"] == GatherSettings().lookup_depth == 2
     cast = film.metadata.statistics["paths_cast"]
     assert cast <= 4 * 16 * 16
     # And again those that came back from near by.
@@ -558,8 +573,8 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
     def variance(directions: Any) -> float:
         films = [
             glpath.render(
-                "cornell-box-36", integrator="gather", radiosity=solution, spp=256, resolution=(64, 64), seed=seed,
-                directions=directions, direct_light="solution", lookup_distance=0,
+                "cornell-box-36", integrator=gather_by(directions), radiosity=solution, spp=256,
+                resolution=(64, 64), seed=seed, direct_light="solution", lookup_distance=0,
             ).mean
             for seed in range(6)
         ]  # fmt: skip

@@ -10,6 +10,7 @@ import pytest
 import glpath
 from glpath.io import load_scene
 from glpath.scene import Scene
+from tests.engines import with_depth
 
 
 def ball(ior: float, roughness: float, thin: bool = False) -> Scene:
@@ -44,7 +45,7 @@ def ball(ior: float, roughness: float, thin: bool = False) -> Scene:
 
 def mean(scene: Scene, **options: Any) -> Any:
     """Of 8 x 8 pixels in the ball, per side of the stripe's edge, where nothing is hidden by noise."""
-    film = glpath.render(scene, spp=128, max_depth=12, **options)
+    film = glpath.render(scene, spp=128, **with_depth(options, 12))
     inner = film.mean[8:16, 8:16]
     return np.stack([inner[:, :3].mean(axis=(0, 1)), inner[:, 5:].mean(axis=(0, 1))])
 

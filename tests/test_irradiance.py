@@ -18,7 +18,7 @@ from glpath.cli.point_files import en_12464_counts, grid_of, read_points
 from glpath.film.film import Film
 from glpath.film.image import read_eight_bits
 from glpath.film.noise import standard_error
-from glpath.integrators.settings import DEEPEST, PathTraceSettings
+from glpath.integrators.settings import DEEPEST, PathSettings
 from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.sensors.sensor import PointSensor
@@ -313,7 +313,7 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
         (["--plane", "z=0", "--area", "0,0,0,1"], "second corner must lie beyond"),
         (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
         (["--points", "nothing.csv"], "cannot be read"),
-        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, gather"),
+        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, path-buffer, gather"),
         (["--plane", "z=0", "--spp", "0"], "--spp 0"),
         (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .png"),
         (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),
@@ -574,7 +574,7 @@ def test_all_bounces_are_measured_by_themselves() -> None:
     sensor = PointSensor.of(np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]]))
     for asked, depth, roulette in (({}, DEEPEST, 4), ({"max_depth": 2}, 2, None)):
         settings = RenderJob.of(BOX, sensor=sensor, **asked).integrator
-        assert isinstance(settings, PathTraceSettings)
+        assert isinstance(settings, PathSettings)
         assert (settings.max_depth, settings.roulette) == (depth, roulette)
     found = [glpath.irradiance(BOX, POINTS, [0.0, 1.0, 0.0], spp=2048, **a).values for a in ({}, {"max_depth": 5})]
     assert found[0].mean() > 1.003 * found[1].mean()

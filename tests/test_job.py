@@ -115,10 +115,10 @@ def test_a_solution_in_memory_has_no_place_in_json() -> None:
     [
         (["format"], "film", "film of version 1"),
         (["version"], 7, "version 7"),
-        (["integrator", "name"], "bdpt", "allowed are path, gather, classic, t-buffer"),
+        (["integrator", "name"], "bdpt", "allowed are path, path-buffer, gather, classic, t-buffer"),
         (["integrator", "max_depth"], 0, "max_depth: 0 where a whole number from 1"),
-        (["integrator", "speed"], 9, "setting of path: 'speed'; allowed are max_depth, seed"),
-        (["integrator", "directions"], "cone", "pair, lattice, hemisphere, sphere"),
+        (["integrator", "speed"], 9, "setting of path: 'speed'; allowed are seed, aovs"),
+        (["integrator", "guide"], "cone", "allowed are solution, cosine"),
         (["sensor", "type"], "lightmap", "sensor"),
         (["sensor", "fov"], 190.0, "fov"),
         (["sensor", "resolution"], [0, 4], "resolution"),

@@ -25,21 +25,22 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathSettings
 from glpath.io.load import scene_from_dict
 from glpath.rendering import RenderJob, run
 from glpath.sampling.points import PathSetSampler
 from glpath.scene import check_scene, path_traceable
 from glpath.scene.model import Scene
 from glpath.scene.motion import Motion
+from tests.engines import engine_options
 from tests.gltf_files import Gltf
 
 FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]}
 #: Glows alike all over, so that what is seen of it is its silhouette.
 GLOW = {"emission": {"radiance": 1.0, "two_sided": True}}
-PATH: list[dict[str, Any]] = [{"directions": "own", "max_depth": 1}, {"directions": "pair", "max_depth": 1}]
+PATH: list[dict[str, Any]] = [{"integrator": "path", "max_depth": 1}, {"integrator": "path-buffer", "max_depth": 1}]
 RAYS: list[dict[str, Any]] = [{"integrator": "t-buffer"}, {"integrator": "classic"}]
-NAMES = ["own", "pair", "t-buffer", "classic"]
+NAMES = ["path", "pair", "t-buffer", "classic"]
 
 
 def strip(left: float, right: float, depth: float = 0.0, **fields: Any) -> dict[str, Any]:
@@ -157,7 +158,7 @@ def test_a_bright_edge_that_moves_is_a_ramp(options: dict[str, Any], what: str) 
     if what == "camera":
         keys = [(0.0, 2.0), (2.0, 2.0 - 2 * way)]
         camera["motion"] = [{"time": t, "position": [x, 0, 4], "target": [x, 0, 0]} for t, x in keys]
-    sets = 64 if "integrator" in options else 256
+    sets = 64 if options["integrator"] in ("t-buffer", "classic") else 256
     found = profile(scene_of(camera, shape), options, sets)
     pixel = 2 * 4 * np.tan(np.radians(7.15) / 2) / 4
     x = (np.arange(64) + 0.5 - 32) * pixel
@@ -166,7 +167,7 @@ def test_a_bright_edge_that_moves_is_a_ramp(options: dict[str, Any], what: str) 
     assert np.count_nonzero((ramp > 0) & (ramp < 1)) > 10
 
 
-@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["own", "pair", "classic"])
+@pytest.mark.parametrize("options", [*PATH, RAYS[1]], ids=["path", "pair", "classic"])
 def test_a_panorama_sees_what_its_rays_do(options: dict[str, Any]) -> None:
     """Against the sky along Camera.rays, and a box all around that shines in six colours."""
     environment = {"zenith": [0, 0, 1], "horizon": [1, 0, 0]}
@@ -249,8 +250,12 @@ MOVING: dict[str, Any] = {
 @pytest.mark.filterwarnings("ignore:.*lost the roulette:glpath.SceneWarning")
 @pytest.mark.parametrize(
     "options",
-    [{"max_depth": 3}, {"max_depth": 3, "directions": "pair"}, {"integrator": "t-buffer", "shadows": "cube"}],
-    ids=["own", "pair", "t-buffer"],
+    [
+        {"max_depth": 3},
+        {"max_depth": 3, "integrator": "path-buffer"},
+        {"integrator": "t-buffer", "shadows": "cube"},
+    ],
+    ids=["path", "pair", "t-buffer"],
 )
 def test_a_path_set_is_that_of_the_scene_as_it_stands_at_its_time(
     options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
@@ -272,7 +277,7 @@ def test_a_path_set_is_that_of_the_scene_as_it_stands_at_its_time(
 
 @pytest.mark.filterwarnings("ignore:.*lost the roulette:glpath.SceneWarning")
 @pytest.mark.parametrize(
-    "options", [{"max_depth": 2}, {"max_depth": 2, "directions": "pair"}, RAYS[0]], ids=NAMES[:3]
+    "options", [{"max_depth": 2}, {"max_depth": 2, "integrator": "path-buffer"}, RAYS[0]], ids=NAMES[:3]
 )
 def test_parts_of_a_render_of_what_moves_merge_to_its_bits(options: dict[str, Any]) -> None:
     camera = MOVING["camera"] | {"aperture_radius": 0.1}
@@ -327,10 +332,8 @@ def test_a_shutter_that_sees_no_motion_and_an_odd_panorama_are_warned_of() -> No
     assert "The panorama has 64 x 64 pixels" in text
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(
-    directions: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(engine: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """What glows with radiance 1 has the albedo 1, all else 0: the AOV is the picture."""
     # Where lamps end, the picture has more rays than the AOV.
     monkeypatch.setattr(LampEdges, "are_in", staticmethod(lambda scene: False))
@@ -343,7 +346,7 @@ def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(
         scene = scene_of(camera, strip(-1, 0.2, -4, motion=motion), size=(64, 32))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # of the moment 0
-            film = glpath.render(scene, spp=16, max_depth=1, aovs=("albedo", "normal"), directions=directions)
+            film = glpath.render(scene, spp=16, max_depth=1, aovs=("albedo", "normal"), **engine_options(engine))
         assert np.allclose(film.aov("albedo"), film.mean, atol=1e-5)
         assert np.allclose(film.aov("normal")[..., 2], film.mean[..., 0], atol=1e-5)
         assert 0.005 < film.mean.mean() < 0.98
@@ -356,7 +359,7 @@ def test_the_compute_shader_of_graphics_cards_has_the_same_bits() -> None:
         engine = RayPathEngine(
             context.gl,
             DeviceScene(context.gl, scene),
-            PathTraceSettings(max_depth=2),
+            PathSettings(max_depth=2),
             (0, 0, 48, 32),
             hardware=hardware,
         )
@@ -512,8 +515,8 @@ BOX: dict[str, Any] = {
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_what_moves_is_the_mean_of_mitsubas_stills(directions: Any) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
     """Mitsuba 3 has no motion blur: 64 renders, each in the middle of its part of the time."""
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
@@ -534,20 +537,20 @@ def test_what_moves_is_the_mean_of_mitsubas_stills(directions: Any) -> None:
         np.mean([render_mitsuba(scene.at(t), 16, 3, seed=100 * s + i) for i, t in enumerate(times)], axis=0)
         for s in (1, 2)
     ]
-    ours = [glpath.render(scene, spp=1024, max_depth=3, directions=directions, seed=seed).mean for seed in (1, 2)]
+    ours = [
+        glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
+    ]
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
     found = relative_mse(ours[0], theirs[0])
-    print(
-        f"{directions}: relMSE {found:.2e}, between seeds {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}"
-    )
+    print(f"{engine}: relMSE {found:.2e}, between seeds {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}")
     assert found < 0.65 * floor  # of two pictures alike in noise it is the half
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("directions", ["own", "pair"])
+@pytest.mark.parametrize("engine", ["path", "pair"])
 @pytest.mark.parametrize("kind", ["orthographic", "lens"])
-def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: Any) -> None:
+def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, engine: Any) -> None:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
 
@@ -558,11 +561,13 @@ def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, directions: An
     camera = {k: v for k, v in BOX["camera"].items() if k != "fov"} | changes[kind]
     scene = glpath.load_scene(BOX | {"camera": camera})
     theirs = [render_mitsuba(scene, 1024, 3, seed=seed) for seed in (1, 2)]
-    ours = [glpath.render(scene, spp=1024, max_depth=3, directions=directions, seed=seed).mean for seed in (1, 2)]
+    ours = [
+        glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
+    ]
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
     found = relative_mse(ours[0], theirs[0])
-    print(f"{kind} {directions}: relMSE {found:.2e}, {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}")
+    print(f"{kind} {engine}: relMSE {found:.2e}, {floor:.2e}, mean {np.mean(ours) / np.mean(theirs):.5f}")
     assert found < 0.65 * floor
 
 

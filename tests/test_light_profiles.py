@@ -280,10 +280,10 @@ def on_the_floor(scene: glpath.Scene) -> tuple[Float64, Float64]:
 
 
 ENGINES: dict[str, dict[str, object]] = {
-    "own": {"max_depth": 1, "spp": 16},
-    "pair": {"max_depth": 1, "spp": 16, "directions": "pair"},
+    "path": {"max_depth": 1, "spp": 16},
+    "pair": {"max_depth": 1, "spp": 16, "integrator": "path-buffer"},
     "gather": {"integrator": "gather", "spp": 16},
-    "gather-pair": {"integrator": "gather", "spp": 16, "directions": "pair"},
+    "gather-pair": {"integrator": "gather", "spp": 16, "cast": "path-buffer"},
     "t-buffer": {"integrator": "t-buffer", "spp": 1},
     "t-buffer-cube": {"integrator": "t-buffer", "spp": 1, "shadows": "cube"},
     "classic": {"integrator": "classic", "spp": 1},
@@ -353,7 +353,7 @@ def test_every_engine_finds_the_same_among_other_lamps(tmp_path: Path) -> None:
         ],
     }
     own = glpath.render(scene, spp=256, max_depth=5).mean
-    for options in ({"directions": "pair", "max_depth": 5}, {"integrator": "gather"}):
+    for options in ({"integrator": "path-buffer", "max_depth": 5}, {"integrator": "gather"}):
         found = glpath.render(scene, spp=256, **options).mean
         assert found.mean(axis=(0, 1)) == pytest.approx(own.mean(axis=(0, 1)), rel=0.03)  # noise of the mean
         lit = own > 0  # the ground, not what is beyond it

@@ -28,9 +28,10 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.film.image import read_image
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
+from tests.engines import engine_options
 
 pytest.importorskip("xatlas")
 
@@ -473,7 +474,7 @@ def test_of_a_sheet_with_kept_coordinates_the_side_with_light_is_baked(
         (["-o", "a.glb", "--materials", "all"], "unlit, keep"),
         (["-o", "a.glb", "--moz-lightmap"], "--materials keep"),
         (["-o", "a.glb", "--materials", "keep", "--exposure", "1"], "irradiance is written as it is"),
-        (["-o", "a.glb", "--integrator", "classic"], "path, gather"),
+        (["-o", "a.glb", "--integrator", "classic"], "path, path-buffer, gather"),
         (["-o", "a.glb", "--uv", "keep", "--texels", "4"], "kept"),
     ],
 )
@@ -504,8 +505,8 @@ def test_the_command_bakes_and_goes_on(tmp_path: Path) -> None:
 def test_texels_may_share_their_directions() -> None:
     """As a camera's pixels may: the same light, by scans of the path-buffer."""
     own, pair = (
-        glpath.lightmap("cornell-box-36", size=64, spp=128, max_depth=4, directions=directions)
-        for directions in ("own", "pair")
+        glpath.lightmap("cornell-box-36", size=64, spp=128, max_depth=4, **engine_options(engine))
+        for engine in ("path", "pair")
     )
     assert pair.irradiance[pair.baked].mean() == pytest.approx(own.irradiance[own.baked].mean(), rel=0.02)
     far = np.abs(pair.irradiance - own.irradiance)[own.baked].mean() / own.irradiance[own.baked].mean()
@@ -516,7 +517,7 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     """As points have; a picture's 5 vertices are not enough."""
     bake = Bake.of(glpath.load_scene("cornell-box"), size=64)
     settings = bake.job.integrator
-    assert isinstance(settings, PathTraceSettings)
+    assert isinstance(settings, PathSettings)
     assert (settings.max_depth, settings.roulette) == (1000, 4), "chance alone ends paths"
 
 

@@ -115,11 +115,11 @@ def test_what_is_needed_is_what_passes_use(monkeypatch: pytest.MonkeyPatch) -> N
     ):
         film_of(name, spp=1)
     film_of("t-buffer-stacked-triangles", spp=1, count_tests=True)
-    film_of("gather-rays-cornell-box-36", spp=1)
+    film_of("gather-cornell-box-36", spp=1)
     hills = {"type": "stream", "stream": Hills(1, 2)}
-    glpath.render(streamed_beside(hills), spp=1, max_depth=3, directions="pair", aovs=("albedo",))
+    glpath.render(streamed_beside(hills), spp=1, max_depth=3, integrator="path-buffer", aovs=("albedo",))
     monkeypatch.setattr(RayPathEngine, "_pass", RayPathEngine._dispatch)  # as on a graphics card
-    film_of("gather-rays-cornell-box-36", spp=1)
+    film_of("gather-cornell-box-36", spp=1)
     needed = {name: limit.needed for name, limit in (LIMITS | IMAGE_LIMITS).items()}
     assert max(d.attachments for d in draws) == needed["GL_MAX_DRAW_BUFFERS"]
     assert max(d.clip_distances for d in draws) == needed["GL_MAX_CLIP_DISTANCES"]

@@ -184,15 +184,16 @@ def test_a_gather_has_the_light_that_path_tracing_has(name: str, off: float) -> 
 def test_shared_directions_refuse_what_mirrors_sharply() -> None:
     refused = {"mirror": "a mirror", "metal-0.05": "a roughness below 0.2", "glass": "glass"}
     for name, kind in refused.items():
-        with pytest.raises(
-            GlpathError, match=rf"(?s){kind} \(ball\).*share their directions.*Leave out directions"
-        ):
-            glpath.render(with_balls(**BALLS[name]), spp=1, directions="pair")
+        with pytest.raises(GlpathError, match=rf"(?s){kind} \(ball\).*share their directions.*integrator=.path."):
+            glpath.render(with_balls(**BALLS[name]), spp=1, integrator="path-buffer")
 
 
 def test_rough_metal_is_the_same_with_shared_directions() -> None:
     scene = with_balls(**BALLS["metal-0.6"])
-    own, shared = (glpath.render(scene, spp=256, max_depth=3, directions=d).mean for d in ("own", "pair"))  # type: ignore[arg-type]
+    own, shared = (
+        glpath.render(scene, spp=256, max_depth=3, integrator=engine).mean  # type: ignore[arg-type]
+        for engine in ("path", "path-buffer")
+    )
     assert np.minimum(shared, 2).mean() == pytest.approx(np.minimum(own, 2).mean(), rel=0.02)
 
 

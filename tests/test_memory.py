@@ -23,7 +23,8 @@ from glpath.gl import program
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathBufferSettings, PathSettings
+from tests.engines import with_depth
 
 SMALL: dict[str, Any] = {"resolution": (16, 12), "spp": 1, "max_depth": 2}
 # Names of a driver are numbers from 1 on; Mesa gives the least that is free.
@@ -78,7 +79,7 @@ def context() -> Iterator[Context]:
 
 OPTIONS: list[dict[str, Any]] = [
     {"integrator": "path", "aovs": ("albedo", "normal", "depth", "object_id")},
-    {"integrator": "path", "directions": "pair"},
+    {"integrator": "path-buffer"},
     {"integrator": "path", "guide": "solution"},
     {"integrator": "gather"},
     {"integrator": "t-buffer", "aovs": ("depth",)},
@@ -89,18 +90,19 @@ OPTIONS: list[dict[str, Any]] = [
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda options: "-".join(map(str, options.values())))
 def test_a_render_leaves_no_object_on_the_device(context, options):
     scene = glpath.load_scene("cornell-box-36").add({"type": "sphere", "center": [0, 0, 0.5], "radius": 0.2})
-    glpath.render(scene, **SMALL, **options)  # what is made once
+    options = with_depth({"resolution": (16, 12), "spp": 1, **options}, 2)
+    glpath.render(scene, **options)  # what is made once
     with without_collector():
         before = objects(context)
-        glpath.render(scene, **SMALL, **options)
+        glpath.render(scene, **options)
         assert objects(context) == before
 
 
 @in_a_process_of_its_own
 def test_an_engine_that_is_closed_has_nothing_on_the_device(context):
     scene = glpath.load_scene("cornell-box-36")
-    settings = PathTraceSettings(directions="pair", max_depth=2)
-    glpath.render(scene, **SMALL, directions="pair")  # what is made once
+    settings = PathBufferSettings(max_depth=2)
+    glpath.render(scene, **SMALL, integrator="path-buffer")  # what is made once
     with without_collector():
         before = objects(context)
         with DeviceScene(context.gl, scene) as on_device:
@@ -121,7 +123,7 @@ def test_programs_are_bounded_and_those_in_use_stay(context, monkeypatch):
     program.forget_programs(context.gl)
     scene = glpath.load_scene("cornell-box-36")
     with without_collector():
-        settings = PathTraceSettings(max_depth=2)
+        settings = PathSettings(max_depth=2)
         window = (0, 0, 16, 12)
         with path_engine(context.gl, DeviceScene(context.gl, scene), settings, window, hardware=False) as engine:
             engine.trace_path_set(0)

@@ -20,7 +20,13 @@ import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
 from glpath.cli.typed import as_typed
-from glpath.integrators.settings import INTEGRATORS, GatherSettings, PathTraceSettings, TBufferSettings
+from glpath.integrators.settings import (
+    INTEGRATORS,
+    GatherSettings,
+    PathBufferSettings,
+    PathSettings,
+    TBufferSettings,
+)
 from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
 from glpath.rendering.options import checked, options, settings_of, with_options
@@ -29,7 +35,7 @@ BOX = "cornell-box-36"
 
 
 @dataclass(frozen=True)
-class Foggy(PathTraceSettings):
+class Foggy(PathSettings):
     """The path tracer with two options more."""
 
     fog: Annotated[float, Meta(ge=0, le=2, description="how thick the fog is, per scene unit")] = 0.25
@@ -126,24 +132,26 @@ def test_every_option_is_a_parameter_of_the_renders() -> None:
 
 def test_defaults_that_differ_are_all_said() -> None:
     text = " ".join((inspect.getdoc(render) or "").split())
-    assert 'default 256 of "path" and "gather", 16 of "classic" and "t-buffer"' in text
+    assert 'default 256 of "path", "path-buffer" and "gather", 16 of "classic" and "t-buffer"' in text
     assert 'default "classic" of "classic", "bvh" of "t-buffer"' in text
-    assert 'default 5. Of "gather", the vertex at which the solution is looked up' in text
+    assert 'default "cosine" of "path", "solution" of "gather"' in text
+    assert "lookup_depth   : the vertex at which the solution is looked up" in (inspect.getdoc(render) or "")
 
 
 def test_an_integrator_is_a_name_or_its_settings() -> None:
-    by_name = glpath.render(BOX, max_depth=2, seed=3, directions="sphere", spp=2, resolution=(8, 8))
-    settings = PathTraceSettings(max_depth=2, seed=3, directions="sphere")
+    given = {"max_depth": 2, "seed": 3, "directions": "sphere"}
+    by_name = glpath.render(BOX, integrator="path-buffer", **given, spp=2, resolution=(8, 8))
+    settings = PathBufferSettings(max_depth=2, seed=3, directions="sphere")
     by_settings = glpath.render(BOX, integrator=settings, spp=2, resolution=(8, 8))
     assert (by_name.radiance_sums == by_settings.radiance_sums).all()
     assert by_name.metadata.settings == by_settings.metadata.settings
-    assert settings_of(settings, {"seed": 0}) == PathTraceSettings(max_depth=2, directions="sphere")
+    assert settings_of(settings, {"seed": 0}) == PathBufferSettings(max_depth=2, directions="sphere")
 
 
 def test_settings_are_checked_also_where_they_come_as_an_instance() -> None:
     for settings, words in (
-        (PathTraceSettings(max_depth=0), "max_depth: 0 where a whole number from 1 to 1000"),
-        (GatherSettings(max_depth=1), "max_depth: 1 where a whole number from 2"),
+        (PathSettings(max_depth=0), "max_depth: 0 where a whole number from 1 to 1000"),
+        (GatherSettings(lookup_depth=1), "lookup_depth: 1 where a whole number from 2"),
         (GatherSettings(light_resolution=2.5), "light_resolution: 2.5"),  # type: ignore[arg-type]
         (TBufferSettings(shadow_filter=99), "shadow_filter: 99"),
         (TBufferSettings(count_tests="yes"), "count_tests: 'yes' where True or False"),  # type: ignore[arg-type]
@@ -154,8 +162,8 @@ def test_settings_are_checked_also_where_they_come_as_an_instance() -> None:
 
 
 def test_values_become_those_of_the_type() -> None:
-    settings = checked(PathTraceSettings(ambient=0.5, cell_share=2))  # type: ignore[arg-type]
-    assert isinstance(settings, PathTraceSettings)
+    settings = checked(PathBufferSettings(ambient=0.5, cell_share=2))  # type: ignore[arg-type]
+    assert isinstance(settings, PathBufferSettings)
     assert settings.ambient == (0.5, 0.5, 0.5)
 
 
@@ -164,14 +172,88 @@ def test_an_option_that_there_is_not_is_named_with_the_nearest() -> None:
         glpath.render(BOX, integrator="t-buffer", shadow_filtre=2)
 
 
-def test_rays_of_their_own_have_no_options_of_shared_directions() -> None:
-    """Neither asked for nor recorded: a film would not merge for the sake of what decides nothing."""
-    with pytest.raises(glpath.UsageError, match='light_resolution: 64 with directions "own"'):
-        glpath.render(BOX, spp=1, resolution=(8, 8), light_resolution=64)
-    shared = PathTraceSettings(directions="pair").recorded()
-    own = PathTraceSettings().recorded()
-    assert set(shared) - set(own) == {"light_resolution", "cell_share", "cosine_roulette"}
-    assert own["directions"] == "own"
+@pytest.mark.parametrize(
+    ("integrator", "given", "owners", "remedy"),
+    [
+        (
+            "gather",
+            {"max_depth": 4},
+            '"path", "path-buffer", "classic" and "t-buffer"',
+            "lookup_depth says at which",
+        ),
+        ("gather", {"roulette": 4}, '"path" and "path-buffer"', "A gather has light of all bounces"),
+        ("gather", {"ambient": 0.5}, '"path" and "path-buffer"', "none is left to assume"),
+        ("gather", {"directions": "pair"}, '"path-buffer"', 'cast="path-buffer"'),
+        ("path", {"lookup_depth": 3}, '"gather"', "max_depth says how long paths are"),
+        ("path", {"directions": "pair"}, '"path-buffer"', 'integrator="path-buffer"'),
+        ("path", {"light_resolution": 64}, '"path-buffer" and "gather"', 'integrator="path-buffer"'),
+        ("path", {"geometry_budget": 64}, '"path-buffer"', 'integrator="path-buffer" streams them'),
+        ("path", {"bounce_lod": 0.5}, '"path-buffer"', 'integrator="path-buffer"'),
+        ("path", {"cast": "bvh"}, '"gather"', 'take integrator="gather"'),
+        ("path", {"shadows": "cube"}, '"classic" and "t-buffer"', 'take integrator="classic" or "t-buffer"'),
+        ("path-buffer", {"guide": "solution"}, '"path" and "gather"', 'integrator="path"'),
+        ("path-buffer", {"lookup_depth": 3}, '"gather"', "max_depth says how long paths are"),
+        ("path-buffer", {"branches": 2}, '"gather"', 'take integrator="gather"'),
+        ("t-buffer", {"lookup_depth": 3}, '"gather"', "max_depth says how long paths are"),
+        ("t-buffer", {"directions": "pair"}, '"path-buffer"', 'take integrator="path-buffer"'),
+    ],
+)
+def test_an_option_at_the_wrong_engine_is_named_with_the_right_one(
+    integrator: Any, given: dict[str, Any], owners: str, remedy: str, tmp_path: Path
+) -> None:
+    ((name, value),) = given.items()
+    with pytest.raises(glpath.UsageError) as error:
+        glpath.render(BOX, integrator=integrator, **given)
+    found = f'{name}: {value!r} with the integrator "{integrator}"; it is an option of {owners}'
+    assert error.value.message == found
+    assert remedy in error.value.remedy
+    typed = ["--" + name.replace("_", "-"), str(value)]
+    result = CliRunner().invoke(
+        app, ["render", BOX, "-o", str(tmp_path / "a.png"), "--integrator", integrator, *typed]
+    )
+    assert result.exit_code == 2
+    assert "it is an option of" in result.output
+
+
+def test_an_engine_is_chosen_by_its_true_name() -> None:
+    assert tuple(INTEGRATORS) == ("path", "path-buffer", "gather", "classic", "t-buffer")
+    assert PathBufferSettings().directions == GatherSettings(cast="path-buffer").directions == "pair"
+    shown = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    assert "path|path-buffer|gather|classic|t-buffer" in shown
+    assert "bvh|path-buffer" in shown
+    assert "pair|lattice|hemisphere|sphere" in shown
+    for command in ("lightmap", "measure"):
+        help_of = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
+        assert "path|path-buffer|gather" in help_of
+    with pytest.raises(glpath.UsageError, match="allowed are path, path-buffer, gather, classic, t-buffer"):
+        glpath.render(BOX, integrator="scans")  # type: ignore[arg-type]
+
+
+def test_who_casts_rays_is_what_the_stages_say() -> None:
+    """No engine is named after a structure that it does not use."""
+    scans = {"scan positions", "scan scene", "shadow-buffer"}
+    size: dict[str, Any] = {"spp": 2, "resolution": (8, 8), "timings": True}
+    for engine, by_scans in (
+        ({"integrator": "path", "max_depth": 2}, False),
+        ({"integrator": "path-buffer", "max_depth": 2}, True),
+        ({"integrator": "gather"}, False),
+        ({"integrator": "gather", "cast": "path-buffer"}, True),
+    ):
+        film = glpath.render(BOX, **engine, **size)
+        stages = set(film.metadata.statistics["stage_ms"])
+        assert (scans <= stages) is by_scans
+        assert ("paths" in stages) is not by_scans
+        assert ("paths_lost" in film.metadata.statistics) is by_scans
+        assert film.metadata.integrator == engine["integrator"]
+
+
+def test_what_decides_nothing_is_not_recorded() -> None:
+    """A film would not merge for the sake of it."""
+    of_scans = {"directions", "light_resolution", "cell_share", "cosine_roulette"}
+    assert set(PathBufferSettings().recorded()) - set(PathSettings().recorded()) == of_scans
+    by_bvh, by_scans = set(GatherSettings().recorded()), set(GatherSettings(cast="path-buffer").recorded())
+    assert by_scans - by_bvh == of_scans
+    assert by_bvh - by_scans == {"guide", "branches"}
 
 
 @pytest.mark.parametrize(

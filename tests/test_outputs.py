@@ -160,7 +160,7 @@ import numpy as np
 from glpath.errors import ImageError
 from glpath.film.film import Film, FilmMetadata
 
-film = Film.empty(FilmMetadata("noise", "0", "path_trace", 0, 5, {}, (96, 96), (0, 0, 96, 96)))
+film = Film.empty(FilmMetadata("noise", "0", "path", 0, 5, {}, (96, 96), (0, 0, 96, 96)))
 film.add(0, 5, np.random.default_rng(0).random((96, 96, 3)))
 for path in sys.argv[1:]:
     try:
@@ -231,7 +231,7 @@ def strike(moment):
             time.sleep(0.01)
 
 def render(scene, on_progress, **options):
-    film = Film.empty(FilmMetadata("fast", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Film.empty(FilmMetadata("fast", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     on_progress(Progress(0, 5, 0.0, None, film, "compiling shaders", ""))
     film.add(0, 5, np.ones((4, 6, 3)))
     if at == "unwinding":
@@ -337,7 +337,7 @@ def test_a_second_signal_does_not_tear_a_film_apart() -> None:
                 signal.raise_signal(signal.SIGINT)
                 signal.raise_signal(signal.SIGINT)
 
-    film = Torn.empty(FilmMetadata("torn", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Torn.empty(FilmMetadata("torn", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
 
     def add() -> None:
         with interrupt_as_flag() as interrupted, interrupted.whole():

@@ -18,6 +18,7 @@ from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
+from tests.engines import with_depth
 
 Float64 = NDArray[np.float64]
 CAMERA = Camera(np.array([4.0, 1.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (640, 480))
@@ -160,7 +161,7 @@ def test_nothing_shines_through_a_closed_surface(streamed: bool):
     surface = ring()
     levels = surface.levels_seen(CAMERA, 25.0)
     scene = closed_in(surface, None if streamed else diced(surface, levels, bumps), levels)
-    film = glpath.render(scene, directions="pair", spp=16, max_depth=2, light_resolution=64)
+    film = glpath.render(scene, integrator="path-buffer", spp=16, max_depth=2, light_resolution=64)
     assert film.mean.mean() < 1e-4 * 1e6
     assert np.median(film.mean) == 0
     if not streamed:
@@ -172,7 +173,7 @@ def test_a_furnace_of_patches_sums_the_series():
     levels = surface.levels_seen(CAMERA, 25.0)
     scene = closed_in(surface, diced(surface, levels, bumps), levels, emission={"radiance": 0.5})
     del scene["sky"]
-    for options in ({"directions": "pair", "light_resolution": 64}, {}):
+    for options in ({"integrator": "path-buffer", "light_resolution": 64}, {}):
         film = glpath.render(scene, spp=64, max_depth=3, **options)
         assert film.mean.mean() == pytest.approx(0.5 * (1 + 0.5 + 0.25 + 0.125), rel=0.005)
 
@@ -208,8 +209,8 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     scene = glpath.load_scene(net_scene(tmp_path, level=6))
     assert repr(scene).startswith("<Scene scene: 648 triangles, 1 shape")
     films = [
-        glpath.render(scene, spp=256, max_depth=2, **options)
-        for options in ({}, {"directions": "pair"}, {"integrator": "gather"})
+        glpath.render(scene, spp=256, **with_depth(options, 2))
+        for options in ({}, {"integrator": "path-buffer"}, {"integrator": "gather"})
     ]
     for film in films[1:]:
         assert relative_mse(film.mean, films[0].mean) < 5e-3
@@ -249,7 +250,7 @@ def test_streamed_patches_are_the_same_triangles_shaded_flat(tmp_path: Path):
     (mesh,) = kept.shapes.meshes
     flat = {"vertices": mesh.vertices, "faces": mesh.faces, "material": "m"}
     flat_scene = glpath.load_scene({**net_scene(tmp_path), "shapes": [flat]})
-    options = {"directions": "pair", "spp": 4, "max_depth": 3, "light_resolution": 64}
+    options = {"integrator": "path-buffer", "spp": 4, "max_depth": 3, "light_resolution": 64}
     np.testing.assert_array_equal(
         glpath.render(streamed, **options).mean, glpath.render(flat_scene, **options).mean
     )

@@ -156,8 +156,8 @@ def test_a_guided_picture_is_the_same_with_less_error(name: str, depth: int | No
 
 
 def test_shared_directions_are_not_guided() -> None:
-    with pytest.raises(glpath.UsageError, match='guide: "solution" with directions "pair"'):
-        glpath.render("cornell-box-36", integrator="gather", directions="pair", guide="solution", spp=1)
+    with pytest.raises(glpath.UsageError, match=r"guide: 'solution' with cast .path-buffer."):
+        glpath.render("cornell-box-36", integrator="gather", cast="path-buffer", guide="solution", spp=1)
 
 
 def test_a_guided_furnace_is_a_closed_form() -> None:

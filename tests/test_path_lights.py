@@ -14,9 +14,11 @@ from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators import ray_paths
-from glpath.integrators.path_trace import PathTracer, PathTraceSettings
+from glpath.integrators.path_buffer import PathBufferTracer
+from glpath.integrators.settings import PathBufferSettings
 from glpath.io import scene_from_dict
 from glpath.scene import Scene, path_traceable
+from tests.engines import engine_options
 
 RHO = np.array([0.8, 0.5, 0.2])
 CORNERS = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]
@@ -137,11 +139,11 @@ def test_the_lights_of_a_scene_add_up() -> None:
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * E, rtol=0.01)
 
 
-@pytest.mark.parametrize(("depth", "directions"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
-def test_under_a_constant_sky_a_convex_body_shows_its_reflectance(depth: int, directions: Any) -> None:
+@pytest.mark.parametrize(("depth", "engine"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
+def test_under_a_constant_sky_a_convex_body_shows_its_reflectance(depth: int, engine: Any) -> None:
     ball = {"type": "sphere", "center": [0, 0, 0], "radius": 1.0, "subdivisions": 2, "material": "m"}
     scene = scene_of([ball], (0, 1, 4), (0, 0, 0), fov=15, size=(16, 16), sky={"zenith": 2.0})
-    film = glpath.render(scene, spp=512, max_depth=depth, directions=directions)
+    film = glpath.render(scene, spp=512, max_depth=depth, **engine_options(engine))
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), 2 * RHO, rtol=0.01)
 
 
@@ -153,10 +155,10 @@ def test_eye_rays_that_hit_nothing_see_the_sky() -> None:
     np.testing.assert_allclose(glpath.render(below, spp=2).mean[0, 0], SKY["horizon"], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("depth", "directions"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
-def test_a_floor_under_a_sky_from_horizon_to_zenith(depth: int, directions: Any) -> None:
+@pytest.mark.parametrize(("depth", "engine"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
+def test_a_floor_under_a_sky_from_horizon_to_zenith(depth: int, engine: Any) -> None:
     """E = pi (horizon + 2/3 (zenith - horizon)), by the integral over the cosine."""
-    film = glpath.render(floor_from_above(sky=SKY), spp=512, max_depth=depth, directions=directions)
+    film = glpath.render(floor_from_above(sky=SKY), spp=512, max_depth=depth, **engine_options(engine))
     horizon, zenith = np.array(SKY["horizon"]), np.array(SKY["zenith"])
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO * (horizon + 2 / 3 * (zenith - horizon)), rtol=0.01)
 
@@ -177,7 +179,7 @@ EVERYTHING: dict[str, Any] = {"lights": [POINT, SPOT, SUN], "sky": SKY}
 
 
 @pytest.mark.parametrize(
-    ("lights", "depth", "directions"),
+    ("lights", "depth", "engine"),
     [
         ({"lights": [SUN]}, 2, "pair"),
         ({"sky": SKY}, 3, "pair"),
@@ -186,10 +188,10 @@ EVERYTHING: dict[str, Any] = {"lights": [POINT, SPOT, SUN], "sky": SKY}
         (EVERYTHING, 3, "pair"),
     ],
 )
-def test_a_small_slow_tracer_agrees(lights: dict[str, Any], depth: int, directions: Any) -> None:
+def test_a_small_slow_tracer_agrees(lights: dict[str, Any], depth: int, engine: Any) -> None:
     scene = scene_of([*THINGS[:-1], LAMP], size=(8, 6), **lights)
     truth, variance = path_trace(scene, 300, depth, seed=1)
-    film = glpath.render(scene, spp=512, max_depth=depth, directions=directions)
+    film = glpath.render(scene, spp=512, max_depth=depth, **engine_options(engine))
     assert film.mean.mean() == pytest.approx(truth.mean(), rel=0.02)
     z = (film.mean - truth) / np.sqrt(variance + film.variance_of_mean() + 1e-12)
     assert np.mean(z**2) < 1.8
@@ -247,8 +249,8 @@ def test_paths_that_crowd_in_the_light_are_weighed_without_bias() -> None:
     gl = get_context().gl
     films = []
     for share in (1.25, 0.15):
-        settings = PathTraceSettings(max_depth=1, cell_share=share)
-        tracer = PathTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 64, 48), hardware=False)
+        settings = PathBufferSettings(max_depth=1, cell_share=share)
+        tracer = PathBufferTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 64, 48), hardware=False)
         for index in range(64):
             tracer.trace_path_set(index)
         films.append(tracer.take() / 64)
@@ -281,7 +283,7 @@ def test_beyond_the_last_vertex_ambient_light_stands_for_the_sky_as_well() -> No
 def test_ambient_light_and_the_sky_are_not_both_at_the_last_vertex(depth: int) -> None:
     scene = scene_of(sky=SKY, ambient=0.4)
     own, shared = (
-        glpath.render(scene, spp=512, max_depth=depth, directions=directions) for directions in ("own", "pair")
+        glpath.render(scene, spp=512, max_depth=depth, **engine_options(engine)) for engine in ("path", "pair")
     )
     assert own.mean.mean() == pytest.approx(shared.mean.mean(), rel=0.004)
 

@@ -112,7 +112,7 @@ def test_a_texture_of_one_colour_is_that_colour_on_every_bounce():
 def test_a_mirror_is_refused_with_shared_directions_by_name():
     scene = scene_of({"type": "phong", "mirror": 0.5}, BOX)
     with pytest.raises(glpath.SceneError, match=r"a mirror \(it\)"):
-        glpath.render(scene, spp=1, directions="pair")
+        glpath.render(scene, spp=1, integrator="path-buffer")
 
 
 def room_of(wall: dict[str, Any], **more: Any) -> Scene:

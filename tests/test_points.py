@@ -17,6 +17,7 @@ from glpath.lights.samples import LIGHT_KINDS
 from glpath.rendering import RenderJob, run
 from glpath.scene import path_traceable
 from glpath.sensors.sensor import PointSensor
+from tests.engines import engine_options, gather_by
 
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
 
@@ -63,16 +64,16 @@ def grid(side: int, extent: float, z: float) -> np.ndarray:
     return np.stack([x, y, np.full_like(x, z)], axis=-1)
 
 
-@pytest.mark.parametrize(("on_floor", "directions"), [(False, "own"), (True, "own"), (True, "pair")])
-def test_under_a_lamp_it_is_the_form_factor(on_floor: bool, directions: str) -> None:
+@pytest.mark.parametrize(("on_floor", "engine"), [(False, "path"), (True, "path"), (True, "pair")])
+def test_under_a_lamp_it_is_the_form_factor(on_floor: bool, engine: str) -> None:
     floor = {"type": "quad", "corners": [[-3, -3, 0], [3, -3, 0], [3, 3, 0], [-3, 3, 0]], "material": "black"}
     scene = scene_of(materials=BLACK, shapes=[LAMP, floor] if on_floor else [LAMP])
     points = grid(7, 1.5, 0.0)
-    found = irradiance_of(scene, points, [0, 0, 1], spp=256, max_depth=2, directions=directions)
+    found = irradiance_of(scene, points, [0, 0, 1], spp=256, max_depth=2, **engine_options(engine))
     expected = lamp_irradiance(points[..., 0], points[..., 1])[..., None] * [10, 5, 2]
     np.testing.assert_allclose(found, expected, rtol=0.01)
     # The other side of the same points sees nothing, and so does what faces the dark half of the world.
-    assert not irradiance_of(scene, points, [0, 0, -1], spp=8, max_depth=2, directions=directions).any()
+    assert not irradiance_of(scene, points, [0, 0, -1], spp=8, max_depth=2, **engine_options(engine)).any()
 
 
 @pytest.mark.parametrize(
@@ -81,8 +82,8 @@ def test_under_a_lamp_it_is_the_form_factor(on_floor: bool, directions: str) -> 
         ({"max_depth": 60}, 0.003),
         ({"integrator": "gather"}, 0.003),
         # All points have the error of the directions that they share.
-        ({"max_depth": 60, "directions": "pair"}, 0.006),
-        ({"integrator": "gather", "directions": "lattice"}, 0.006),
+        ({"max_depth": 60, "integrator": "path-buffer"}, 0.006),
+        ({"integrator": gather_by("lattice")}, 0.006),
     ],
     ids=["path", "gather", "path-pair", "gather-lattice"],
 )
@@ -116,17 +117,17 @@ def test_a_point_light_is_exact() -> None:
     np.testing.assert_allclose(irradiance_of(scene, points, [0, 0, 1], spp=1, max_depth=1), expected, rtol=2e-5)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_a_constant_sky_is_pi_however_a_point_is_turned(directions: str) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_a_constant_sky_is_pi_however_a_point_is_turned(engine: str) -> None:
     scene = scene_of(sky={"zenith": [0.5, 1, 2], "horizon": [0.5, 1, 2]}, shapes=[SPECK])
     normals = np.array([[0, 0, 1], [1, 0, 0], [0, -1, 0], [0, 0, -1.0]])
-    points, options = np.arange(12.0).reshape(1, 4, 3), {"max_depth": 2, "directions": directions}
+    points, options = np.arange(12.0).reshape(1, 4, 3), {"max_depth": 2, **engine_options(engine)}
     found = irradiance_of(scene, points, normals[None], spp=256, **options)
     np.testing.assert_allclose(found[0], np.pi * np.tile([0.5, 1, 2], (4, 1)), rtol=0.01)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair", "lattice"])
-def test_a_bounce_is_that_of_a_quadrature_in_numpy(directions: str) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair", "lattice"])
+def test_a_bounce_is_that_of_a_quadrature_in_numpy(engine: str) -> None:
     """A ceiling's irradiance by the floor that the lamp lights: the lamp's closed form, over the floor's area."""
     floor = {"type": "quad", "corners": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "material": "floor"}
     scene = scene_of(materials=BLACK | {"floor": {"reflectance": [0.8, 0.5, 0.2]}}, shapes=[LAMP, floor])
@@ -140,17 +141,17 @@ def test_a_bounce_is_that_of_a_quadrature_in_numpy(directions: str) -> None:
         square = (x - point[0]) ** 2 + (y - point[1]) ** 2 + point[2] ** 2
         expected.append(np.sum(leaving * point[2] ** 2 / square**2) * (2 / side) ** 2 * np.array([8, 2.5, 0.4]))
     # The third lies above the lamp, which hides part of the floor; without it, the two below see all of it.
-    options: dict[str, Any] = {"max_depth": 2, "directions": directions}
+    options: dict[str, Any] = {"max_depth": 2, **engine_options(engine)}
     found = irradiance_of(scene, points[:2], [0, 0, -1], spp=1024, **options)[0]
     np.testing.assert_allclose(found, expected[:2], rtol=0.01)
     hidden = irradiance_of(scene, [[0, 0, 2.001]], [0, 0, -1], spp=64, **options)[0, 0]
     assert not hidden.any()
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_a_surface_shadows_neither_itself_nor_lets_light_through(directions: str) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_a_surface_shadows_neither_itself_nor_lets_light_through(engine: str) -> None:
     """Under a white half of the sky, a card anywhere and however turned: pi times the share that its side sees."""
-    options: dict[str, Any] = {"max_depth": 1, "directions": directions}
+    options: dict[str, Any] = {"max_depth": 1, **engine_options(engine)}
     rng = np.random.default_rng(4)
     for offset in (np.zeros(3), np.array([300.0, -200.0, 100.0])):
         normal, along = rng.normal(size=(2, 3))
@@ -166,7 +167,7 @@ def test_a_surface_shadows_neither_itself_nor_lets_light_through(directions: str
         lit = irradiance_of(scene, points, normal, spp=1, **options)
         # With shared directions a few lose their cell to others, which then weigh more.
         alone = np.isclose(lit, 2.0, rtol=1e-4)
-        assert alone.mean() > 0.95 if directions == "pair" else alone.all()
+        assert alone.mean() > 0.95 if engine == "pair" else alone.all()
         assert lit.mean() == pytest.approx(2.0, rel=0.005)
         # Its back, though the lamp's ray starts at the very surface.
         tilted = -0.999 * normal + np.sqrt(1 - 0.999**2) * along
@@ -263,10 +264,10 @@ def box_sensor(side: int = 9, tables: int = 1) -> PointSensor:
     return PointSensor.of(np.array(moved), np.broadcast_to([0.0, 1.0, 0.0], points.shape))
 
 
-@pytest.mark.parametrize("directions", ["own", "lattice"])
-def test_films_of_points_merge_go_on_and_come_back_from_json(directions: str) -> None:
+@pytest.mark.parametrize("engine", ["path", "lattice"])
+def test_films_of_points_merge_go_on_and_come_back_from_json(engine: str) -> None:
     scene, sensor = load_scene(BOX), box_sensor(tables=4)
-    options: dict[str, Any] = {"max_depth": 3, "directions": directions, "aovs": ("direct", "indirect")}
+    options: dict[str, Any] = {"max_depth": 3, **engine_options(engine), "aovs": ("direct", "indirect")}
     job = RenderJob.of(BOX, sensor=sensor, spp=40, **options)
     text = job.to_json()
     assert len(text) < 2000
@@ -318,17 +319,17 @@ def test_a_smooth_surface_weighs_light_by_its_own_normal() -> None:
     np.testing.assert_allclose(found[0, :, 0], smooth[0, :, 2] * 2 / (1 + smooth[0, :, 2]), rtol=1e-5)
 
 
-@pytest.mark.parametrize("directions", ["own", "pair"])
-def test_what_is_not_valid_is_black(directions: str) -> None:
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_what_is_not_valid_is_black(engine: str) -> None:
     sensor = box_sensor()
     assert sensor.points is not None
     valid = np.random.default_rng(2).random((9, 9)) < 0.5
     points = np.where(valid[..., None], sensor.points.positions[0], np.nan)
     some = PointSensor.of(points, np.where(valid[..., None], [0.0, 1.0, 0.0], 0.0), valid)
     assert some.count == valid.sum()
-    whole, part = (run(RenderJob.of(BOX, sensor=each, spp=4, directions=directions)) for each in (sensor, some))
+    whole, part = (run(RenderJob.of(BOX, sensor=each, spp=4, **engine_options(engine))) for each in (sensor, some))
     assert not part.mean[~valid].any()
-    if directions == "own":  # others may lose their cell to another point
+    if engine == "path":  # others may lose their cell to another point
         np.testing.assert_array_equal(part.mean[valid], whole.mean[valid])
     assert part.mean[valid].mean() == pytest.approx(whole.mean[valid].mean(), rel=0.05)
 
@@ -369,7 +370,7 @@ def test_points_on_a_stream_are_refused_by_name() -> None:
     shape = {"type": "stream", "stream": Chunks(corners)}
     scene = scene_of(materials=BLACK, shapes=[LAMP, shape])
     with pytest.raises(glpath.SceneError, match="has a stream, on whose"):
-        film_of(scene, [[0, 0, 0]], [0, 0, 1], spp=1, directions="pair")
+        film_of(scene, [[0, 0, 0]], [0, 0, 1], spp=1, integrator="path-buffer")
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, PixelDispatch
 from glpath.integrators import ray_paths
-from glpath.integrators.gather import device_radiosity
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.integrators.settings import GatherSettings, PathSettings
+from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
 from glpath.sensors.sensor import CameraSensor
@@ -33,7 +33,7 @@ def test_a_compute_shader_has_the_bits_of_the_fragment_shader(
     gl = get_context().gl
     scene = path_traceable(load_scene("cornell-box-36" if name == "gather" else name))
     scene = scene.with_camera(resolution=(50, 40))
-    settings: PathTraceSettings | GatherSettings = PathTraceSettings(max_depth=3)
+    settings: PathSettings | GatherSettings = PathSettings(max_depth=3)
     radiosity = None
     if name == "gather":
         settings = GatherSettings()
@@ -126,7 +126,7 @@ def test_a_lamps_edge_is_what_eight_times_as_many_samples_make_of_it(sampling: s
 
 def test_a_picture_in_windows_has_the_lamps_edges_of_the_whole() -> None:
     context = get_context()
-    scene, settings = lamp_before_the_sky(), PathTraceSettings(max_depth=1)
+    scene, settings = lamp_before_the_sky(), PathSettings(max_depth=1)
 
     def take(engine: RayPathEngine) -> np.ndarray:
         for index in range(3):
@@ -145,7 +145,7 @@ def test_a_picture_in_windows_has_the_lamps_edges_of_the_whole() -> None:
 
 def test_another_sensor_has_lamps_edges_of_its_own() -> None:
     context = get_context()
-    scene, settings = lamp_before_the_sky(), PathTraceSettings(max_depth=1)
+    scene, settings = lamp_before_the_sky(), PathSettings(max_depth=1)
     turned = scene.with_camera(up=np.array([1.0, 0.0, 0.0]))
 
     def engine_of(scene: Scene) -> RayPathEngine:
@@ -171,7 +171,7 @@ def test_a_scene_of_more_triangles_than_pixels_is_seen_by_rays() -> None:
     for resolution in ((48, 36), (480, 360)):
         sensed = scene.with_camera(resolution=resolution)
         engine = RayPathEngine(
-            context.gl, DeviceScene(context.gl, sensed), PathTraceSettings(max_depth=1), window, hardware=False
+            context.gl, DeviceScene(context.gl, sensed), PathSettings(max_depth=1), window, hardware=False
         )
         by_rays = not engine._eye_pass.depth
         assert by_rays is (resolution == (48, 36))

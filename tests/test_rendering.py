@@ -16,6 +16,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
+from tests.engines import engine_options
 
 BOX = "cornell-box-36"
 
@@ -82,7 +83,7 @@ def test_the_camera_can_be_replaced_field_by_field() -> None:
         ({"max_depth": 0}, "max_depth: 0"),
         ({"seed": -1}, "seed: -1"),
         ({"sampling": "halton"}, "sobol, random"),
-        ({"directions": "cube"}, "pair, lattice, hemisphere, sphere"),
+        ({"integrator": "path-buffer", "directions": "cube"}, "pair, lattice, hemisphere, sphere"),
         ({"ambient": -1.0}, "ambient"),
         ({"ambient": (1.0, 2.0)}, "ambient"),
         ({"ambient": "red"}, "ambient"),
@@ -176,9 +177,9 @@ def test_paths_that_are_drawn_in_parts_have_the_same_bits(monkeypatch: pytest.Mo
 
 def test_timings_are_there_when_asked_for() -> None:
     scans = {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "advance"}
-    for directions, expected in (("own", {"lamp edges", "eye", "paths"}), ("pair", scans)):
+    for engine, expected in (("path", {"lamp edges", "eye", "paths"}), ("pair", scans)):
         film = glpath.render(
-            BOX, spp=2, max_depth=2, resolution=(16, 16), directions=directions, timings=True
+            BOX, spp=2, max_depth=2, resolution=(16, 16), **engine_options(engine), timings=True
         )  # fmt: skip
         stages = film.metadata.statistics["stage_ms"]
         assert set(stages) == expected
@@ -202,7 +203,7 @@ def test_a_picture_that_crowding_makes_noisy_says_so() -> None:
         }
     )
     with pytest.warns(glpath.SceneWarning, match="lost the roulette"):
-        glpath.render(scene, spp=4, max_depth=3, directions="pair")
+        glpath.render(scene, spp=4, max_depth=3, integrator="path-buffer")
 
 
 @pytest.mark.filterwarnings("ignore::glpath.SceneWarning")  # paths crowd into few cells

@@ -146,7 +146,7 @@ def test_detail_divides_finer_and_keeps_the_shape(room: Scene):
 
 
 def test_paths_that_share_directions_lose_few_rays(room: Scene):
-    film = glpath.render(room.with_camera(resolution=(64, 64)), spp=8, max_depth=3, directions="pair")
+    film = glpath.render(room.with_camera(resolution=(64, 64)), spp=8, max_depth=3, integrator="path-buffer")
     statistics = film.metadata.statistics
     assert statistics["paths_lost"] < 0.2 * statistics["paths_cast"]
     assert statistics["dropped_samples"] == 0

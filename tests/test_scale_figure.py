@@ -47,11 +47,11 @@ def test_an_exponent_is_that_of_the_large_scenes() -> None:
 
 def test_own_rays_are_ahead_from_where_they_stay_so() -> None:
     rows = [
-        {"triangles": n, "own_s": 1.0, "scans_s": s} for n, s in ((36, 2.0), (300, 0.5), (1200, 3.0), (4800, 9.0))
+        {"triangles": n, "path_s": 1.0, "scans_s": s} for n, s in ((36, 2.0), (300, 0.5), (1200, 3.0), (4800, 9.0))
     ]
     assert crossing(rows) == 1200
     assert crossing(rows[:2]) == math.inf
-    assert crossing([*rows, {"triangles": 20_000, "own_s": 1.0, "scans_s": None}]) == 1200
+    assert crossing([*rows, {"triangles": 20_000, "path_s": 1.0, "scans_s": None}]) == 1200
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_a_small_figure_has_its_files_and_a_verdict_by_its_rule(tmp_path: Path) 
     assert "Mitsuba 3 cannot be imported" in report["notes"][0]
     assert [row["triangles"] for row in report["rows"]] == [36, 312, 1212, 4812]
     for row in report["rows"]:
-        assert min(row["own_s"], row["scans_s"], row["own_setup_s"]) > 0
+        assert min(row["path_s"], row["scans_s"], row["path_setup_s"]) > 0
         assert 0 < row["seen_by_eye"] <= min(row["triangles"], 32 * 32)
         assert row["mitsuba_s"] is None
     assert report["measured"]["scans_mean_off"] < 0.1
@@ -82,9 +82,9 @@ def measured_rows(own: float, scans: float, mean: float = 1.0):
 
     def row(scene, with_scans, with_mitsuba):
         n = len(scene.triangles)
-        names = ("own", "scans", "mitsuba")
-        row = {"triangles": n, "seen_by_eye": 36, "own_s": 0.05 * n**own, "scans_s": 0.01 * n**scans}
-        row |= {"mitsuba_s": None, "mitsuba_mean": None, "own_mean": 1.0, "scans_mean": mean}
+        names = ("path", "scans", "mitsuba")
+        row = {"triangles": n, "seen_by_eye": 36, "path_s": 0.05 * n**own, "scans_s": 0.01 * n**scans}
+        row |= {"mitsuba_s": None, "mitsuba_mean": None, "path_mean": 1.0, "scans_mean": mean}
         return row | {f"{name}_setup_s": None if name == "mitsuba" else 1.0 for name in names}
 
     return row

@@ -18,6 +18,7 @@ from glpath.film.batches import BATCHES, BLOCK
 from glpath.film.film import Film, FilmMetadata
 from glpath.film.noise import error_bound
 from glpath.rendering.stopping import StopRules, looks_at_noise
+from tests.engines import with_depth
 
 BOX = "cornell-box-36"
 TINY: dict[str, Any] = {"resolution": (20, 16), "max_depth": 2}
@@ -33,7 +34,7 @@ def glpath_app() -> Any:
     return app
 
 
-@pytest.mark.parametrize("options", [{}, {"directions": "pair", "sampling": "random"}])
+@pytest.mark.parametrize("options", [{}, {"integrator": "path-buffer", "sampling": "random"}])
 def test_by_noise_it_has_the_bits_of_as_many_path_sets(options: dict[str, Any]) -> None:
     film = glpath.render(BOX, noise=0.1, **TINY, **options)
     m = film.metadata
@@ -144,7 +145,7 @@ def test_the_bound_holds_whether_pixels_err_together_or_not(independent: int) ->
 
 
 def test_a_film_of_few_batches_has_no_bound_and_a_black_one_no_error() -> None:
-    film = Film.empty(FilmMetadata("black", "0", "path_trace", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    film = Film.empty(FilmMetadata("black", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     for i in range(4):
         assert film.error_bound() is None
         film.add(8 * i, 8 * i + 8, np.zeros((4, 6, 3)))
@@ -157,18 +158,19 @@ def test_a_film_of_few_batches_has_no_bound_and_a_black_one_no_error() -> None:
     [
         ({"sampling": "sobol"}, 0.06),
         ({"sampling": "random"}, 0.06),
-        ({"sampling": "sobol", "directions": "pair"}, 0.08),
-        ({"sampling": "random", "directions": "pair"}, 0.08),
+        ({"sampling": "sobol", "integrator": "path-buffer"}, 0.08),
+        ({"sampling": "random", "integrator": "path-buffer"}, 0.08),
         ({"integrator": "gather"}, 0.04),
     ],
 )
 def test_in_95_of_100_renders_the_error_is_below_the_noise_asked_for(options: dict[str, Any], noise: float) -> None:
-    reference = glpath.render(BOX, spp=8192, seed=999, **TINY, **options)
+    options = with_depth({"resolution": (20, 16), **options}, 2)
+    reference = glpath.render(BOX, spp=8192, seed=999, **options)
     off = reference.relative_error() or 0.0
     below_noise = below_bound = 0
     counts = []
     for seed in range(100):
-        film = glpath.render(BOX, noise=noise, seed=seed, **TINY, **options)
+        film = glpath.render(BOX, noise=noise, seed=seed, **options)
         error = relative_mse(film.mean, reference.mean) ** 0.5
         bound = film.metadata.error_bound
         assert bound is not None

@@ -18,9 +18,10 @@ from glpath.cli.scene_summary import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.io.export import export
+from tests.engines import engine_options
 
 GRASS = {"grass": {"reflectance": [0.3, 0.6, 0.3]}, "clay": {"reflectance": [0.7, 0.2, 0.2]}}
-SCANS = {"directions": "pair", "spp": 3, "max_depth": 3, "light_resolution": 64}
+SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
 
 
 def corners(hills: Hills) -> NDArray[np.float64]:
@@ -79,10 +80,10 @@ def test_a_streamed_scene_has_the_bits_of_one_in_memory(squares: int, light: dic
     assert (whole.mean > 0).mean() > 0.5
 
 
-@pytest.mark.parametrize("directions", ["lattice", "hemisphere", "sphere"])
-def test_so_it_has_whatever_directions_are_shared(directions: str):
+@pytest.mark.parametrize("engine", ["lattice", "hemisphere", "sphere"])
+def test_so_it_has_whatever_directions_are_shared(engine: str):
     hills = Hills(2, 12)
-    options = {**SCANS, "directions": directions}
+    options = {**SCANS, **engine_options(engine)}
     whole = glpath.render(scene_of(in_memory(corners(hills)), **SKY), **options)
     streamed = glpath.render(scene_of({"type": "stream", "stream": hills}, **SKY), **options)
     np.testing.assert_array_equal(streamed.mean, whole.mean)
@@ -140,7 +141,7 @@ def test_what_a_view_cannot_see_is_not_asked_for():
     base = {**camera, **SKY, "film": {"resolution": [24, 24]}, "materials": GRASS}
     scene = glpath.load_scene({**base, "shapes": [{"type": "stream", "stream": hills, "material": "grass"}]})
     whole = glpath.load_scene({**base, "shapes": [in_memory(corners(hills), material="grass")]})
-    options = {"directions": "pair", "spp": 1, "max_depth": 1, "light_resolution": 16}
+    options = {"integrator": "path-buffer", "spp": 1, "max_depth": 1, "light_resolution": 16}
     asked.clear()
     film = glpath.render(scene, **options, geometry_budget=1)
     assert set(range(16)) == set(asked[:16])  # how far the scene extends
@@ -168,14 +169,14 @@ def test_no_box_that_reaches_into_what_is_seen_is_left_out(projection):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"integrator": "gather"}, {"integrator": "gather", "directions": "pair"}, {"integrator": "t-buffer"}],
-    ids=["own rays", "gather", "gather by scans", "t-buffer"],
+    [{}, {"integrator": "gather"}, {"integrator": "gather", "cast": "path-buffer"}, {"integrator": "t-buffer"}],
+    ids=["path", "gather", "gather by scans", "t-buffer"],
 )
 def test_engines_that_want_all_triangles_in_memory_say_so(options: Any):
     scene = scene_of({"type": "stream", "stream": Hills(1, 2), "name": "hills"})
     with pytest.raises(glpath.SceneError, match=r"streams triangles \(hills\)") as error:
         glpath.render(scene, spp=1, **options)
-    assert 'integrator="path" and directions="pair"' in error.value.remedy
+    assert 'integrator="path-buffer"' in error.value.remedy
 
 
 def test_so_do_radiosity_and_export(tmp_path: Path):
@@ -274,19 +275,19 @@ def test_chunks_that_change_are_noticed():
     scene = scene_of({"type": "stream", "stream": chunks}, **SKY)
     chunks.chunks = (TRIANGLE, TRIANGLE)
     with pytest.raises(glpath.SceneError, match="chunk 1 had 2 triangles when the scene was made, and now has 1"):
-        glpath.render(scene, directions="pair", spp=1)
+        glpath.render(scene, integrator="path-buffer", spp=1)
 
 
 def test_a_budget_without_room_for_a_chunk_is_refused_with_what_is_needed():
     scene = scene_of({"type": "stream", "stream": Hills(1, 64)})
     with pytest.raises(glpath.UsageError, match=r"geometry_budget: 4 MiB, but \d+ are needed at least") as error:
-        glpath.render(scene, directions="pair", spp=1, geometry_budget=4)
+        glpath.render(scene, integrator="path-buffer", spp=1, geometry_budget=4)
     needed = int(error.value.message.split("but ")[1].split()[0])
-    glpath.render(scene, directions="pair", spp=1, geometry_budget=needed + 1)
+    glpath.render(scene, integrator="path-buffer", spp=1, geometry_budget=needed + 1)
 
 
 def test_a_budget_is_an_option_of_scans_alone():
-    with pytest.raises(glpath.UsageError, match="geometry_budget: 8 with directions"):
+    with pytest.raises(glpath.UsageError, match="geometry_budget: 8 with the integrator"):
         glpath.render("cornell-box-36", spp=1, geometry_budget=8)
 
 
@@ -326,4 +327,4 @@ def test_what_streams_cannot_be_with_is_said(change, said):
     shapes = [{"type": "stream", "stream": Hills(1, 2)}, ball]
     scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {"zenith": 1}})
     with pytest.raises(glpath.SceneError, match=said):
-        glpath.render(scene, spp=1, directions="pair", resolution=(32, 16))
+        glpath.render(scene, spp=1, integrator="path-buffer", resolution=(32, 16))

@@ -125,7 +125,7 @@ def test_a_normal_map_of_one_tilt_is_a_plane_with_tilted_normals() -> None:
 
 LAMPS: dict[str, dict[str, Any]] = {
     "rays": {"integrator": "path", "guide": "cosine", "max_depth": 3},
-    "scans": {"integrator": "path", "directions": "pair", "max_depth": 3},
+    "scans": {"integrator": "path-buffer", "max_depth": 3},
     "gather": {"integrator": "gather"},
     "classic": {"integrator": "classic"},
 }

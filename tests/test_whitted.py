@@ -344,7 +344,7 @@ def test_tests_are_counted_exactly() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"integrator": "rays"}, "path, gather, classic, t-buffer"),
+        ({"integrator": "rays"}, "path, path-buffer, gather, classic, t-buffer"),
         ({"integrator": "classic", "directions": "pair"}, "directions"),
         ({"integrator": "path", "shadows": "cube"}, "shadows"),
         ({"shadows": "pyramid"}, "rays, sphere, cube"),

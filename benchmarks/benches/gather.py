@@ -2,7 +2,7 @@
 
 The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`). Programs take turns within one
 run: the gather from a coarse solution, path tracing guided by it to a depth at which next to nothing is missing
-(`path_buffer_`: its name from when it cast by the path-buffer), Mitsuba's path tracer at depth 64, with roulette
+(`path_`), Mitsuba's path tracer at depth 64, with roulette
 from its default vertex on, and Cycles at as many bounces where it is installed. Error is relMSE against a converged
 picture of all bounces, less that picture's own; the samples to the target are read off the polyline through
 log(error) over log(samples), the time is theirs and, of ours, the solver's. Compilation is not counted. `measured`:
@@ -12,10 +12,10 @@ log(error) over log(samples), the time is theirs and, of ours, the solver's. Com
     guide_s                         : where light comes from, by the solution, once
     gather_ms_per_set, gather_ms_per_set.STAGE : whole, and by stage (run one by one, so that they add up to more)
     gather_relmse_N                 : error at N path sets, mean over seeds
-    scans_ms_per_set                : of the gather with shared directions, cast by the path-buffer
+    scans_ms_per_set                : of the gather with cast "path-buffer"
     gather_sets_to_target, gather_s : path sets to the target; seconds, the solver's among them
-    path_buffer_..., mitsuba_..., cycles_... : the same of the others
-    vs_path_buffer, vs_mitsuba, vs_cycles : their time over the gather's
+    path_..., mitsuba_..., cycles_... : the same of the others
+    vs_path, vs_mitsuba, vs_cycles : their time over the gather's
     ..._mean_off                    : by how much the mean of the largest picture is off that of the converged one
     radiance_s, radiance_relmse     : of Radiance's one picture, where it is installed
 """
@@ -47,11 +47,11 @@ from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.film.metadata import Aov
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import device_radiosity
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import Directions, GatherSettings, PathTraceSettings
+from glpath.integrators.settings import Cast, GatherSettings, PathSetSettings, PathSettings
+from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene
 from glpath.radiosity.solution import RadiositySolution
 from glpath.rendering.factory import solve_for_gather
@@ -61,14 +61,14 @@ from glpath.system.versions import versions
 SCENE = "cornell-box-36"
 #: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.
 DEPTH = 64
-#: The path tracer's. Longer paths add less than a tenth of the target to the error and cost a scan each.
+#: The path tracer's. Longer paths add less than a tenth of the target to the error and cost two rays a vertex.
 PATH_DEPTH = 8
 _GATHER_SETS = (16, 32, 64, 128)
 _PATH_SETS = (32, 64, 128)
 _SAMPLES = (64, 169)
 # The path tracer's lacks the light of longer paths.
-AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.02) for name in ("gather", "path_buffer", "mitsuba"))
-RULE = (*AGREEMENT, Condition("vs_path_buffer", ">", 1.0), Condition("vs_mitsuba", ">", 1.0))
+AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.02) for name in ("gather", "path", "mitsuba"))
+RULE = (*AGREEMENT, Condition("vs_path", ">", 1.0), Condition("vs_mitsuba", ">", 1.0))
 
 
 def bench_gather(
@@ -101,7 +101,7 @@ def bench_gather(
     timed = stage_times(gather_engine(context, scene, solution, 0, timings=True))
     guide_s = guiding_seconds(context, scene, solution)
     measured = {f"gather_ms_per_set.{stage}": ms for stage, ms in timed.items()}
-    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solution, 0, directions="pair"), (8, 16, 24))
+    scans_ms, _ = trace_in_steps(gather_engine(context, scene, solution, 0, cast="path-buffer"), (8, 16, 24))
     measured["scans_ms_per_set"] = float(np.median(scans_ms))
 
     contestants = {
@@ -110,7 +110,7 @@ def bench_gather(
             lambda counts, seed: trace_in_steps(gather_engine(context, scene, solution, seed), counts),
             unit="set",
         ),
-        "path_buffer": Contestant(
+        "path": Contestant(
             scaled(_PATH_SETS, scale),
             lambda counts, seed: trace_in_steps(path_engine_of(context, scene, solution, seed), counts),
             unit="set",
@@ -144,14 +144,14 @@ def bench_gather(
     claim = f"the gather, its solver included, is the first to relMSE {TARGET:g} with all bounces"
     holds: bool | None = None
     if truth is not None:
-        for name in ("gather", "path_buffer"):
+        for name in ("gather", "path"):
             contestants[name].before_s = measured["solver_s"] + guide_s
         for name, contestant in contestants.items():
             measured |= summary(name, contestant, TARGET) | {
                 f"{name}_mean_off": mean_off(contestant.means, truth.image)
             }
             rows += contestant.rows(name)
-        for name in ("path_buffer", "mitsuba"):
+        for name in ("path", "mitsuba"):
             if name in contestants:
                 measured[f"vs_{name}"] = measured[f"{name}_s"] / measured["gather_s"]
         measured |= compared_with("cycles", measured, measured["gather_s"])
@@ -194,13 +194,13 @@ def gather_engine(
     scene: Scene,
     solution: RadiositySolution,
     seed: int,
-    directions: Directions = "own",
+    cast: Cast = "bvh",
     timings: bool = False,
     aovs: tuple[Aov, ...] = (),
     branches: int = GatherSettings.branches,
 ) -> PathSetEngine:
     """The gather, compiled."""
-    settings = GatherSettings(seed=seed, directions=directions, aovs=aovs, branches=branches)
+    settings = GatherSettings(seed=seed, cast=cast, aovs=aovs, branches=branches)
     return compiled_engine(context, scene, solution, settings, timings)
 
 
@@ -208,7 +208,7 @@ def path_engine_of(
     context: Context, scene: Scene, solution: RadiositySolution, seed: int, aovs: tuple[Aov, ...] = ()
 ) -> PathSetEngine:
     """The path tracer for all bounces, guided by the solution, compiled."""
-    settings = PathTraceSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs, guide="solution")
+    settings = PathSettings(max_depth=PATH_DEPTH, seed=seed, aovs=aovs, guide="solution")
     return compiled_engine(context, scene, solution, settings)
 
 
@@ -216,11 +216,14 @@ def compiled_engine(
     context: Context,
     scene: Scene,
     solution: RadiositySolution | None,
-    settings: GatherSettings | PathTraceSettings,
+    settings: PathSetSettings,
     timings: bool = False,
 ) -> PathSetEngine:
     """An engine, which goes by the solution if there is one, with all that is left to compile compiled."""
-    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings)
+    radiosity = None
+    if solution is not None:
+        assert isinstance(settings, GatherSettings | PathSettings), "no other engine has a use for it"
+        radiosity = device_radiosity(context.gl, scene, solution, settings)
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),

@@ -1,10 +1,10 @@
-"""How fast path tracing is, with own rays and with scans of the path-buffer, and beside Mitsuba 3 at equal error.
+"""How fast "path" and "path-buffer" are, beside Mitsuba 3 at equal error.
 
-The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`), at depth 3. Ours are own
-rays, the default; `scans_` says the same of shared directions ("pair"), cast by the path-buffer. All are measured
-in turns within one run, since shared machines drift. Error is relMSE = mean(e^2 / (ref^2 + 0.01)), less the
-reference's own; a program's number of samples to an error is read off a straight line through log(error) over
-log(samples), its time is that number times its milliseconds per sample, compilation not counted. `measured`:
+The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`), at depth 3. Ours is the
+integrator "path"; `scans_` says the same of "path-buffer", with directions "pair". All are measured in turns within
+one run, since shared machines drift. Error is relMSE = mean(e^2 / (ref^2 + 0.01)), less the reference's own; a
+program's number of samples to an error is read off a straight line through log(error) over log(samples), its time
+is that number times its milliseconds per sample, compilation not counted. `measured`:
 
     reference_relmse              : the error of the converged picture itself; absent where nobody knows it
     ms_per_set, ms_per_set.STAGE  : milliseconds per path set, whole and by stage (the stages are run one by one
@@ -13,7 +13,7 @@ log(samples), its time is that number times its milliseconds per sample, compila
     lost_share                    : of the scans, the share of rays that lost the roulette of their cell
     scans_ms_per_set, scans_relmse_N, scans_sets_to_target
     vs_scans                      : the scans' time to the target error over ours
-    guided_..., guided_before_s   : of own rays guided by a radiosity solution (`--guide solution`); what that took
+    guided_..., guided_before_s   : of "path" guided by a radiosity solution (`--guide solution`); what that took
     relmse_N, last_relmse         : our error at N path sets, mean over seeds, and at the largest N
     relmse_of_one_set             : the latter times N: of a right picture, all of its error is noise
     relmse_of_one_set_allowed     : half, or twice what Mitsuba has of one sample
@@ -50,7 +50,7 @@ from benchmarks.benches.gather import compiled_engine, guiding_seconds, solve
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import Directions, PathTraceSettings
+from glpath.integrators.settings import PathBufferSettings, PathSetSettings, PathSettings
 from glpath.io import load_scene
 from glpath.scene.model import Scene
 from glpath.system.versions import versions
@@ -90,15 +90,15 @@ def bench_path_buffer(
     measured: dict[str, float] = {}
 
     say(f"stages, on {context.info.renderer}")
-    timed = stage_times(_tracer(context, scene, 0, timings=True))
+    timed = stage_times(_tracer(context, scene, PathSettings(max_depth=DEPTH), timings=True))
     measured |= {f"ms_per_set.{stage}": ms for stage, ms in timed.items()}
     lost: list[float] = []
 
     def trace(counts: tuple[int, ...], seed: int) -> Steps:
-        return trace_in_steps(_tracer(context, scene, seed), counts)
+        return trace_in_steps(_tracer(context, scene, PathSettings(max_depth=DEPTH, seed=seed)), counts)
 
     def scan(counts: tuple[int, ...], seed: int) -> Steps:
-        tracer = _tracer(context, scene, seed, "pair")
+        tracer = _tracer(context, scene, PathBufferSettings(max_depth=DEPTH, seed=seed))
         steps = trace_in_steps(tracer, counts)
         statistics = tracer.statistics()
         lost.append(float(statistics["paths_lost"]) / float(statistics["paths_cast"]))  # type: ignore[arg-type]
@@ -109,7 +109,7 @@ def bench_path_buffer(
     before_s = solver_s + guiding_seconds(context, scene, solution)
 
     def trace_guided(counts: tuple[int, ...], seed: int) -> Steps:
-        settings = PathTraceSettings(max_depth=DEPTH, seed=seed, guide="solution")
+        settings = PathSettings(max_depth=DEPTH, seed=seed, guide="solution")
         return trace_in_steps(compiled_engine(context, scene, solution, settings), counts)
 
     contestants = {
@@ -195,8 +195,5 @@ def _summary(prefix: str, contestant: Contestant) -> dict[str, float]:
     }
 
 
-def _tracer(
-    context: Context, scene: Scene, seed: int, directions: Directions = "own", timings: bool = False
-) -> PathSetEngine:
-    settings = PathTraceSettings(max_depth=DEPTH, seed=seed, directions=directions)
+def _tracer(context: Context, scene: Scene, settings: PathSetSettings, timings: bool = False) -> PathSetEngine:
     return compiled_engine(context, scene, None, settings, timings)

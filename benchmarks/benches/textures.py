@@ -24,7 +24,7 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.model import Material, Mesh, Shape, Shapes, Texture, TextureSlot
@@ -102,7 +102,7 @@ def bench_textures(
         engines[kind] = path_engine(
             context.gl,
             DeviceScene(context.gl, scene),
-            PathTraceSettings(max_depth=DEPTH),
+            PathSettings(max_depth=DEPTH),
             (0, 0, side, side),
             hardware=context.info.hardware,
         )

@@ -247,7 +247,7 @@ def _off(radiance: Float64, reference: Float64) -> float:
 def figure_10(scale: float, say: Say) -> Outcome:
     """The yellow box of brushed metal, depth 3, 4096 paths per pixel [PB figure 10].
 
-    Held against paths with directions of their own, which choose them by the metal's lobe: another sampler, other
+    Held against the integrator "path", whose directions are chosen by the metal's lobe: another sampler, other
     rays (a BVH's), and a box whose highlights shared directions meet by chance alone.
     """
     scene = metal_box(scene_at(BOX, scale))
@@ -255,20 +255,20 @@ def figure_10(scale: float, say: Say) -> Outcome:
     name, sets = "path-buffer-10", count(4096, scale)
     fewer = traced(say, name, hits, count(1024, scale), 3)
     found = traced(say, name, hits, sets, 3)
-    say(f"{name}: {sets} path sets with directions of their own")
-    own = render(scene, spp=sets, max_depth=3).mean
+    say(f"{name}: {sets} path sets of path")
+    path = render(scene, spp=sets, max_depth=3).mean
     metal = hits.only(_METAL)
     diffuse = hits.reflecting & ~metal
     measured = {
         "mean": found.mean,
-        "mean_off": mean_off(hits, found.radiance, own),
+        "mean_off": mean_off(hits, found.radiance, path),
         "mean_off_allowed": 0.01 + 0.3 / found.path_sets,
-        "metal_mean_off": abs(float(found.radiance[metal].mean() / own[metal].mean()) - 1),
+        "metal_mean_off": abs(float(found.radiance[metal].mean() / path[metal].mean()) - 1),
         "metal_mean_off_allowed": 0.02 + 10.0 / found.path_sets,
-        "off_metal": _off(found.radiance[metal], own[metal]),
-        "off_diffuse": _off(found.radiance[diffuse], own[diffuse]),
-        "off_metal_fewer": _off(fewer.radiance[metal], own[metal]),
-        "off_diffuse_fewer": _off(fewer.radiance[diffuse], own[diffuse]),
+        "off_metal": _off(found.radiance[metal], path[metal]),
+        "off_diffuse": _off(found.radiance[diffuse], path[diffuse]),
+        "off_metal_fewer": _off(fewer.radiance[metal], path[metal]),
+        "off_diffuse_fewer": _off(fewer.radiance[diffuse], path[diffuse]),
         "seconds": found.seconds,
     }
     rule = (
@@ -280,16 +280,17 @@ def figure_10(scale: float, say: Say) -> Outcome:
     )
     said = "the algorithm can handle non-diffuse BRDFs; brushed metal wants 4096 paths per pixel instead of 1024"
     here = (
-        f"the metal's mean is {100 * measured['metal_mean_off']:.2f} % off that by directions of its own lobe; its "
+        f"the metal's mean is {100 * measured['metal_mean_off']:.2f} % off that of path, whose directions its lobe "
+        "chooses; its "
         f"pixels are {100 * measured['off_metal_fewer']:.1f} % off with {fewer.path_sets} path sets and "
         f"{100 * measured['off_metal']:.1f} % with {sets}, all others "
         f"{100 * measured['off_diffuse_fewer']:.1f} % and {100 * measured['off_diffuse']:.1f} %"
     )
     rows = [
-        found.row("shared directions", name) | {"off_metal": measured["off_metal"]},
-        fewer.row("shared directions, fewer") | {"off_metal": measured["off_metal_fewer"]},
+        found.row("path-buffer", name) | {"off_metal": measured["off_metal"]},
+        fewer.row("path-buffer, fewer") | {"off_metal": measured["off_metal_fewer"]},
     ]
-    panels = [("path-buffer", found.radiance), ("own directions", own)]
+    panels = [("path-buffer", found.radiance), ("path", path)]
     table = against_paper(name, found.seconds, found.path_sets)
     picture = page("Figure 10: brushed yellow metal", said, here, panels, table)
     return outcome(name, said, rule, measured, rows, picture, notes(scale))

@@ -78,10 +78,10 @@ def mean_of(hits: EyeHits, radiance: Float64) -> float:
 
 
 def traced(say: Say, what: str, hits: EyeHits, path_sets: int, max_depth: int) -> Picture:
-    """A picture by path tracing."""
+    """A picture by path tracing with the path-buffer."""
     say(f"{what}: {path_sets} path sets of depth {max_depth}")
     start = time.perf_counter()
-    film = render(hits.scene, spp=path_sets, max_depth=max_depth, directions="pair")
+    film = render(hits.scene, spp=path_sets, max_depth=max_depth, integrator="path-buffer")
     return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
 
 
@@ -94,7 +94,7 @@ def gathered(say: Say, what: str, hits: EyeHits, path_sets: int, solution: Radio
         integrator="gather",
         spp=path_sets,
         radiosity=solution,
-        directions="pair",
+        cast="path-buffer",
         direct_light="solution",
         lookup_distance=0,
     )

@@ -32,7 +32,7 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import Directions, PathTraceSettings
+from glpath.integrators.settings import PathBufferSettings, PathSetSettings, PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Shape, Shapes
@@ -55,7 +55,7 @@ _MANY = 1000
 _TOO_LONG = 8.0
 # Path sets of the mean, and Mitsuba's samples of one picture.
 _SETS, _SAMPLES = 32, 9
-PROGRAMS = {"own": "own rays", "scans": "scans (pair)", "mitsuba": "Mitsuba, LLVM"}
+PROGRAMS = {"path": "path", "scans": "path-buffer", "mitsuba": "Mitsuba, LLVM"}
 
 
 def balls(fineness: int, side: int = SIDE) -> Scene:
@@ -85,20 +85,20 @@ def scenes(scale: float) -> list[Callable[[], Scene]]:
 class _Ours:
     """One of our engines with a scene, and the seconds that it took to set up."""
 
-    def __init__(self, scene: Scene, directions: Directions) -> None:
+    def __init__(self, scene: Scene, settings: PathSetSettings) -> None:
         self._gl = get_context().gl
         made: list[PathSetEngine] = []
-        self.setup_s = seconds_of(lambda: made.append(self._engine(scene, directions)), self._gl.finish)
+        self.setup_s = seconds_of(lambda: made.append(self._engine(scene, settings)), self._gl.finish)
         (self._engine_of_scene,) = made
         self._index = 0
         self.first_s = self.seconds()  # compiles what is left to compile
 
-    def _engine(self, scene: Scene, directions: Directions) -> PathSetEngine:
+    def _engine(self, scene: Scene, settings: PathSetSettings) -> PathSetEngine:
         context = get_context()
         return path_engine(
             context.gl,
             DeviceScene(context.gl, scene),
-            PathTraceSettings(max_depth=DEPTH, directions=directions),
+            settings,
             (0, 0, *scene.camera.resolution),
             hardware=context.info.hardware,
         )
@@ -145,16 +145,16 @@ class _Mitsuba:
 
 def _row(scene: Scene, with_scans: bool, with_mitsuba: bool) -> dict[str, Any]:
     """Triangles, seconds of a set of each program, of its set-up, and the pictures' means."""
-    own = _Ours(scene, "own")
-    programs: dict[str, _Ours | _Mitsuba] = {"own": own}
+    path = _Ours(scene, PathSettings(max_depth=DEPTH))
+    programs: dict[str, _Ours | _Mitsuba] = {"path": path}
     if with_scans:
-        programs["scans"] = _Ours(scene, "pair")
+        programs["scans"] = _Ours(scene, PathBufferSettings(max_depth=DEPTH))
     if with_mitsuba:
         programs["mitsuba"] = _Mitsuba(scene)
     seconds = in_turns(
         {name: program.seconds for name, program in programs.items()}, rounds=9, min_rounds=1, enough_s=15.0
     )
-    row: dict[str, Any] = {"triangles": len(scene.triangles), "seen_by_eye": own.seen()}
+    row: dict[str, Any] = {"triangles": len(scene.triangles), "seen_by_eye": path.seen()}
     row |= {f"{name}_s": seconds.get(name) for name in PROGRAMS}
     row |= {f"{name}_setup_s": programs[name].setup_s if name in programs else None for name in PROGRAMS}
     row |= {f"{name}_mean": programs[name].mean() if name in programs else None for name in PROGRAMS}
@@ -173,7 +173,7 @@ def exponent(rows: Rows, name: str, least: float = _MANY) -> float:
     return float(np.polyfit(n, y, 1)[0])
 
 
-def crossing(rows: Rows, a: str = "own_s", b: str = "scans_s") -> float:
+def crossing(rows: Rows, a: str = "path_s", b: str = "scans_s") -> float:
     """The triangles from which on `a` is the faster one in all scenes that both rendered; infinite for none."""
     both = [row for row in rows if row[a] is not None and row[b] is not None]
     faster = math.inf
@@ -204,28 +204,30 @@ def figure_scale(scale: float, say: Say) -> Outcome:
             took = rows[-1]["scans_s"]
             notes.append(f"no scans above {len(scene.triangles):,} triangles, where a set took {took:.0f} s")
     first, last = rows[0], rows[-1]
-    own = [row["own_s"] for row in rows]
+    path = [row["path_s"] for row in rows]
     off = {
-        name: max(abs(row[f"{name}_mean"] / row["own_mean"] - 1) for row in rows if row[f"{name}_mean"] is not None)
+        name: max(
+            abs(row[f"{name}_mean"] / row["path_mean"] - 1) for row in rows if row[f"{name}_mean"] is not None
+        )
         for name in PROGRAMS
         if first[f"{name}_mean"] is not None
     }
     measured = {
         "most_triangles": float(last["triangles"]),
-        "own_exponent": exponent(rows, "own_s"),
+        "path_exponent": exponent(rows, "path_s"),
         "scans_exponent": exponent(rows, "scans_s"),
-        "own_setup_exponent": exponent(rows, "own_setup_s"),
-        "own_growth": own[-1] / own[0],
-        "own_faster_from": crossing(rows),
+        "path_setup_exponent": exponent(rows, "path_setup_s"),
+        "path_growth": path[-1] / path[0],
+        "path_faster_from": crossing(rows),
         "scans_mean_off": off["scans"],
         "last_seen_by_eye": float(last["seen_by_eye"]),
-        "last_own_setup_s": last["own_setup_s"],
+        "last_path_setup_s": last["path_setup_s"],
     }
     rule: tuple[Condition, ...] = (
         # A BVH's depth is a logarithm: over a thousandfold number the power that fits it best is below a quarter.
-        Condition("own_exponent", "<=", 0.25),
+        Condition("path_exponent", "<=", 0.25),
         Condition("scans_exponent", ">=", 0.5),
-        Condition("own_faster_from", "<=", "most_triangles"),
+        Condition("path_faster_from", "<=", "most_triangles"),
         # Sets of scans share their directions, and of large scenes there are few.
         Condition("scans_mean_off", "<=", 0.1),
     )
@@ -233,20 +235,20 @@ def figure_scale(scale: float, say: Say) -> Outcome:
         measured |= {
             "mitsuba_mean_off": off["mitsuba"],
             "mitsuba_exponent": exponent(rows, "mitsuba_s"),
-            "last_vs_mitsuba": last["mitsuba_s"] / last["own_s"],
-            "first_vs_mitsuba": first["mitsuba_s"] / first["own_s"],
+            "last_vs_mitsuba": last["mitsuba_s"] / last["path_s"],
+            "first_vs_mitsuba": first["mitsuba_s"] / first["path_s"],
             "last_mitsuba_setup_s": last["mitsuba_setup_s"],
         }
         rule += (Condition("mitsuba_mean_off", "<=", 0.02),)
-    said = "a path set of own rays takes a small power of the number of triangles, one of scans a large one"
+    said = "a path set of path takes a small power of the number of triangles, one of path-buffer a large one"
     laws = ", ".join(
         f"{text} N^{measured[f'{name}_exponent']:.2f}"
         for name, text in PROGRAMS.items()
         if f"{name}_exponent" in measured
     )
     here = (
-        f"from {_MANY} triangles on {laws}; own rays are ahead of scans from {crossing(rows):,.0f} triangles on. "
-        f"Before the first set of {last['triangles']:,} come {last['own_setup_s']:.1f} s for scene and BVH"
+        f"from {_MANY} triangles on {laws}; path is ahead of path-buffer from {crossing(rows):,.0f} triangles on. "
+        f"Before the first set of {last['triangles']:,} come {last['path_setup_s']:.1f} s for scene and BVH"
     )
     if peer:
         here += f" (Mitsuba: {last['mitsuba_setup_s']:.1f} s)"

@@ -314,8 +314,8 @@ def lightmap(
     size    : side of a page, texels; 1024. Without `texels` there is one page, on which charts are as large as fit
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
-    integrator, options : "path" or "gather" and their options, as of `glpath.render`. By
-              "path" paths are ended by roulette alone by themselves, from the 4th vertex on (`max_depth` 1000,
+    integrator, options : "path", "path-buffer" or "gather" and their options, as of `glpath.render`. By default
+              roulette alone ends the paths of the first two, from the 4th vertex on (`max_depth` 1000,
               `roulette` 4), for the light of all bounces
     film    : of an interrupted bake of the same scene with the same options, to go on with
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is

@@ -38,8 +38,8 @@ from glpath.cli.unattended import (
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
+from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
-from glpath.rendering.job import ALL_BOUNCES
 from glpath.rendering.options import MAX_SPP
 from glpath.rendering.progress import MODES, duration, percent
 from glpath.system.files import check_writable, save_all
@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
-_INTEGRATORS = ("path", "gather")
+_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something on surfaces.
 _OPTIONS = (
-    "max_depth", "seed", "sampling", "directions", "light_resolution", "guide", "ambient", "roulette", "bounce_lod",
-    "radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "branches",
+    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution", "bounce_lod",
+    "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "branches",
 )  # fmt: skip
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
@@ -68,7 +68,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(lightmap, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
+    )(with_integrator_options(lightmap, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 
 def lightmap(
@@ -142,7 +142,8 @@ def lightmap(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="By paths alone, or from a radiosity solution.",
+            help="path: paths, their rays cast by a BVH. path-buffer: paths that share directions, cast by scans. "
+            "gather: from a radiosity solution.",
             rich_help_panel=FOR_ALL,
             autocompletion=words(_INTEGRATORS),
         ),

@@ -39,7 +39,6 @@ from glpath.errors import UsageError
 from glpath.film.units import EFFICACY
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
-from glpath.rendering.job import ALL_BOUNCES
 from glpath.rendering.progress import MODES, duration
 from glpath.system.files import Save, check_writable, is_stream, save_all
 from glpath.system.terminal import say
@@ -53,7 +52,10 @@ if TYPE_CHECKING:
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something at points.
-_OPTIONS = ("max_depth", "seed", "sampling", "directions", "guide", "ambient", "roulette", "radiosity")
+_OPTIONS = (
+    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
+    "radiosity",
+)  # fmt: skip
 _POINTS, _LIGHT = "Points", "Light"
 _RECEIVERS = ("plane", "cylinder")
 
@@ -64,7 +66,7 @@ def register(app: typer.Typer) -> None:
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written)."
-    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, path_defaults=ALL_BOUNCES))
+    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 
 def measure(
@@ -151,7 +153,8 @@ def measure(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="Paths alone, of all bounces by default, or from a radiosity solution.",
+            help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
+            "directions, cast by scans. gather: from a radiosity solution.",
             autocompletion=words(_INTEGRATORS),
             rich_help_panel=_LIGHT,
         ),

@@ -56,13 +56,13 @@ def with_integrator_options(
     only: Collection[str] | None = None,
     *,
     integrators: Collection[str] = tuple(INTEGRATORS),
-    path_defaults: Mapping[str, object] | None = None,
+    all_bounces: bool = False,
 ) -> Callable[..., Any]:
     """A command with an option for each of the integrators', in place of its last parameter, **options.
 
-    only          : names of those that it has; None: all
-    integrators   : that it has; options of others are left out
-    path_defaults : what options are by default with "path", where that is another value here than a picture's
+    only        : names of those that it has; None: all
+    integrators : that it has; options of others are left out
+    all_bounces : light of all bounces is the default, where a picture has fewer
     """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
@@ -73,7 +73,7 @@ def with_integrator_options(
             default=False if option.first.type is bool else option.default,
             annotation=_annotation(option, integrators),
         )
-        for option in _options_of(integrators, path_defaults or {})
+        for option in _options_of(integrators, all_bounces)
         if only is None or option.name in only
     ]
 
@@ -85,12 +85,13 @@ def with_integrator_options(
     return command
 
 
-def _options_of(integrators: Collection[str], path_defaults: Mapping[str, object]) -> Iterator[Option]:
-    """The options of these integrators alone, with these defaults of "path"."""
+def _options_of(integrators: Collection[str], all_bounces: bool) -> Iterator[Option]:
+    """The options of these integrators alone."""
     for option in options().values():
         settings = {owner: setting for owner, setting in option.settings.items() if owner in integrators}
-        if "path" in settings and option.name in path_defaults:
-            settings["path"] = replace(settings["path"], default=path_defaults[option.name])
+        for owner, setting in settings.items() if all_bounces else ():
+            default = INTEGRATORS[owner].all_bounces.get(option.name, setting.default)
+            settings[owner] = replace(setting, default=default)
         if settings:
             yield Option(option.name, settings)
 
@@ -143,8 +144,10 @@ def _annotation(option: Option, integrators: Collection[str]) -> Any:
 
 
 def _panel(option: Option, integrators: Collection[str]) -> str:
-    owners = list(option.settings)
-    return FOR_ALL if len(owners) == len(integrators) else f"With --integrator {' or '.join(owners)}"
+    *others, last = option.settings
+    if len(option.settings) == len(integrators):
+        return FOR_ALL
+    return f"With --integrator {', '.join(others)} or {last}" if others else f"With --integrator {last}"
 
 
 def _value(option: Option, integrator: str, value: Any) -> Any:

@@ -21,6 +21,7 @@ from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
+    from glpath.film.metadata import FilmMetadata
     from glpath.jobs.checkpoint import Checkpoint
 
 #: Exit code: all outputs are written, but not the last checkpoint.
@@ -230,7 +231,7 @@ def _summary(
     if dropped:
         yield f"  {dropped} samples were NaN or infinite and count as 0"
     if verbose:
-        for key, value in {"seed": m.seed, "max_depth": m.max_depth, **m.settings, **m.versions}.items():
+        for key, value in {**_settings(m), **m.versions}.items():
             yield f"  {key}: {value}"
         yield f"  scene hash: {m.scene_hash}"
         for stage, milliseconds in m.statistics.get("stage_ms", {}).items():
@@ -272,7 +273,7 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
         "scene": m.scene,
         "scene_hash": m.scene_hash,
         "integrator": m.integrator,
-        "settings": {"seed": m.seed, "max_depth": m.max_depth, **m.settings},
+        "settings": _settings(m),
         "window": m.window,
         "path_sets": film.path_sets,
         "path_sets_before": before,
@@ -295,3 +296,9 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
         "files": [str(file) for file in files],
     }
     write_bytes((json.dumps(found, indent=2) + "\n").encode(), path)
+
+
+def _settings(m: FilmMetadata) -> dict[str, Any]:
+    """All that decides the image besides the scene and the window."""
+    depth = {} if m.max_depth is None else {"max_depth": m.max_depth}
+    return {"seed": m.seed, **depth, **m.settings}

@@ -124,8 +124,9 @@ def render(
         typer.Option(
             metavar="|".join(INTEGRATORS),
             autocompletion=words(INTEGRATORS),
-            help="Global illumination, by paths alone or from a radiosity solution; or ray tracing with point "
-            "lights and mirrors, by T-buffer or ray by ray.",
+            help="Global illumination: path, by paths whose rays a BVH casts; path-buffer, by paths that share "
+            "directions, cast by scans; gather, from a radiosity solution. Ray tracing with point lights and "
+            "mirrors: classic, or t-buffer.",
             rich_help_panel=FOR_ALL,
         ),
     ] = "path",
@@ -215,7 +216,7 @@ def render(
         if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
             raise UsageError(
                 f"--denoise with --integrator {integrator}: it has no grain for a denoiser to take away.",
-                "Render more path sets, or take --integrator path or gather.",
+                "Render more path sets, or take --integrator path, path-buffer or gather.",
             )
         options["aovs"] = [*(options["aovs"] or ()), *DENOISER_AOVS]
     options = option_values(integrator, options)

@@ -67,8 +67,10 @@ def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
 
     renders: tuple[dict[str, Any], ...] = (
         {"integrator": "path"},
+        {"integrator": "path-buffer"},
         {"integrator": "gather", "radiosity_lookup": "interpolated"},
         {"integrator": "gather", "radiosity_lookup": "constant"},
+        {"integrator": "gather", "cast": "path-buffer"},
         {"integrator": "classic"},
         *({"integrator": "t-buffer", "shadows": shadows} for shadows in ("rays", "sphere", "cube")),
     )

@@ -1,7 +1,7 @@
 """A picture with its noise and its provenance: what is compared, and what a baseline file holds.
 
 Noise is kept so that it can be told from a change: the variance of every pixel between batches of path sets, and,
-as the paths of a set share their directions so that pixels err together, the mean of every batch over blocks of 16
+as the paths of a set may share directions so that pixels err together, the mean of every batch over blocks of 16
 x 16 pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
 
 The file is one EXR that any viewer opens: R, G, B are the mean; `variance.R`, ... its variance; `batch0.R`, ... the

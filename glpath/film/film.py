@@ -4,9 +4,9 @@ Sums, never means, so that going on with a render and merging two are additions.
 multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
 0..32 merged with 32..64, bit for bit, in whatever order they came.
 
-Sums are kept apart in batches, since the paths of a set share their directions: neighbouring pixels err together,
-and the error of an image can only be seen between sets. Which batch a set belongs to follows from its number,
-so any ranges merge.
+Sums are kept apart in batches, since the paths of a set may share directions or points of a sequence: neighbouring
+pixels err together, and the error of an image can only be seen between sets. Which batch a set belongs to follows
+from its number, so any ranges merge.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
 Poor at:  the error of a render shorter than two blocks (16 path sets): there is nothing to compare.
@@ -503,9 +503,10 @@ class Film:
         m = self.metadata
         error = self.relative_error()
         noise = "" if error is None else f", error about {100 * error:.2g} %"
+        depth = "light of all bounces" if m.max_depth is None else f"depth {m.max_depth}"
         return (
             f"<Film of {m.scene}: {m.window[2]} x {m.window[3]} pixels, {self.path_sets} path sets, "
-            f"depth {m.max_depth}{noise}, {m.device or 'unknown device'}>"
+            f"{depth}{noise}, {m.device or 'unknown device'}>"
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:

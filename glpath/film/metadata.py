@@ -58,7 +58,8 @@ RULES = (SPP, TIME_LIMIT, NOISE)
 # What the fields of the metadata are in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,
-    "seed max_depth": int,
+    "seed": int,
+    "max_depth": int | None,
     "elapsed_s": int | float,
     "noisy": bool,
     "settings versions statistics": dict,
@@ -99,8 +100,9 @@ class FilmMetadata:
 
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
-    integrator      : for example "path_trace"
-    seed, max_depth : of the random numbers; vertices of a path, as in the paper
+    integrator      : for example "path-buffer"
+    seed, max_depth : of the random numbers; vertices of a path, as in the paper, None of a gather: it has light of
+                      all bounces
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
     unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
@@ -110,10 +112,10 @@ class FilmMetadata:
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
     elapsed_s       : seconds of rendering, summed over what was merged
-    statistics      : counts, summed when merging: `paths_cast`; of shared directions `paths_lost` (to the roulette
-                      of a cell); `paths_cut` (at a length that chance should have ended before); `dropped_samples`
-                      (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage; `radiosity_s`, of a
-                      gather, the seconds until it had its radiosity solution
+    statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
+                      roulette of a cell); `paths_cut` (at a length that chance should have ended before);
+                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise
@@ -132,7 +134,7 @@ class FilmMetadata:
     scene_hash: str
     integrator: str
     seed: int
-    max_depth: int
+    max_depth: int | None
     settings: Mapping[str, Any]
     full_resolution: tuple[int, int]
     window: tuple[int, int, int, int]

@@ -9,7 +9,7 @@ from typing import Self
 class Owner:
     """Has objects on the device until `close`, or the end of a `with` block, or until Python collects it.
 
-    with PathTracer(...) as engine: ...
+    with PathBufferTracer(...) as engine: ...
     """
 
     def close(self) -> None:

@@ -1,6 +1,8 @@
-"""Which engine traces the path sets of a path tracer's or a gather's settings."""
+"""Which engine traces the path sets of an integrator's settings."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 
 import moderngl
 import numpy as np
@@ -8,22 +10,30 @@ import numpy as np
 from glpath.errors import SceneError
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import GatherTracer
+from glpath.integrators.path_buffer import PathBufferTracer
+from glpath.integrators.path_buffer_gather import PathBufferGather
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.path_trace import PathTracer
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import GatherSettings, PathTraceSettings
+from glpath.integrators.settings import PathSetSettings
 from glpath.scene.model import Scene
 from glpath.sensors.sensor import PointSensor, Sensor
 
 # Highlights of a lower one are so small that few of the shared directions meet them.
 _SHARED_ROUGHNESS = 0.2
 
+#: By the integrator's name, and whether scans of the path-buffer cast its rays.
+ENGINES: Mapping[tuple[str, bool], Callable[..., PathSetEngine]] = {
+    ("path", False): RayPathEngine,
+    ("path-buffer", True): PathBufferTracer,
+    ("gather", False): RayPathEngine,
+    ("gather", True): PathBufferGather,
+}
+
 
 def path_engine(
     gl: moderngl.Context,
     scene: DeviceScene,
-    settings: PathTraceSettings | GatherSettings,
+    settings: PathSetSettings,
     window: tuple[int, int, int, int],
     *,
     sensor: Sensor | None = None,
@@ -34,24 +44,19 @@ def path_engine(
     """The engine; see `PathSetEngine` for the parameters.
 
     sensor    : where paths start; the scene's camera, where it is not given
-    radiosity : of a gather, and of a path tracer that is guided: the solution, of the scene's own triangles
+    radiosity : of a gather, and of guided paths: the solution, of the scene's own triangles
     """
-    needed = isinstance(settings, GatherSettings) or settings.guided
-    assert (radiosity is not None) == needed, "a gather and guided paths have a solution, and none else"
-    if settings.directions != "own":
+    assert (radiosity is not None) == settings.needs_solution, "a solution for whoever has no use for it, or none"
+    if settings.by_path_buffer:
         _check_shared(scene.scene)
         if isinstance(sensor, PointSensor) and scene.stream is not None:
             raise SceneError(
                 f"{scene.scene.source or scene.scene.name}: has a stream, on whose triangles no point is found.",
                 "Give the geometry as a mesh.",
             )
-    common = {"hardware": hardware, "timings": timings}
-    if settings.directions == "own":
-        return RayPathEngine(gl, scene, settings, window, sensor=sensor, radiosity=radiosity, **common)
-    if isinstance(settings, GatherSettings):
-        assert radiosity is not None, "asked above"
-        return GatherTracer(gl, scene, settings, window, sensor=sensor, radiosity=radiosity, **common)
-    return PathTracer(gl, scene, settings, window, sensor=sensor, **common)
+    engine = ENGINES[settings.integrator, settings.by_path_buffer]
+    given = {} if radiosity is None else {"radiosity": radiosity}
+    return engine(gl, scene, settings, window, sensor=sensor, hardware=hardware, timings=timings, **given)
 
 
 def _check_shared(scene: Scene) -> None:
@@ -74,5 +79,5 @@ def _check_shared(scene: Scene) -> None:
         )
         raise SceneError(
             f"{scene.source or scene.name}: has {found}, which paths that share their directions cannot follow.",
-            "Leave out directions: paths with directions of their own can.",
+            'Render it with integrator="path", or gather with cast="bvh".',
         )

@@ -1,6 +1,6 @@
-"""Path tracing and the gather with rays of every path's own, cast by a BVH in the shader.
+"""The integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
 
-A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the place in their
+A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the position in their
 pixels: each has its own directions, by the cosine of its surface or, where there is a radiosity solution, by the
 light that comes from there (`path_guide`), and its own choice among a sample of each light, by what it would send.
 A gather's path parts at its first vertex: its branches, of which nearly all of the error is, share the eye's ray
@@ -37,7 +37,7 @@ from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
 from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide, path_guide_glsl
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
-from glpath.integrators.settings import DEEPEST, GatherSettings, PathTraceSettings
+from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
 from glpath.sampling.points import PathSetSampler, counter_hash
@@ -79,7 +79,7 @@ class RayPathEngine(PathSetEngine):
         self,
         gl: moderngl.Context,
         scene: DeviceScene,
-        settings: PathTraceSettings | GatherSettings,
+        settings: PathSettings | GatherSettings,
         window: tuple[int, int, int, int],
         *,
         sensor: Sensor | None = None,
@@ -91,11 +91,9 @@ class RayPathEngine(PathSetEngine):
         self.guide: PathGuide | None = None
         self._radiosity = radiosity
         self._hardware = hardware
-        self._ambient = np.zeros(3)
-        if isinstance(settings, PathTraceSettings):
-            self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
+        self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
-        ambient_alone = settings.max_depth == 1 and bool(np.any(self._ambient > 0))
+        ambient_alone = settings.path_length == 1 and bool(np.any(self._ambient > 0))
         super().__init__(
             gl,
             scene,
@@ -109,10 +107,10 @@ class RayPathEngine(PathSetEngine):
         )
 
     def _prepare(self) -> None:
-        gl, scene, settings, radiosity = self.gl, self.scene, self._settings, self._radiosity
+        gl, scene, settings, radiosity = self.gl, self.scene, self.settings, self._radiosity
         self._light_block = -1
         self._light_tables: list[bytes] = []
-        self._bounces = min(max(2, settings.max_depth), _MOST_BOUNCES)
+        self._bounces = min(max(2, settings.path_length), _MOST_BOUNCES)
         self._branches = settings.branches if isinstance(settings, GatherSettings) else 1
         # One goes ahead of the other, and a sampler holds the numbers of but few sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
@@ -191,7 +189,7 @@ class RayPathEngine(PathSetEngine):
                 generated |= {"PATH_GUIDE": path_guide_glsl()}
                 defines |= guide.defines
         # Of paths that only chance ends, few have more vertices.
-        vertices = min(settings.max_depth, _USUAL_DEPTH)
+        vertices = min(settings.path_length, _USUAL_DEPTH)
         self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if self._hardware else self._pass
@@ -251,16 +249,6 @@ class RayPathEngine(PathSetEngine):
 
     # What the draw is told.
 
-    @property
-    def _endless(self) -> bool:
-        """Is it chance alone that ends paths? Then the deepest that can be asked for is no end."""
-        settings = self._settings
-        return (
-            isinstance(settings, PathTraceSettings)
-            and settings.roulette is not None
-            and settings.max_depth == DEEPEST
-        )
-
     def _of_set(self, index: int) -> Uniforms:
         seed = self._settings.seed
         # Branches are as even as so many sets, over all of a pixel's paths.
@@ -304,7 +292,7 @@ class RayPathEngine(PathSetEngine):
         return self._light_tables[place]
 
     def _constant_uniforms(self) -> Uniforms:
-        settings = self._settings
+        settings = self.settings
         self._light_shifts = np.array(
             [
                 [counter_hash(settings.seed, i, axis, 10) for axis in range(3)]
@@ -315,14 +303,14 @@ class RayPathEngine(PathSetEngine):
         # A gather's paths are short, but for those through glass and between mirrors.
         mirrored = any(material.has_lobes for material in self.scene.scene.materials)
         roulette = _MIRRORED if mirrored else None
-        if isinstance(settings, PathTraceSettings):
+        if isinstance(settings, PathSettings):
             roulette = settings.roulette
         uniforms: Uniforms = {
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
-            "max_depth": CEILING if self._endless else settings.max_depth,
-            "cut_depth": CEILING - 1 if self._endless else 1 << 30,
+            "max_depth": CEILING if settings.endless else settings.path_length,
+            "cut_depth": CEILING - 1 if settings.endless else 1 << 30,
             "ambient": tuple(map(float, self._ambient)),
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),
@@ -330,7 +318,7 @@ class RayPathEngine(PathSetEngine):
         }
         if isinstance(settings, GatherSettings):
             uniforms |= {
-                "lookup_depth": settings.max_depth - 1,
+                "lookup_depth": settings.lookup_depth - 1,
                 "lookup_distance": settings.lookup_distance,
             }
         return uniforms

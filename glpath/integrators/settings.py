@@ -25,8 +25,9 @@ from glpath.film.metadata import Aov
 from glpath.sampling.points import Sampling
 from glpath.scene.model import Scene
 
-Integrator = Literal["path", "gather", "classic", "t-buffer"]
-Directions = Literal["own", "pair", "lattice", "hemisphere", "sphere"]
+Integrator = Literal["path", "path-buffer", "gather", "classic", "t-buffer"]
+Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
+Cast = Literal["bvh", "path-buffer"]
 Lookup = Literal["interpolated", "constant"]
 DirectLight = Literal["traced", "solution"]
 Guide = Literal["solution", "cosine"]
@@ -37,6 +38,14 @@ Rgb = tuple[float, float, float]
 
 #: A path counts its casts in eleven bits, up to two a vertex.
 DEEPEST = 1000
+
+_ALL_BOUNCES: Mapping[str, Any] = {"max_depth": DEEPEST, "roulette": 4}
+_NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
+_ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
+# Of a gather, by how it casts rays.
+_OF_BVH = ("guide", "branches")
+_OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
+_OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
 
 
 class Solution(Protocol):
@@ -53,16 +62,16 @@ class IntegratorSettings:
     integrator  : the name that users know it by
     default_spp : path sets where it is not said how many
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
+    all_bounces : options with which chance alone ends paths, so that all of the light is there
+    remedies    : what to do in place of an option that another integrator has
     """
 
     integrator: ClassVar[str]
     default_spp: ClassVar[int]
     noisy: ClassVar[bool]
+    all_bounces: ClassVar[Mapping[str, Any]] = {}
+    remedies: ClassVar[Mapping[str, str]] = {}
 
-    max_depth: Annotated[
-        int,
-        Meta(ge=1, le=DEEPEST, description="vertices of a path: 1 is direct light only, 3 two bounces"),
-    ] = 5
     seed: Annotated[int, Meta(ge=0, le=2**63, description="another seed is another, independent render")] = 0
     aovs: Annotated[
         tuple[Aov, ...],
@@ -83,32 +92,66 @@ class IntegratorSettings:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
 
     @property
+    def path_length(self) -> int:
+        """How many vertices a path has at most."""
+        raise NotImplementedError
+
+    @property
     def splits_light(self) -> bool:
         """Whether direct light is summed by itself."""
         return "direct" in self.aovs or "indirect" in self.aovs
 
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        """Raise UsageError for options that mean nothing beside others; `given` has those that were set."""
+    def check_together(self, given: Mapping[str, Any]) -> None:
+        """Raise UsageError for options that mean nothing with others; `given` has what changes the settings."""
 
 
-# Two integrators have it, with another default each: a path tracer would be later with its first picture.
+# Options that several integrators have.
+MaxDepth = Annotated[
+    int,
+    Meta(ge=1, le=DEEPEST, description="vertices of a path: 1 is direct light only, 3 two bounces"),
+]
+Ambient = Annotated[
+    Rgb | None,
+    Meta(
+        ge=0,
+        description="radiance assumed beyond the last vertex, W sr^-1 m^-2; one number or r, g, b; by default, the "
+        "scene's ambient light",
+    ),
+]
+Roulette = Annotated[
+    int | None,
+    Meta(
+        ge=1,
+        le=DEEPEST,
+        description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the most, "
+        'nothing else ends those of "path"',
+        extra={"metavar": "DEPTH", "unset": "never"},
+    ),
+]
+# Path tracing would be later with its first picture: by default it has no guide.
 GuidedBy = Annotated[
     Guide,
     Meta(
-        description='what directions "own" are chosen by: the light that a radiosity "solution" says comes from '
-        'there (path tracing has a coarse one made first, and stays unbiased), or the "cosine" alone'
+        description='what directions are chosen by: the light that a radiosity "solution" says comes from there '
+        '("path" has a coarse one made first, and stays unbiased), or the "cosine" alone; of a gather, with cast '
+        '"bvh"'
+    ),
+]
+LightResolution = Annotated[
+    int,
+    Meta(
+        ge=16,
+        le=4096,
+        multiple_of=2,
+        description="texels along a side of the hemicube about a path set's light sample, even; what is finer than "
+        'one throws a wrong shadow; of a gather with cast "path-buffer"',
     ),
 ]
 
 
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
-    """What "path" and "gather" have in common.
-
-    cell_share      : the root of the path-buffer's number of cells, in that of the window's pixels
-    cosine_roulette : of bounces with one direction, paths whose cosine is below 1 / this are thinned
-    """
+    """What the integrators of path sets have in common: "path", "path-buffer" and "gather"."""
 
     default_spp = 256
     noisy = True
@@ -117,139 +160,162 @@ class PathSetSettings(IntegratorSettings):
         Sampling,
         Meta(description='where numbers come from: a "sobol" sequence, or "random" as in the paper'),
     ] = "sobol"
-    directions: Annotated[
-        Directions,
-        Meta(
-            description='of a bounce: "own", each path another, its ray cast by a BVH; or shared by all paths of a '
-            'set and cast by a scan of the path-buffer: "pair", each path the better of two; "lattice", one of a '
-            'lattice for the first bounce, then as "pair"; "hemisphere", one; "sphere", as in the paper'
-        ),
-    ] = "own"
-    light_resolution: Annotated[
-        int,
-        Meta(
-            ge=16,
-            le=4096,
-            multiple_of=2,
-            description="of shared directions: texels along a side of the hemicube about a path set's light point, "
-            "even; what is finer than one throws a wrong shadow",
-        ),
-    ] = 256
-    guide: GuidedBy = "cosine"
-    cell_share: float = 1.25
-    cosine_roulette: float = 3.0
+
+    @property
+    def by_path_buffer(self) -> bool:
+        """Are rays cast by scans of the path-buffer, along directions that all paths of a set share?"""
+        return False
 
     @property
     def guided(self) -> bool:
-        """Do paths go by a radiosity solution?"""
-        return self.guide == "solution" and self.directions == "own"
+        """Do paths choose directions by a radiosity solution?"""
+        return False
 
-    def recorded(self) -> dict[str, Any]:
-        """Those that decide something: rays of one's own need no buffer."""
-        given = super().recorded()
-        if self.directions == "own":
-            for name in _OF_PATH_BUFFERS:
-                del given[name]
-        else:
-            del given["guide"]
-        return given
+    @property
+    def endless(self) -> bool:
+        """Does chance alone end paths? Then the largest max_depth is no end."""
+        return False
 
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        if given.get("directions", "own") == "own" and "light_resolution" in given:
-            raise UsageError(
-                f'light_resolution: {given["light_resolution"]!r} with directions "own"; it is an option of shared '
-                "directions",
-                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
-            )
-        if given.get("directions", "own") != "own" and "guide" in given:
-            raise UsageError(
-                f'guide: "{given["guide"]}" with directions "{given["directions"]}", which a set\'s paths share',
-                'Take directions "own".',
-            )
+    @property
+    def needs_solution(self) -> bool:
+        """Does the engine have a radiosity solution, as a guide or to look it up?"""
+        return self.guided
 
 
 @dataclass(frozen=True)
-class PathTraceSettings(PathSetSettings):
-    """Path tracing with the path-buffer [PB 3]: global illumination by every kind of light.
+class SharedDirections:
+    """Settings of scans of the path-buffer.
+
+    directions      : see `PathBufferSettings`
+    cell_share      : the root of the path-buffer's number of cells, in that of the window's pixels
+    cosine_roulette : of bounces with one direction, paths whose cosine is below 1 / this are thinned
+    """
+
+    directions: Directions = "pair"
+    light_resolution: LightResolution = 256
+    cell_share: float = 1.25
+    cosine_roulette: float = 3.0
+
+
+@dataclass(frozen=True)
+class PathSettings(PathSetSettings):
+    """Path tracing: each path has its own directions, and a BVH in the shader casts its rays.
+
+    The roulette is Arvo & Kirk's (1990).
+    """
+
+    integrator = "path"
+    all_bounces = _ALL_BOUNCES
+    remedies = _NO_LOOKUP | {
+        "directions": 'Each path has directions of its own; with integrator="path-buffer" a set shares them.',
+        "light_resolution": 'Shadows are rays; with integrator="path-buffer" they are shadow-buffers.',
+        "geometry_budget": 'Rays need all triangles in memory; integrator="path-buffer" streams them.',
+        "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
+    }
+
+    max_depth: MaxDepth = 5
+    guide: GuidedBy = "cosine"
+    ambient: Ambient = None
+    roulette: Roulette = None
+
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    @property
+    def guided(self) -> bool:
+        return self.guide == "solution"
+
+    @property
+    def endless(self) -> bool:
+        return self.roulette is not None and self.max_depth == DEEPEST
+
+    def recorded(self) -> dict[str, Any]:
+        """A film that is not guided is as those from before there were guides."""
+        return {k: v for k, v in super().recorded().items() if k != "guide" or self.guided}
+
+
+@dataclass(frozen=True)
+class PathBufferSettings(SharedDirections, PathSetSettings):
+    """Path tracing with the path-buffer [PB 3]: all paths of a set share directions, one scan casts all their rays.
 
     Ambient light is that of PB A.2, the roulette Arvo & Kirk's (1990).
     """
 
-    integrator = "path"
+    integrator = "path-buffer"
+    all_bounces = _ALL_BOUNCES
+    remedies = _NO_LOOKUP | {
+        "guide": 'All paths of a set share their directions; paths of integrator="path" choose them.',
+    }
 
-    ambient: Annotated[
-        Rgb | None,
+    max_depth: MaxDepth = 5
+    directions: Annotated[
+        Directions,
         Meta(
-            ge=0,
-            description="radiance assumed beyond the last vertex, W sr^-1 m^-2; one number or r, g, b; by itself, "
-            "the scene's ambient light",
+            description='of a bounce, shared by all paths of a set: "pair", each path takes the better of two; '
+            '"lattice", one of a lattice for the first bounce, then as "pair"; "hemisphere", one; "sphere", as in '
+            "the paper"
         ),
-    ] = None
-    roulette: Annotated[
-        int | None,
-        Meta(
-            ge=1,
-            le=DEEPEST,
-            description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the "
-            'most, nothing else ends those of directions "own"',
-            extra={"metavar": "DEPTH", "unset": "never"},
-        ),
-    ] = None
+    ] = "pair"
+    ambient: Ambient = None
+    roulette: Roulette = None
     geometry_budget: Annotated[
         int,
         Meta(
             ge=1,
             le=1 << 20,
-            description="of shared directions: MiB of memory, the device's and the machine's together, for the "
-            'triangles of shapes of type "stream"; more is quicker, as chunks then stay on the device',
+            description="MiB of memory, the device's and the machine's together, for the triangles of shapes of "
+            'type "stream"; more is quicker, as chunks then stay on the device',
             extra={"metavar": "MIB"},
         ),
     ] = 1024
-
     bounce_lod: Annotated[
         float | None,
         Meta(
             ge=0.001,
             le=1,
-            description="of shared directions: from their second vertex on paths meet a simpler scene, of this "
-            "share of the triangles of plain meshes; quicker in large scenes, not quite right. By itself, never",
+            description="from their second vertex on, paths meet a simpler scene, of this share of the triangles "
+            "of plain meshes; quicker in large scenes, not quite right. By default, never",
             extra={"metavar": "SHARE"},
         ),
     ] = None
 
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    @property
+    def by_path_buffer(self) -> bool:
+        return True
+
     def recorded(self) -> dict[str, Any]:
-        """A film that is not guided is as those from before there were guides; memory decides nothing."""
+        """Those that decide something: memory does not."""
         given = super().recorded()
         del given["geometry_budget"]
         if self.bounce_lod is None:
             del given["bounce_lod"]
-        return {k: v for k, v in given.items() if k != "guide" or self.guided}
-
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        super().check_together(given)
-        if given.get("directions", "own") == "own" and "geometry_budget" in given:
-            raise UsageError(
-                f'geometry_budget: {given["geometry_budget"]!r} with directions "own", whose rays want all '
-                "triangles in memory; it is an option of shared directions",
-                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
-            )
-        if given.get("directions", "own") == "own" and given.get("bounce_lod") is not None:
-            raise UsageError(
-                f'bounce_lod: {given["bounce_lod"]!r} with directions "own", whose rays have one tree of boxes; it '
-                "is an option of shared directions",
-                'Take directions "pair", "lattice", "hemisphere" or "sphere".',
-            )
+        return given
 
 
 @dataclass(frozen=True)
-class GatherSettings(PathSetSettings):
-    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees."""
+class GatherSettings(SharedDirections, PathSetSettings):
+    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
+
+    With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
+    """
 
     integrator = "gather"
+    remedies: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("max_depth", "roulette"), _ALL_OF_A_GATHER),
+        "ambient": "A gather has light of all bounces from its solution: none is left to assume.",
+        "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
+    }
 
-    max_depth: Annotated[
+    # What paths have and a gather does not: its solution is of the scene itself, and has light of all bounces.
+    bounce_lod: ClassVar[None] = None
+    ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
+
+    lookup_depth: Annotated[
         int,
         Meta(
             ge=2,
@@ -258,6 +324,13 @@ class GatherSettings(PathSetSettings):
             "solution shows in corners",
         ),
     ] = 2
+    cast: Annotated[
+        Cast,
+        Meta(
+            description='how rays are cast: by a "bvh" in the shader, along directions of each path\'s own; or by '
+            'scans of the "path-buffer", along directions that all paths of a set share, as in the paper'
+        ),
+    ] = "bvh"
     radiosity: Annotated[
         Solution | Path | None,
         Meta(
@@ -294,27 +367,41 @@ class GatherSettings(PathSetSettings):
         Meta(
             ge=1,
             le=4,
-            description='of directions "own": how many a path takes from its first vertex, sharing what the eye '
-            "sees and its light; where few path sets are for a denoiser, 1 is quicker",
+            description='of cast "bvh": how many directions a path takes from its first vertex, sharing what the '
+            "eye sees and its light; where few path sets are for a denoiser, 1 is quicker",
         ),
     ] = 2
 
-    def recorded(self) -> dict[str, Any]:
-        """Without the solution: what is recorded of it is its digest, known when it is there."""
-        given = super().recorded()
-        del given["radiosity"], given["radiosity_lookup"]
-        if self.directions != "own":
-            del given["branches"]
-        return given
+    @property
+    def path_length(self) -> int:
+        return self.lookup_depth
 
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        super().check_together(given)
-        if given.get("directions", "own") != "own" and "branches" in given:
-            raise UsageError(
-                f'branches: {given["branches"]!r} with directions "{given["directions"]}", which paths share',
-                'Take directions "own".',
-            )
+    @property
+    def by_path_buffer(self) -> bool:
+        return self.cast == "path-buffer"
+
+    @property
+    def guided(self) -> bool:
+        return self.guide == "solution" and self.cast == "bvh"
+
+    @property
+    def needs_solution(self) -> bool:
+        return True
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something. What is recorded of the solution is its digest, known when it is there."""
+        unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
+        return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup", *unused)}
+
+    def check_together(self, given: Mapping[str, Any]) -> None:
+        cast = given.get("cast", self.cast)
+        other, names = ("bvh", _OF_BVH) if cast == "path-buffer" else ("path-buffer", _OF_PATH_BUFFER)
+        for name in names:
+            if name in given:
+                raise UsageError(
+                    f'{name}: {given[name]!r} with cast "{cast}"; it is an option of cast "{other}"',
+                    f'Take cast="{other}", or leave it out.',
+                )
 
 
 # Two integrators have it, with another default each.
@@ -334,7 +421,9 @@ class WhittedSettings(IntegratorSettings):
     default_spp = 16
     noisy = False
     primary: ClassVar[Primary]
+    remedies = _NO_LOOKUP
 
+    max_depth: MaxDepth = 5
     shadows: Annotated[
         Shadows,
         Meta(description='"rays", exact; or shadow-buffers: the paper\'s "sphere", or a "cube" of six faces'),
@@ -387,9 +476,12 @@ class WhittedSettings(IntegratorSettings):
                 del given[name]
         return given
 
-    @classmethod
-    def check_together(cls, given: Mapping[str, Any]) -> None:
-        if given.get("shadows", "rays") != "rays":
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    def check_together(self, given: Mapping[str, Any]) -> None:
+        if given.get("shadows", self.shadows) != "rays":
             return
         for name in _OF_SHADOW_BUFFERS:
             if name in given:
@@ -397,10 +489,6 @@ class WhittedSettings(IntegratorSettings):
                     f"{name}: {given[name]!r} with shadow rays; it is an option of shadow-buffers",
                     'Take shadows "sphere" or "cube".',
                 )
-
-
-_OF_PATH_BUFFERS = ("light_resolution", "cell_share", "cosine_roulette")
-_OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
 
 
 @dataclass(frozen=True)
@@ -421,8 +509,8 @@ class TBufferSettings(WhittedSettings):
     primary = "t-buffer"
 
 
-#: By the names that users give. A new integrator is a line here, and a branch in `glpath.rendering.factory`.
+#: By the names that users give. A new integrator is a line here, and one in `glpath.rendering.factory.PLANS`.
 INTEGRATORS: dict[str, type[IntegratorSettings]] = {
     settings.integrator: settings
-    for settings in (PathTraceSettings, GatherSettings, ClassicSettings, TBufferSettings)
+    for settings in (PathSettings, PathBufferSettings, GatherSettings, ClassicSettings, TBufferSettings)
 }

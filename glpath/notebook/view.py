@@ -376,7 +376,7 @@ def _unused(name: str) -> Path:
 
 
 def _integrator(scene: Scene) -> Integrator:
-    """The path tracer where it can; it says so of a scene where it can not."""
+    """The integrator for a scene: "path" for triangles, "t-buffer" for what has none."""
     try:
         path_traceable(scene)
     except SceneError:

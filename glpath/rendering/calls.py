@@ -47,14 +47,16 @@ def render(
     on_progress: Callable[[Progress], None] | None = None,
     **options: Any,
 ) -> Film:
-    """Render a scene: global illumination with the path-buffer, or ray tracing with punctual lights.
+    """Render a scene: global illumination by paths or from a radiosity solution, or Whitted's ray tracing.
 
     Parameters
     ----------
     scene          : a file, the name of a shipped scene, a dictionary, trimesh's mesh or scene, a `Scene`: what
                      `load_scene` takes
-    integrator     : "path", global illumination by every kind of light; "gather", the same from a radiosity
-                     solution, whose light of all bounces is gathered at what the eye sees; "t-buffer", Whitted's
+    integrator     : "path", global illumination by every kind of light, by paths whose rays a BVH in the shader
+                     casts; "path-buffer", the same by paths that share directions, all rays of which one scan of
+                     the scene casts; "gather", from a radiosity solution, whose light of all bounces is gathered
+                     at what the eye sees; "t-buffer", Whitted's
                      ray tracing with the T-buffer, for spheres, planes, point lights, textures and mirrors;
                      "classic", the same image by the classical algorithm, every ray against every object. Or an
                      instance of its settings out of `glpath.integrators.settings`
@@ -93,7 +95,8 @@ def render(
 
     Warns `SceneWarning` for a scene that can be rendered, but hardly as it is meant.
 
-    Poor at: caustics by "path" and "gather", of mirrors and glass; indirect light by the ray tracers.
+    Poor at: caustics of mirrors and glass by "path", "path-buffer" and "gather"; indirect light by the ray
+    tracers.
 
     Example
     -------
@@ -197,8 +200,8 @@ def render_frames(
     number of views from one solution [PB 4].
 
     frames : of each, what to replace of the scene's camera, as a mapping as in `render` or a `Camera`; or a whole
-             `Scene` with a camera of its own, which for "path" and "gather" is all that may be new in it. All have
-             the resolution of the first
+             `Scene` with a camera of its own, which for "path", "path-buffer" and "gather" is all that may be new
+             in it. All have the resolution of the first
 
     The other parameters are those of `render`. Yields a `Film` a frame, with its own time and counts.
 

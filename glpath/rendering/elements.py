@@ -46,22 +46,22 @@ class ElementError:
 
 
 def element_error(
-    scene: AnyScene, radiosity: Solution | None = None, *, spp: int = 64, max_depth: int = 2, **options: Any
+    scene: AnyScene, radiosity: Solution | None = None, *, spp: int = 64, lookup_depth: int = 2, **options: Any
 ) -> ElementError:
     """Estimate what the elements of a radiosity solution do to the picture that is gathered from it.
 
-    Two gathers of the same path sets are compared: one looks the solution up at vertex `max_depth`, as the picture
-    does, the other a vertex further on, where what is wrong with it is reflected once more before it is seen. The
-    difference is the error of the first, less that of the second, which is a fraction of it: beside Mitsuba's
-    converged Cornell box, the relMSE found is from half to all of the true one.
+    Two gathers of the same path sets are compared: one looks the solution up at vertex `lookup_depth`, as the
+    picture does, the other a vertex further on, where what is wrong with it is reflected once more before it is
+    seen. The difference is the error of the first, less that of the second, which is a fraction of it: beside
+    Mitsuba's converged Cornell box, the relMSE found is from half to all of the true one.
 
     Parameters
     ----------
-    scene     : what `glpath.render` takes
-    radiosity : the solution; without, the scene is solved first
-    spp       : path sets of each of the two; from 16 on, more than one batch being needed for an error
-    max_depth : of the gather
-    options   : what else `glpath.render` takes with `integrator="gather"`: camera, crop, lookup_distance ...
+    scene        : what `glpath.render` takes
+    radiosity    : the solution; without, the scene is solved first
+    spp          : path sets of each of the two; from 16 on, more than one batch being needed for an error
+    lookup_depth : of the gather
+    options      : what else `glpath.render` takes with `integrator="gather"`: camera, crop, lookup_distance ...
 
     Raises what `glpath.render` raises, and UsageError for too few path sets.
 
@@ -78,8 +78,8 @@ def element_error(
     if spp < 2 * BLOCK:
         raise UsageError(f"element_error: spp={spp}; noise is told from error from {2 * BLOCK} path sets on.")
     nearer, further = (
-        render(scene, integrator="gather", radiosity=radiosity, spp=spp, max_depth=depth, **options)
-        for depth in (max_depth, max_depth + 1)
+        render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
+        for depth in (lookup_depth, lookup_depth + 1)
     )
     difference = _batches(nearer) - _batches(further)
     count = len(difference)

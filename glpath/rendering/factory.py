@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -14,11 +14,17 @@ from glpath.errors import SceneError
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.gather import device_radiosity, solution_digest
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import CEILING
-from glpath.integrators.settings import GatherSettings, IntegratorSettings, PathTraceSettings, WhittedSettings
+from glpath.integrators.settings import (
+    GatherSettings,
+    IntegratorSettings,
+    PathBufferSettings,
+    PathSettings,
+    WhittedSettings,
+)
+from glpath.integrators.solution_lookup import device_radiosity, solution_digest
 from glpath.scene import Scene, path_traceable
 from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors.sensor import CameraSensor, Sensor
@@ -146,22 +152,17 @@ def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
 
 def plan_of(settings: IntegratorSettings) -> Plan:
     """The plan of a render by an integrator."""
-    if isinstance(settings, PathTraceSettings):
-        return _PathTracing(settings)
-    if isinstance(settings, GatherSettings):
-        return _Gathering(settings)
-    assert isinstance(settings, WhittedSettings), f"an integrator without an engine: {settings!r}"
-    return _Whitted(settings)
+    return PLANS[settings.integrator](settings)
 
 
 @dataclass(frozen=True)
-class _PathTracing:
-    """What is particular to the path tracer.
+class _Paths:
+    """What is particular to "path".
 
     solution : of the prepared plan, where paths are guided
     """
 
-    settings: PathTraceSettings
+    settings: PathSettings
     solution: RadiositySolution | None = None
 
     def recorded(self) -> dict[str, Any]:
@@ -172,40 +173,81 @@ class _PathTracing:
         return []
 
     def traceable(self, scene: Scene) -> Scene:
-        scene = _posed(scene)
-        if self.settings.bounce_lod is not None:
-            check_simplifiable(scene)
-        return path_traceable(scene, streams=self.settings.directions != "own")
+        return path_traceable(_posed(scene))
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
         # Guides may be of any moment: paths stay unbiased.
-        return _PathTracing(self.settings, _solved(scene.still(), say))
+        return _Paths(self.settings, _solved(scene.still(), say))
 
     def engine(
         self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
     ) -> PathSetEngine:
-        return _path_set_engine(self, context, scene, sensor, window, timings)
+        return _engine_with_solution(self, context, scene, sensor, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
 
     def remarks(self, film: Film) -> list[str]:
-        return _crowding(film) + _cut(film)
+        return _cut(film)
 
     def solution_error(self) -> float | None:
         return None  # paths have no bias
 
 
-def _path_set_engine(
-    plan: _PathTracing | _Gathering, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+@dataclass(frozen=True)
+class _PathBuffer:
+    """What is particular to "path-buffer"."""
+
+    settings: PathBufferSettings
+
+    def recorded(self) -> dict[str, Any]:
+        return self.settings.recorded()
+
+    def warnings(self, scene: Scene) -> list[str]:
+        return []
+
+    def traceable(self, scene: Scene) -> Scene:
+        scene = _posed(scene)
+        if self.settings.bounce_lod is not None:
+            check_simplifiable(scene)
+        return path_traceable(scene, streams=True)
+
+    def prepared(self, scene: Scene, say: Say) -> Plan:
+        return self
+
+    def engine(
+        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+    ) -> PathSetEngine:
+        return path_engine(
+            context.gl,
+            DeviceScene(context.gl, scene, geometry_budget=self.settings.geometry_budget),
+            self.settings,
+            window,
+            sensor=sensor,
+            hardware=context.info.hardware,
+            timings=timings,
+        )
+
+    def change_scene(self, engine: Engine, scene: Scene) -> None:
+        _move_camera(engine, scene)
+
+    def remarks(self, film: Film) -> list[str]:
+        return _crowding(film)
+
+    def solution_error(self) -> float | None:
+        return None  # paths have no bias
+
+
+def _engine_with_solution(
+    plan: _Paths | _Gathering, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
 ) -> PathSetEngine:
+    """The engine, with the plan's radiosity solution where there is one."""
     solution, settings = plan.solution, plan.settings
-    budget = settings.geometry_budget if isinstance(settings, PathTraceSettings) else None
     return path_engine(
         context.gl,
-        DeviceScene(context.gl, scene, geometry_budget=budget),
+        DeviceScene(context.gl, scene),
         settings,
         window,
         sensor=sensor,
@@ -235,7 +277,7 @@ def _move_camera(engine: Engine, scene: Scene) -> None:
     if scene.digest(camera=False) != engine.scene.scene.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
-            'Only "t-buffer" and "classic" go on with another scene; with "path" and "gather", render it alone.',
+            'Only "t-buffer" and "classic" go on with another scene; with the other integrators, render it alone.',
         )
     engine.look_from(CameraSensor.of(scene.camera))
 
@@ -318,7 +360,7 @@ class _Gathering:
         self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
     ) -> PathSetEngine:
         assert self.solution is not None, "the plan is not prepared"
-        return _path_set_engine(self, context, scene, sensor, window, timings)
+        return _engine_with_solution(self, context, scene, sensor, window, timings)
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
@@ -401,3 +443,13 @@ class _Whitted:
 
     def solution_error(self) -> float | None:
         return None
+
+
+#: The plan of each integrator, by its name.
+PLANS: Mapping[str, Callable[[Any], Plan]] = {
+    "path": _Paths,
+    "path-buffer": _PathBuffer,
+    "gather": _Gathering,
+    "classic": _Whitted,
+    "t-buffer": _Whitted,
+}

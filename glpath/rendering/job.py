@@ -24,7 +24,7 @@ from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import DEEPEST, INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
@@ -303,8 +303,9 @@ def describe(
     sensor : points, in place of the scene's camera. What is measured there has the light of all bounces, where
              no `max_depth` is asked for
     """
-    if sensor is not None and integrator == "path" and options.get("max_depth") is None:
-        options = ALL_BOUNCES | {name: value for name, value in options.items() if value is not None}
+    if sensor is not None and isinstance(integrator, str) and options.get("max_depth") is None:
+        all_of_it = INTEGRATORS[integrator].all_bounces if integrator in INTEGRATORS else {}
+        options = {**all_of_it, **{name: value for name, value in options.items() if value is not None}}
     settings = settings_of(integrator, options)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
@@ -332,8 +333,6 @@ def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
     return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
 
 
-#: Of "path" where light is measured: chance alone ends paths, so that all of the light is there.
-ALL_BOUNCES = {"max_depth": DEEPEST, "roulette": 4}
 #: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
@@ -345,7 +344,7 @@ def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
     if not isinstance(settings, PathSetSettings):
         raise UsageError(
             f'integrator: "{settings.integrator}" with a sensor of points; its rays start at a camera.',
-            'Take integrator "path" or "gather".',
+            'Take integrator="path", "path-buffer" or "gather".',
         )
     seen = [name for name in settings.aovs if name not in _POINT_AOVS]
     if seen:

@@ -44,6 +44,7 @@ _ELSEWHERE = {
     "sample_count": "spp",
     "path_sets": "spp",
     "depth": "max_depth",
+    "path_length": "max_depth",
     "bounces": "max_depth",
     "max_bounces": "max_depth",
     "rr_depth": "roulette",
@@ -190,7 +191,9 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
             found = str(value) if isinstance(value, Path) else repr(value)
             raise UsageError(
                 f'{option}: {found} with the integrator "{name}"; it is an option of '
-                f"{_quoted(known[option].settings, 'and')}"
+                f"{_quoted(known[option].settings, 'and')}",
+                base.remedies.get(option)
+                or f"Leave it out, or take integrator={_quoted(known[option].settings, 'or')}.",
             )
     base.check_together(given)
     return checked(replace(base, **given))

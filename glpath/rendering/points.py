@@ -135,7 +135,7 @@ def irradiance(
                  directions across it. In lux that is cylindrical illuminance, which EN 12464-1 asks for where there
                  are faces. Takes 768 bytes of memory a point, and is off by 0.2 % at most with 32 paths or a
                  multiple
-    integrator : "path" or "gather"
+    integrator : "path", "path-buffer" or "gather"
     white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
     spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
     noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
@@ -144,7 +144,7 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By "path", `roulette` is 4 and `max_depth` 1000 by themselves, which then is no end: chance alone ends
+    By default, "path" and "path-buffer" have a `roulette` of 4 and a `max_depth` of 1000: chance alone ends
     paths, for all of the light. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.

@@ -191,7 +191,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         scene_hash=scene.digest(),
         integrator=job.integrator.integrator,
         seed=job.integrator.seed,
-        max_depth=job.integrator.max_depth,
+        max_depth=plan.recorded().get("max_depth"),
         settings=_recorded(job, plan),
         full_resolution=job.sensor.resolution,
         window=job.window,

@@ -88,7 +88,7 @@ class Scene:
 
     shapes       : meshes, exact spheres and planes, and where they stand
     lights       : punctual ones, without extent
-    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to the path tracer,
+    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to path tracing,
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds

@@ -1,4 +1,4 @@
-"""A scene for the path-buffer, which knows triangles, and every kind of light."""
+"""A scene for engines that trace paths, which know triangles alone, and every kind of light."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     streams : are streamed triangles known, too?
     centred : False leaves it where it is, for who works in float64
 
-    Spheres become icospheres of their `subdivisions`. Raises SceneError for what path tracing with the path-buffer
-    does not do: planes, and streams for who keeps all triangles in memory. Warns with SceneWarning of triangles
+    Spheres become icospheres of their `subdivisions`. Raises SceneError for what no path can
+    meet: planes, and streams where all triangles are kept in memory. Warns with SceneWarning of triangles
     without area.
     """
     _check_known(scene)
@@ -36,7 +36,7 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     elif scene.moving_shapes:
         _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
     elif scene.camera.projection == "panorama":
-        _check_resident(scene, "no panorama can see: its eye rays want a tree of boxes", "Take another camera.")
+        _check_resident(scene, "no panorama can see: its eye rays need a BVH", "Take another camera.")
     if centred:
         scene = scene.centred
     if not len(scene.spheres):
@@ -92,8 +92,8 @@ def check_resident(scene: Scene) -> None:
     """Raise SceneError for streams, whose triangles are never in memory all at once."""
     _check_resident(
         scene,
-        "only scans of the path-buffer can render: rays, trees of boxes and radiosity want them all in memory",
-        'Render it with integrator="path" and directions="pair" (or lattice, hemisphere, sphere).',
+        "only scans of the path-buffer can render: rays, a BVH and radiosity need them all in memory",
+        'Render it with integrator="path-buffer".',
     )
 
 

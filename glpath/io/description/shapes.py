@@ -284,7 +284,7 @@ class Patches(Shape, tag="patches", kw_only=True):
 class Stream(Shape, tag="stream", kw_only=True):
     """Triangles that are read piece by piece whenever they are needed, so that they may be more than memory holds.
 
-    Only scans can render them: the integrator path with shared directions. They cannot emit, and their material has
+    Only the integrator path-buffer can render them, by scans. They cannot emit, and their material has
     no textures and no transparency.
     """
 

@@ -50,8 +50,8 @@ _OVERLAP = 0.01
 #: Bytes below which it is not asked whether there are so many.
 _ASKED = 8 << 20
 #: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
-#: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its edges, in
-#: lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more to that.
+#: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its
+#: edges, in lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more.
 _CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
 #: Of a partial file: another number is another layout, or another way to compute.
 _FORMAT = 4

@@ -1,6 +1,6 @@
-"""Path tracing by scan conversion [PB 3, appendices A and B].
+"""The integrator "path-buffer": path tracing by scan conversion [PB 3, appendices A and B].
 
-The frame is `PathTracer.trace_path_set`; what its stages do otherwise than the paper's stands in `path_stages`.
+The frame is `PathBufferTracer.trace_path_set`; `path_buffer_stages` says what is done otherwise than in the paper.
 
 Poor at: highlights (directions are shared, not chosen by the surface; sharp ones are refused); scenes that are
 lit only through small openings; lamps that nearly touch a surface, whose 1/r^2 is unbounded at the last vertex,
@@ -13,21 +13,23 @@ from __future__ import annotations
 import moderngl
 
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.path_buffer_stages import PathBufferStages
 from glpath.integrators.path_set_engine import Uniforms
-from glpath.integrators.path_stages import PathStages
-from glpath.integrators.settings import PathTraceSettings
+from glpath.integrators.settings import PathBufferSettings
 from glpath.lights.lighting import Lighting
 from glpath.sensors.sensor import Sensor
 
 
-class PathTracer(PathStages):
-    """Traces path sets of one window of the image; see `PathStages` for the parameters."""
+class PathBufferTracer(PathBufferStages):
+    """Traces path sets of one window of the image; see `PathBufferStages` for the parameters."""
+
+    settings: PathBufferSettings
 
     def __init__(
         self,
         gl: moderngl.Context,
         scene: DeviceScene,
-        settings: PathTraceSettings,
+        settings: PathBufferSettings,
         window: tuple[int, int, int, int],
         *,
         sensor: Sensor | None = None,

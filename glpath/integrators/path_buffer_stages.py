@@ -1,8 +1,8 @@
 """The stages that a path set is made of, whoever puts them in order [PB 3, appendix B].
 
 A path set is one path for every pixel. Its paths share their directions and one light point, so that a bounce is
-one scan of the path-buffer and direct light one shadow-buffer. `PathTracer` and `GatherTracer` are frames made of
-these stages; they differ in what becomes of a path's last vertex.
+one scan of the path-buffer and direct light one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
+made of these stages; they differ in what becomes of a path's last vertex.
 
 What is done otherwise than in the paper, and why:
 
@@ -41,7 +41,7 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
 from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
-from glpath.integrators.settings import PathSetSettings, PathTraceSettings
+from glpath.integrators.settings import GatherSettings, PathBufferSettings
 from glpath.lights.samples import NO_LIGHT
 from glpath.sampling.points import (
     PathSetSample,
@@ -72,16 +72,17 @@ class VertexPasses(NamedTuple):
     unlit: bool = False
 
 
-class PathStages(PathSetEngine):
+class PathBufferStages(PathSetEngine):
     """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
 
     See `PathSetEngine` for the parameters.
     """
 
-    _advance_passes: VertexPasses  # set by the subclass
+    settings: PathBufferSettings | GatherSettings  # set by the subclass
+    _advance_passes: VertexPasses  # likewise
 
     def _prepare(self) -> None:
-        gl, scene, settings, size = self.gl, self.scene, self._settings, self._size
+        gl, scene, settings, size = self.gl, self.scene, self.settings, self._size
         self._current = 0  # which of the two sets of path states holds the present ones
         self._distant = False  # the set's light is from infinitely far
         self._distant_scan: Uniforms = {}
@@ -142,7 +143,7 @@ class PathStages(PathSetEngine):
         eye = self._eye_uniforms(sample.pixel, index)
         self._see(eye)
         with self.stopwatch.stage("first vertex"):
-            self._run_vertex(self._start_passes, index, 0, sample, eye | light, self._settings.max_depth == 1)
+            self._run_vertex(self._start_passes, index, 0, sample, eye | light, self.settings.path_length == 1)
 
     def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Uniforms:
         """z0 of every live path."""
@@ -203,10 +204,10 @@ class PathStages(PathSetEngine):
 
         All that concerns those vertices is of it: scans, shadows and surfaces.
         """
-        settings, full = self._settings, self.scene
-        if not isinstance(settings, PathTraceSettings) or settings.bounce_lod is None or self._bounces() == 0:
+        full, share = self.scene, self.settings.bounce_lod
+        if share is None or self._bounces() == 0:
             return full
-        found = simplified(full.scene, settings.bounce_lod)
+        found = simplified(full.scene, share)
         density = density_of(full.scene, found.scene, self.lighting.triangle_density)
         lighting = replace(full.lighting, triangle_density=density)
         deep = DeviceScene(self.gl, found.scene, lighting=lighting, deviations=found.deviations)
@@ -215,13 +216,13 @@ class PathStages(PathSetEngine):
 
     def _directions(self, sample: PathSetSample, bounce: int) -> tuple[NDArray[np.float64], ...]:
         u = sample.directions[bounce]
-        if self._settings.directions == "sphere":
+        if self.settings.directions == "sphere":
             return (uniform_sphere(u[0]),)
-        return tuple(uniform_hemisphere(u[: _views(self._settings, bounce)]))
+        return tuple(uniform_hemisphere(u[: _views(self.settings, bounce)]))
 
     def _bounces(self) -> int:
         """How many directions a path takes at most."""
-        return self._settings.max_depth - 1
+        return self.settings.path_length - 1
 
     def _plays_roulette(self, depth: int) -> bool:
         """Do paths end by chance at vertex number `depth`, the one that the eye sees being 0?"""
@@ -268,7 +269,7 @@ class PathStages(PathSetEngine):
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
-            "cosine_roulette": self._settings.cosine_roulette,
+            "cosine_roulette": self.settings.cosine_roulette,
             "image_window": self._image_window(),
         }
 
@@ -290,7 +291,7 @@ class PathStages(PathSetEngine):
             **(self._points.textures if self._points is not None else {}),
         }
         self._deep_textures = {**self._textures, **self._deep.textures, **self._deep_shadows.textures}
-        depth = self._settings.max_depth
+        depth = self.settings.path_length
         self._start_passes = self._vertex_passes(
             "first vertex", "path_buffer/path_start.frag", inner=depth > 1, last=depth == 1
         )
@@ -310,7 +311,7 @@ class PathStages(PathSetEngine):
         defines: Mapping[str, object] | None = None,
         scene: DeviceScene,
     ) -> Program:
-        sphere = {"WHOLE_SPHERE": 1} if self._settings.directions == "sphere" else {}
+        sphere = {"WHOLE_SPHERE": 1} if self.settings.directions == "sphere" else {}
         return load_program(
             self.gl,
             vertex=vertex,
@@ -417,7 +418,7 @@ class PathStages(PathSetEngine):
         )
 
 
-def _views(settings: PathSetSettings, bounce: int) -> int:
+def _views(settings: PathBufferSettings | GatherSettings, bounce: int) -> int:
     """How many directions the paths have to choose from, the first bounce being 0."""
     return 2 if settings.directions == "pair" or (settings.directions == "lattice" and bounce > 0) else 1
 

@@ -1,8 +1,8 @@
-"""The image gather from a radiosity solution by the path-buffer: the local pass of a two-pass method [PB 4, A.4].
+"""The integrator "gather" with cast "path-buffer": the local pass of a two-pass method [PB 4, A.4].
 
-A path is that of the path tracer up to its second vertex; the indirect light that arrives there is looked up in the
-solution, and reflected, instead of traced. So each path carries light of any number of bounces, and a coarse mesh
-will do: what the eye sees is an integral over it. Stages and sampling are the path tracer's, see `path_stages`;
+A path is that of `PathBufferTracer` up to its second vertex; the indirect light that arrives there is looked up in
+the solution, and reflected, instead of traced. So each path carries light of any number of bounces, and a coarse
+mesh will do: what the eye sees is an integral over it. Stages and sampling are those of `path_buffer_stages`;
 direct light and emission are weighed as there.
 
 What is done otherwise than in the paper, which looks up all light there:
@@ -22,60 +22,24 @@ Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively 
 
 from __future__ import annotations
 
-import hashlib
-from typing import TYPE_CHECKING
-
 import moderngl
-import numpy as np
 
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.path_buffer_stages import PathBufferStages
 from glpath.integrators.path_set_engine import Uniforms
-from glpath.integrators.path_stages import PathStages
-from glpath.integrators.settings import GatherSettings, Lookup, PathTraceSettings
+from glpath.integrators.settings import GatherSettings
 from glpath.sampling.points import PathSetSample
-from glpath.scene.model import Scene
 from glpath.sensors.sensor import Sensor
 
-if TYPE_CHECKING:
-    from glpath.radiosity.solution import RadiositySolution
 
-
-def device_radiosity(
-    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings | PathTraceSettings
-) -> DeviceRadiosity:
-    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
-    if isinstance(settings, PathTraceSettings):
-        settings = GatherSettings(guide=settings.guide)  # guides look it up, as a gather's do
-    from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
-
-    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=settings.direct_light == "traced")
-    return DeviceRadiosity(
-        gl,
-        scene.triangles,
-        solution.divisions,
-        table.values,
-        table.direct_share,
-        table.starts,
-        scene.side_reflectance,
-        interpolated=settings.radiosity_lookup == "interpolated",
-        all_light=table.all_light if settings.guided else None,
-    )
-
-
-def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
-    """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
-    h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
-    h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
-    h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
-    return h.hexdigest()
-
-
-class GatherTracer(PathStages):
-    """Gathers path sets of one window of the image; see `PathStages` for the other parameters.
+class PathBufferGather(PathBufferStages):
+    """Gathers path sets of one window of the image; see `PathBufferStages` for the other parameters.
 
     radiosity : the solution, of the scene's own triangles
     """
+
+    settings: GatherSettings
 
     def __init__(
         self,
@@ -89,7 +53,7 @@ class GatherTracer(PathStages):
         hardware: bool,
         timings: bool = False,
     ) -> None:
-        assert settings.max_depth >= 2, f"a gather of depth {settings.max_depth}"
+        assert settings.lookup_depth >= 2, f"a lookup at vertex {settings.lookup_depth}"
         self.settings = settings
         # Else all light is looked up, and no scan for its shadows is needed.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
@@ -104,7 +68,7 @@ class GatherTracer(PathStages):
             timings=timings,
         )
         self._advance_passes = self._vertex_passes(
-            "advance", "path_buffer/path_advance.frag", inner=settings.max_depth > 2, last=False
+            "advance", "path_buffer/path_advance.frag", inner=settings.lookup_depth > 2, last=False
         )
         self._gather_passes = self._vertex_passes(
             "look up",
@@ -124,10 +88,10 @@ class GatherTracer(PathStages):
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
         self.light_from_infinity(index, 0, light)
-        for depth in range(1, self.settings.max_depth):
+        for depth in range(1, self.settings.lookup_depth):
             scan = self.scan_positions(index, depth, sample)  # z0 of every live path
             self.scan_scene(scan)  # the nearest surface beyond z0
-            if depth < self.settings.max_depth - 1:
+            if depth < self.settings.lookup_depth - 1:
                 self.advance(index, depth, sample, light | scan, last=False)
                 self.light_from_infinity(index, depth, light)
         again = depth < self._bounces()
@@ -157,4 +121,4 @@ class GatherTracer(PathStages):
         return super()._constant_uniforms() | {"ambient": (0.0, 0.0, 0.0)}
 
     def _bounces(self) -> int:
-        return self.settings.max_depth - (self.settings.lookup_distance == 0)
+        return self.settings.lookup_depth - (self.settings.lookup_distance == 0)

@@ -1,0 +1,46 @@
+"""A radiosity solution as engines look it up: on the device, and as a digest in a film's metadata."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+
+from glpath.gl.device_radiosity import DeviceRadiosity
+from glpath.integrators.settings import GatherSettings, Lookup, PathSettings
+from glpath.scene.model import Scene
+
+if TYPE_CHECKING:
+    from glpath.radiosity.solution import RadiositySolution
+
+
+def device_radiosity(
+    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings | PathSettings
+) -> DeviceRadiosity:
+    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
+    # Guides of paths look it up as those of a gather do.
+    lookup = settings if isinstance(settings, GatherSettings) else GatherSettings(guide=settings.guide)
+    from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
+
+    table = lookup_table(scene, solution, lookup.radiosity_lookup, traced=lookup.direct_light == "traced")
+    return DeviceRadiosity(
+        gl,
+        scene.triangles,
+        solution.divisions,
+        table.values,
+        table.direct_share,
+        table.starts,
+        scene.side_reflectance,
+        interpolated=lookup.radiosity_lookup == "interpolated",
+        all_light=table.all_light if lookup.guided else None,
+    )
+
+
+def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
+    """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
+    h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
+    h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
+    h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
+    return h.hexdigest()

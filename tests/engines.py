@@ -1,0 +1,23 @@
+"""The integrators that trace all kinds of light by paths, by one word each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from glpath.integrators.settings import Directions, GatherSettings
+
+
+def engine_options(name: str) -> dict[str, Any]:
+    """What `glpath.render` takes for "path", or for "path-buffer" with these directions."""
+    return {"integrator": "path"} if name == "path" else {"integrator": "path-buffer", "directions": name}
+
+
+def gather_by(name: Directions | str) -> GatherSettings:
+    """A gather with cast "bvh", or by the path-buffer with these directions."""
+    return GatherSettings() if name == "bvh" else GatherSettings(cast="path-buffer", directions=name)  # type: ignore[arg-type]
+
+
+def with_depth(options: Mapping[str, Any], depth: int) -> dict[str, Any]:
+    """The options with paths of so many vertices; a gather's end with a lookup there."""
+    return {"lookup_depth" if options.get("integrator") == "gather" else "max_depth": depth, **options}
