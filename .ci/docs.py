@@ -21,7 +21,7 @@ ROW = re.compile(r"^(?P<indent> *)(?P<name>[\w.*\"][^:`]{0,70}?) +: (?P<text>\S.
 REMARK = re.compile(r"^(?P<name>Costs?|Poor at|Limits|Sources?|Raises|Warns|Units|Frame): +(?P<text>\S.*)$")
 HEADING = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 
-# Faces and workshops: what they do is said by --help and README.
+# Faces and workshops: what they do is said by --help and docs/.
 LEFT_OUT = (
     "glpath.__main__",
     "glpath.cli",

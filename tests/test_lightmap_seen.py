@@ -55,10 +55,10 @@ def our_own() -> np.ndarray:
     return glpath.render("cornell-box", spp=48, resolution=(128, 128), max_depth=64, roulette=4).mean
 
 
-def lines_of_the_readme(word: str) -> str:
+def lines_of_the_page(word: str) -> str:
     """Those in JavaScript that have a word."""
-    readme = Path(__file__).parent.parent.joinpath("README.md").read_text("utf-8")
-    (lines,) = (block for block in re.findall(r"```js\n(.*?)```", readme, re.DOTALL) if word in block)
+    page = Path(__file__).parent.parent.joinpath("docs/lightmaps.md").read_text("utf-8")
+    (lines,) = (block for block in re.findall(r"```js\n(.*?)```", page, re.DOTALL) if word in block)
     return lines
 
 
@@ -95,13 +95,13 @@ class TestInThree:
         assert np.median(np.abs(blocks[0] - blocks[1])) < 0.01
         assert np.abs(blocks[0] - blocks[1]).mean() < 0.02
 
-    def test_the_lines_of_the_readme_show_kept_materials_in_their_light(
+    def test_the_lines_of_the_page_show_kept_materials_in_their_light(
         self, baked: glpath.Lightmap, three: three_js.Viewer, tmp_path: Path
     ) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             baked.save(tmp_path / "kept.glb", materials="keep")
-        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_readme("GLTFLoader"))
+        seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_page("GLTFLoader"))
         check_it_is_our_own(seen)
 
     def test_light_in_the_file_is_shown_by_a_loader_of_moz_lightmap(
@@ -120,7 +120,7 @@ class TestInThree:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             room.save(tmp_path / "kept.glb", materials="keep")
-        seen = three.picture(tmp_path / "kept.glb", 96, 96, lines=lines_of_the_readme("GLTFLoader"))
+        seen = three.picture(tmp_path / "kept.glb", 96, 96, lines=lines_of_the_page("GLTFLoader"))
         film = glpath.render("room", spp=128, resolution=(96, 96), max_depth=64, roulette=4)
         lamp = binary_dilation(film.mean.max(axis=2) > 8, iterations=2)
         assert lamp.sum() < 400
@@ -137,14 +137,14 @@ class TestInThree:
 class TestInBabylon:
     pytestmark = babylon_js.marks()
 
-    def test_the_lines_of_the_readme_show_kept_materials_in_their_light(
+    def test_the_lines_of_the_page_show_kept_materials_in_their_light(
         self, baked: glpath.Lightmap, tmp_path: Path
     ) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", glpath.SceneWarning)
             baked.save(tmp_path / "kept.glb", materials="keep")
         with babylon_js.viewer() as babylon:
-            lines = lines_of_the_readme("BABYLON")
+            lines = lines_of_the_page("BABYLON")
             check_it_is_our_own(babylon.picture(tmp_path / "kept.glb", 128, 128, lines=lines))
             assert babylon.complaints() == []
 

@@ -360,13 +360,13 @@ def test_an_error_is_said_once_with_the_line_of_the_test(run: Run, suite, call: 
     assert len([line for line in said.splitlines() if line.startswith("E   ") and "glpath: " in line]) <= 1
 
 
-# ---- README
+# ---- the page on image tests
 
 
 def readme_suite(suite, pytester: pytest.Pytester) -> str:
-    """The example of README's section on image tests as the suite, with its ini-file; returns the section."""
+    """The example of the page on image tests as the suite, with its ini-file; returns the page."""
     pytest.importorskip("matplotlib.pyplot")  # pytester unloads what a run of its own has loaded
-    section = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Image tests")[2].partition("\n## ")[0]
+    section = (ROOT / "docs/image-tests.md").read_text(encoding="utf-8")
     code, ini = (re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL)[1] for kind in ("python", "ini"))
     suite("import matplotlib\nmatplotlib.use('Agg')\n" + code)
     pytester.makeini(ini)
@@ -386,7 +386,7 @@ def test_the_example_of_the_readme_is_true(run: Run, suite, pytester: pytest.Pyt
 def test_the_picture_of_another_processor_passes_and_one_that_has_moved_does_not(
     run: Run, suite, pytester: pytest.Pytester
 ) -> None:
-    """README's triangle, by llvmpipe as for a processor without SSE, where some levels are others; and turned by as
+    """The page's triangle, by llvmpipe as for a processor without SSE, where some levels are others; and turned by as
     much as moves its corners by half a pixel."""
     readme_suite(suite, pytester)
     run("-k", "triangle").assert_outcomes(passed=1)

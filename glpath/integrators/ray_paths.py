@@ -6,7 +6,7 @@ light that comes from there (`path_guide`), and its own choice among a sample of
 A gather's path parts at its first vertex: its branches, of which nearly all of the error is, share the eye's ray
 and the light there, 0.4 of what a set with one takes.
 So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number
-of triangles, where a scan costs their number. README has what that is worth.
+of triangles, where a scan costs their number. docs/accuracy-and-speed.md has what that is worth.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`); on a
 graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
