@@ -21,7 +21,7 @@ from command_line import run
 import glpath
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
 from glpath.film.image import read_image
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import PathSettings
 from glpath.io.export import MAX_DEPTH
 from glpath.io.export.geometry import Notes, in_triangles
 from glpath.io.export.mitsuba import described
@@ -177,7 +177,7 @@ def test_the_xml_has_what_the_scene_has(tmp_path: Path) -> None:
 
 
 def test_the_default_depth_is_that_of_render() -> None:
-    assert IntegratorSettings.max_depth == MAX_DEPTH
+    assert PathSettings.max_depth == MAX_DEPTH
 
 
 def test_a_mesh_that_stands_in_several_places_is_one_file(tmp_path: Path) -> None:
