@@ -1,6 +1,6 @@
 """The mode stat: how often it cries wolf, and which changes it finds.
 
-The rates that docs/image-tests.md states come from `pytest -m evidence -s tests/test_compare_stat.py`, which prints them.
+The rates of docs/image-tests.md come from `pytest -m evidence -s tests/test_compare_stat.py`, which prints them.
 """
 
 from __future__ import annotations

@@ -386,7 +386,7 @@ def test_the_example_of_the_readme_is_true(run: Run, suite, pytester: pytest.Pyt
 def test_the_picture_of_another_processor_passes_and_one_that_has_moved_does_not(
     run: Run, suite, pytester: pytest.Pytester
 ) -> None:
-    """The page's triangle, by llvmpipe as for a processor without SSE, where some levels are others; and turned by as
+    """Its triangle, by llvmpipe as for a processor without SSE, where some levels are others; and turned by as
     much as moves its corners by half a pixel."""
     readme_suite(suite, pytester)
     run("-k", "triangle").assert_outcomes(passed=1)

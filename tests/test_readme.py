@@ -1,9 +1,10 @@
-"""The README and the pages of docs/: a README of one screen, links that lead somewhere, blocks that do what they say."""
+"""The README and the pages of docs/: one screen, links that lead somewhere, blocks that do what they say."""
 
 from __future__ import annotations
 
 import re
 import shlex
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -33,7 +34,7 @@ def run_commands(lines: str) -> None:
     for command in commands:
         result = run(*command[1:])
         assert result.exit_code == 0, f"{command}: {result.output}"
-        for option, value in zip(command, command[1:], strict=False):
+        for option, value in pairwise(command):
             assert option != "-o" or Path(value).stat().st_size > 0, value
 
 

@@ -1,6 +1,6 @@
 """How far a picture is from a reference: numbers, and a picture of the difference.
 
-All take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure that the documentation and benchmarks use.
+All take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure that the docs and benchmarks use.
 
 Poor at:  telling noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
           red and blue mixed, bias is one colour in one place.
