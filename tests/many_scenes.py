@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from glpath.io.from_python import PythonPlace
+from glpath.io.from_python import PythonLocation
 from glpath.io.load import scene_of
 from glpath.scene.model import Scene
 
@@ -66,4 +66,4 @@ def scene(number: int) -> Scene:
     }
     if kind.random() < 0.4:
         table["sky"] = {"zenith": own.uniform(0.1, 0.3, 3).tolist(), "horizon": [0.5, 0.5, 0.5]}
-    return scene_of(table, PythonPlace("scene"), Path(), f"scene {number}")
+    return scene_of(table, PythonLocation("scene"), Path(), f"scene {number}")

@@ -183,7 +183,7 @@ def test_a_table_measures_what_it_shows() -> None:
 def test_nothing_in_the_command_line_prints_by_itself() -> None:
     """All text leaves through `glpath.system.terminal`."""
     folder = Path(glpath.__file__).parent
-    for file in [*(folder / "cli").glob("*.py"), folder / "progress.py"]:
+    for file in [*(folder / "cli").glob("*.py"), folder / "rendering" / "progress.py"]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)

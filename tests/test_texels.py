@@ -25,7 +25,7 @@ NAMES = (
     "classic-three-spheres-sphere",
     "t-buffer-stacked-triangles",
     "path-environment",
-    "rays-environment",
+    "path-buffer-environment",
     "t-buffer-environment",
 )
 

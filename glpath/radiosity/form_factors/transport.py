@@ -111,13 +111,6 @@ class Transport:
             axis=1,
         )
 
-    @property
-    def open_share(self) -> Float64:
-        """(2, E): of the elements' fronts and backs, how much is not buried in solids."""
-        share = np.ones((2, len(self.mesh.elements)))
-        share[self.elements.back, self.elements.element] = self._at.open
-        return share
-
     def on_sides(self, irradiance: Float64) -> Float64:
         """(2, 2, E, 3): irradiance (2, R, 3) of the elements' sides as a solution has it, [part, side, element].
 

@@ -19,25 +19,16 @@ _CORRECTIONS = 2
 _LONGEST_CHAIN = 64
 
 
-def at_corners(mesh: Mesh, values: Float64, open_share: Float64 | None = None) -> Float64:
-    """(S, E, 3, 3): values at the corners of the elements, [side, element, corner], from (S, E, 3) of S sides.
-
-    open_share : (S, E) of each element that is not buried in a solid; all by default. What is buried gets no light
-                 and says nothing of the light beside it
-    """
+def at_corners(mesh: Mesh, values: Float64) -> Float64:
+    """(S, E, 3, 3): values at the corners of the elements, [side, element, corner], from (S, E, 3) of S sides."""
     nodes = _Nodes(mesh)
-    share = np.ones(values.shape[:2]) if open_share is None else open_share
-    return np.stack([nodes.values(side, of)[nodes.of] for side, of in zip(values, share, strict=True)])
+    return np.stack([nodes.values(side)[nodes.of] for side in values])
 
 
-def resample(mesh: Mesh, values: Float64, open_share: Float64 | None = None) -> tuple[Int64, Float64, Float64]:
-    """Divisions (T,), elements (..., E', 3) and vertices (..., V, 3) of a solution, from values (..., 2, E, 3).
-
-    open_share : (2, E) of the elements' fronts and backs that is not buried, as of `at_corners`
-    """
+def resample(mesh: Mesh, values: Float64) -> tuple[Int64, Float64, Float64]:
+    """Divisions (T,), elements (..., E', 3) and vertices (..., V, 3) of a solution, from values (..., E, 3)."""
     sides = values.reshape(-1, *values.shape[-2:])
-    share = None if open_share is None else np.tile(open_share, (len(sides) // 2, 1))
-    corner_values = at_corners(mesh, sides, share)
+    corner_values = at_corners(mesh, sides)
     count = len(mesh.scene.triangles)
     divisions = np.ones(count, np.int64)
     np.maximum.at(divisions, mesh.elements.triangle, mesh.elements.n)
@@ -107,26 +98,24 @@ class _Nodes:
         found = found[exists][order]
         self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
 
-    def values(self, elements: Float64, share: Float64) -> Float64:
-        """(N, 3) at the nodes, from the values (E, 3) of the elements of one side, of which so much (E,) counts."""
+    def values(self, elements: Float64) -> Float64:
+        """(N, 3) at the nodes, from the values (E, 3) of the elements of one side."""
         if not elements.any():
             return np.zeros((self.size, 3))  # such as the backs of a closed room
-        around = np.bincount(self.of.ravel(), np.repeat(share, 3), minlength=self.size)[:, None]
-        # Between elements that are buried there is nothing to be seen.
-        around[around == 0] = 1.0
-        found = self._spread(elements, share) / around
+        shares = np.bincount(self.of.ravel(), minlength=self.size)[:, None]
+        found = self._spread(elements) / shares
         for _ in range(_CORRECTIONS):
             self._hang(found)
             lacking = elements - found[self.of].mean(axis=1)
-            found = np.maximum(found + self._spread(lacking, share) / around, 0.0)
+            found = np.maximum(found + self._spread(lacking) / shares, 0.0)
         self._hang(found)
         return found
 
-    def _spread(self, values: Float64, share: Float64) -> Float64:
+    def _spread(self, values: Float64) -> Float64:
         """(N, 3): sums over the elements around each node."""
         of = self.of.ravel()
         return np.stack(
-            [np.bincount(of, np.repeat(values[:, c] * share, 3), minlength=self.size) for c in range(3)], axis=1
+            [np.bincount(of, np.repeat(values[:, c], 3), minlength=self.size) for c in range(3)], axis=1
         )
 
     def _hang(self, values: Float64) -> None:

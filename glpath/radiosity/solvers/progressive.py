@@ -130,9 +130,7 @@ class Refinement:
         elements = t.elements
         reflected = np.zeros((2, len(t.mesh.elements), 3))
         reflected[elements.back, elements.element] = elements.reflectance * self.irradiance.sum(axis=0)
-        share = t.open_share
-        steep = np.ptp(at_corners(t.mesh, reflected, share), axis=2).max(axis=2)
-        change = np.where(share > 0, steep, 0.0).max(axis=0)
+        change = np.ptp(at_corners(t.mesh, reflected), axis=2).max(axis=(0, 2))
         areas = t.mesh.areas[elements.element]
         mean = (reflected[elements.back, elements.element] * areas[:, None]).sum() / (3 * areas.sum())
         which = change > threshold * mean

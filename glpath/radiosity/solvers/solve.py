@@ -103,10 +103,8 @@ class _Run:
         elapsed = time.perf_counter() - self.started
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, elapsed))
 
-    def solution(
-        self, mesh: Mesh, irradiance: Float64, open_share: Float64, **statistics: object
-    ) -> RadiositySolution:
-        divisions, elements, vertices = resample(mesh, irradiance, open_share)
+    def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
+        divisions, elements, vertices = resample(mesh, irradiance)
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
             divisions=divisions.astype(np.int32),
@@ -262,7 +260,6 @@ def _progressive(
         return run.solution(
             refinement.transport.mesh,
             refinement.result(ambient),
-            refinement.transport.open_share,
             steps=refinement.steps,
             unshot=refinement.unshot_share,
             ambient=refinement.ambient().tolist(),
@@ -301,7 +298,6 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
     return run.solution(
         transport.mesh,
         irradiance,
-        transport.open_share,
         rays=took.rays,
         shafts=took.shafts,
         empty_shafts=took.empty_shafts,
@@ -333,7 +329,6 @@ def _monte_carlo(
         return run.solution(
             mesh,
             shooting.result(),
-            shooting.open_share,
             particles=shooting.particles,
             hits=shooting.hits,
             error_of_mean=error,
