@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import imageio.v3 as iio
@@ -19,6 +19,7 @@ from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.batches import BATCHES, BLOCK, batch_of, blocks
 from glpath.film.film import Film, FilmMetadata
+from glpath.film.metadata import metadata_of
 
 any_time = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -247,6 +248,14 @@ def test_metadata_is_plain_from_the_start(make_film: MakeFilm) -> None:
     metadata = make_film([]).metadata
     assert metadata.settings["ambient"] == [0.0, 0.0, 0.0]
     assert replace(metadata, elapsed_s=2.0).settings == metadata.settings
+
+
+@pytest.mark.parametrize("name", ["error_bound", "solution_error"])
+@pytest.mark.parametrize("error", [-1.0, 10**400])
+def test_an_error_that_is_none_is_refused(name: str, error: float, make_film: MakeFilm) -> None:
+    text = json.dumps({**asdict(make_film([]).metadata), name: error})
+    with pytest.raises(ValueError, match=f"{name} in its metadata"):
+        metadata_of(text)
 
 
 def test_an_8_bit_picture_says_its_exposure_which_is_what_was_asked_or_the_scene_s_or_auto(

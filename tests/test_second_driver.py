@@ -47,10 +47,10 @@ SUITES = [
 ]
 
 PICTURES = (
-    "path-cornell-box",
-    "path-cornell-box-36-paper",
-    "path-room",
-    "gather-cornell-box-36",
+    "path-buffer-cornell-box",
+    "path-buffer-cornell-box-36-paper",
+    "path-buffer-room",
+    "gather-path-buffer-cornell-box-36",
     "t-buffer-three-spheres",
     "classic-three-spheres",
     "t-buffer-three-spheres-cube",

@@ -205,6 +205,10 @@ def metadata_of(text: str) -> FilmMetadata:
         raise ValueError(error.message) from error
     if metadata.unit not in ("", *UNITS):
         raise ValueError(f"its unit is {shown(metadata.unit)}, expected one of {', '.join(UNITS)}")
+    for name in ("error_bound", "solution_error"):
+        value = getattr(metadata, name)
+        if value is not None and not 0 <= error < 1e300:
+            raise ValueError(f"{name} in its metadata is {shown(value)}, expected a number from 0 on")
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
