@@ -207,7 +207,7 @@ def metadata_of(text: str) -> FilmMetadata:
         raise ValueError(f"its unit is {shown(metadata.unit)}, expected one of {', '.join(UNITS)}")
     for name in ("error_bound", "solution_error"):
         value = getattr(metadata, name)
-        if value is not None and not 0 <= error < 1e300:
+        if value is not None and not 0 <= value < 1e300:
             raise ValueError(f"{name} in its metadata is {shown(value)}, expected a number from 0 on")
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
