@@ -33,6 +33,8 @@ _MAX_LOCAL = 1024
 _LOOPBACK = "127.0.0.1"
 # A scheduler that has just been started listens after a second or two.
 _REFUSED_S = 5.0
+# How often a client is made anew whose thread did not start in the time that Dask gives it.
+_LOOP_STARTS = 3
 # A connection that broke may come back within so long; a scheduler that is there answers within so long.
 _LOST_S, _ANSWER_S = 3.0, 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
@@ -212,7 +214,7 @@ def _connected(distributed: Any, address: str) -> Any:
     _check_encryption(distributed, address, named)
     try:
         _wait_while_refused(named)
-        return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
+        return _client(distributed, kind)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else "timed out"
         raise ContextError(
@@ -220,6 +222,15 @@ def _connected(distributed: Any, address: str) -> Any:
             "Start one (dask scheduler --protocol tls) and workers (dask worker tls://HOST:8786 --nthreads 1), "
             "and name it here.",
         ) from error
+
+
+def _client(distributed: Any, kind: dict[str, str]) -> Any:
+    for attempt in range(_LOOP_STARTS):
+        try:
+            return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
+        except AssertionError:  # how Dask says that its thread did not start within 10 s: the machine is overloaded
+            log.debug("the thread of Dask's event loop did not start, attempt %d", attempt + 1)
+    raise TimeoutError("the thread of Dask's event loop does not start; is this machine overloaded?")
 
 
 def _address_in(path: str) -> str:
