@@ -165,7 +165,8 @@ def _middles(solution, parts):
 
 
 def test_monte_carlo_says_how_far_it_is_off():
-    from glpath.radiosity.solvers.monte_carlo import BATCH, Shooting
+    from glpath.radiosity.solvers.monte_carlo import Shooting
+    from glpath.radiosity.solvers.particles import BATCH
 
     scene = load_scene("furnace", {"reflectance": 0.5, "subdivisions": 0})
     surface = surfaces(scene)

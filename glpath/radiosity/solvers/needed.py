@@ -7,7 +7,7 @@ from typing import Any
 from glpath.accel import bvh
 from glpath.radiosity.form_factors import form_factor, lights
 from glpath.radiosity.shafts import casting, occluders, points, search
-from glpath.radiosity.solvers import monte_carlo, progressive
+from glpath.radiosity.solvers import particles, progressive
 
 _ALWAYS = (occluders._parallelograms, bvh._build)
 _FORM_FACTORS = (
@@ -17,7 +17,7 @@ _FORM_FACTORS = (
 _OF_METHOD: dict[str, tuple[Any, ...]] = {
     "progressive": (*_FORM_FACTORS, progressive._energy, progressive._shoot),
     "matrix": _FORM_FACTORS,
-    "monte-carlo": (monte_carlo._shoot,),
+    "monte-carlo": (particles.shoot_batch,),
 }
 
 

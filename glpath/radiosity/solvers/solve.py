@@ -22,11 +22,12 @@ from glpath.radiosity.memory import available_bytes
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.solution import RadiositySolution
-from glpath.radiosity.solvers import matrix, monte_carlo
+from glpath.radiosity.solvers import importance, matrix, monte_carlo
 from glpath.radiosity.solvers.ahead import compile_ahead
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.checks import Method, check_memory, check_options, check_solvable
 from glpath.radiosity.solvers.needed import kernels_of
+from glpath.radiosity.solvers.particles import BATCH
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
@@ -214,7 +215,7 @@ def solve_radiosity(
     reflects_first = bool(lighting.punctual) or lighting.sky is not None
     if for_camera and method == "monte-carlo" and reflects_first:
         count = patches or DEFAULT_PATCHES
-        divisions = monte_carlo.divisions_for_camera(triangles, surface, size, count, seed)
+        divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
     points = 0 if method == "monte-carlo" else receiver_points
     per_element = check_memory(triangles, divisions, size, splits, points, method)
     if method == "monte-carlo":
@@ -310,14 +311,14 @@ def _monte_carlo(
     shooting = monte_carlo.Shooting(mesh, seed, for_camera)
     if checkpoint is not None:
         checkpoint.begin(shooting, run.scene.digest(camera=False), run.method, run.settings)
-    asked = -(-particles // monte_carlo.BATCH)
+    asked = -(-particles // BATCH)
     # Of a checkpoint that has more: up to where the next decision is.
-    batches = max(asked, -(-(shooting.particles // monte_carlo.BATCH) // asked) * asked)
+    batches = max(asked, -(-(shooting.particles // BATCH) // asked) * asked)
 
     def report() -> None:
         if checkpoint is not None:
             checkpoint.step(shooting)
-        left = max(0.0, 1 - shooting.particles / (batches * monte_carlo.BATCH))
+        left = max(0.0, 1 - shooting.particles / (batches * BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
 
     def solution() -> RadiositySolution:
@@ -337,7 +338,7 @@ def _monte_carlo(
 
     try:
         while True:
-            shooting.shoot(batches - shooting.particles // monte_carlo.BATCH, report)
+            shooting.shoot(batches - shooting.particles // BATCH, report)
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
             if enough or batches + asked > max(asked, _MOST_BATCHES):

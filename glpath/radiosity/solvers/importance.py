@@ -1,0 +1,109 @@
+"""What a camera sees of a scene's light, by particles from its eye: where the solver's own have to start and go.
+
+Importance, the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
+computation).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glpath.radiosity.form_factors.lights import BINS
+from glpath.radiosity.mesh.mesh import Elements, Int64, divisions_of_size, size_for_count
+from glpath.radiosity.shafts.rays import Rays, rays_of
+from glpath.radiosity.solution import INDIRECT
+from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Lamps, Starts, Surfaces, shoot_batch
+from glpath.sampling.points import uniform_sphere
+from glpath.scene import Scene
+from glpath.scene.model import Camera, Float64
+
+#: Cells that reflected light starts in, where a camera says how many particles start in which.
+CELLS = 4096
+#: Batches of paths from a camera that say so, and of those that say how much of the picture is from where.
+_VISIT_BATCHES, _VIEW_BATCHES = 12, 1
+
+
+def start_cells(scene: Scene, surface: Int64) -> Elements:
+    """Parts of the scene's triangles, all about as large: the cells that reflected light starts in."""
+    size = size_for_count(scene, surface, CELLS, by_size=True)
+    return Elements.of_lattices(divisions_of_size(scene, surface, size))
+
+
+def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, seed: int) -> Int64:
+    """(T,) parts of each triangle's edges: those of `size`, and more where a surface matters more than its area.
+
+    Of `count` elements each smooth surface gets as many as light from there matters to what the camera sees.
+    """
+    cells = start_cells(scene, surface)
+    visits = visits_from_camera(scene, rays_of(scene), cells, seed).sum(axis=0)
+    of = np.bincount(surface[cells.triangle], visits, minlength=surface.max(initial=-1) + 1)
+    area = np.bincount(surface, scene.areas, minlength=len(of))
+    # As long as the longest edge of half a square of that area.
+    longest = 2.0 * np.sqrt(area / np.maximum(count * of / max(float(of.sum()), 1e-300), 1e-300))
+    return divisions_of_size(scene, surface, np.minimum(longest, size)[surface])
+
+
+def visits_from_camera(
+    scene: Scene, rays: Rays, cells: Elements, seed: int, came: Float64 | None = None
+) -> Float64:
+    """(2, C): importance of the sides of cells, how much of the light that they send a camera sees, about.
+
+    Paths leave the camera, half of them in its view and half all around, as it may turn, and go on as particles do.
+    What is counted is where they arrive after the surface that the eye sees.
+
+    came : (2, C, BINS), if given, is added the same by the bins of directions back along these paths
+    """
+    return np.asarray(_from_camera(scene, rays, cells, seed, _VISIT_BATCHES, 0.5, ENDLESS, came).mean(axis=2))
+
+
+def gathered_by_camera(scene: Scene, rays: Rays, elements: Elements, seed: int) -> Float64:
+    """(2, E, 3), sr^-1: the mean radiance of a camera's picture, by irradiance of sides that the eye sees by one
+    reflection: what a gather looks up."""
+    found = _from_camera(scene, rays, elements, seed, _VIEW_BATCHES, 1.0, 1, None) / (_VIEW_BATCHES * BATCH)
+    return np.asarray(found * scene.side_reflectance[:, elements.triangle] / np.pi)
+
+
+def _from_camera(
+    scene: Scene,
+    rays: Rays,
+    cells: Elements,
+    seed: int,
+    batches: int,
+    in_view: float,
+    most: int,
+    came: Float64 | None,
+) -> Float64:
+    """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
+    divisions = np.ones(len(scene.triangles), np.int64)
+    np.maximum.at(divisions, cells.triangle, cells.n)
+    surfaces, camera = Surfaces.of(scene, divisions), scene.camera.at()
+    nothing = np.zeros(0, np.int64)
+    lamps = Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
+    flux = np.zeros((2, 2, len(cells), 3))
+    none = np.zeros(BATCH, np.int64)
+    bins = np.zeros((2, 0, BINS)) if came is None else came
+    for i in range(batches):
+        random = np.random.default_rng([seed, i, 0])
+        origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
+        starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
+        shoot_batch(1 << 40 | i, seed, rays, surfaces, lamps, starts, most, np.empty((4, 3)), flux, bins)
+    return np.asarray(flux[INDIRECT])
+
+
+def _camera_rays(camera: Camera, u: Float64, in_view: float) -> tuple[Float64, Float64]:
+    """Origins and unit directions (N, 3) for u (N, 2): a share in a camera's view, then the others all around."""
+    direction = uniform_sphere(u)
+    origin = np.repeat(np.asarray(camera.position, np.float64)[None], len(u), axis=0)
+    if camera.projection != "panorama":
+        half = round(in_view * len(u))
+        right, up, forward = camera.frame()
+        width, height = camera.resolution
+        at = (2 * u[:half] - 1) * [width / height, 1.0]
+        if camera.projection == "orthographic":
+            origin[:half] += 0.5 * camera.height * (at[:, :1] * right + at[:, 1:] * up)
+            direction[:half] = forward
+        else:
+            at = at * np.tan(np.radians(camera.fov) / 2)
+            seen = forward + at[:, :1] * right + at[:, 1:] * up
+            direction[:half] = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    return origin, direction

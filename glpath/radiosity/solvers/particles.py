@@ -1,0 +1,265 @@
+"""A batch of particles: what they start from, what they meet, and their way, which is one kernel.
+
+Particles of the solver leave lamps or lit surfaces; those of a camera leave its eye and say what it sees.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.radiosity.form_factors.lights import BINS
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.glass import Glass, at_glass
+from glpath.radiosity.mesh.mesh import Int64
+from glpath.radiosity.shafts.rays import nearest
+from glpath.scene import Scene
+from glpath.scene.appearance import Appearance
+from glpath.scene.model import Float64
+from glpath.system.kernels import inner_kernel, kernel, kernel_part
+
+#: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
+BATCH = 1 << 14
+#: More reflections than any particle has.
+ENDLESS = 1 << 62
+#: Surfaces of glass that a particle passes or is mirrored by, one behind the other.
+_MOST_THROUGH = 64
+
+
+class Surfaces(NamedTuple):
+    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices, from `begin` on.
+
+    reflectance : of glass without that of its surface, which mirrors
+    """
+
+    normals: Float64
+    reflectance: Float64
+    opacity: Float64
+    is_glass: NDArray[np.bool_]
+    glass: Glass
+    divisions: Int64
+    begin: Int64
+
+    @classmethod
+    def of(cls, scene: Scene, divisions: Int64) -> Surfaces:
+        glass = Glass.of_scene(scene)
+        return cls(
+            scene.normals,
+            _beside_glass(scene.side_reflectance, glass),
+            Appearance(scene).mean_opacity(),
+            np.asarray(glass.clear.any(axis=1)),
+            glass,
+            divisions,
+            lattice.starts(lattice.element_count(divisions)),
+        )
+
+
+class Lamps(NamedTuple):
+    """Where particles start, the sums of the chances of that, and the energy of a particle from each.
+
+    corners  : (L, 9), corner 0 and the edges to corners 1 and 2
+    triangle : (L,) of the scene; `back` the side of it
+    """
+
+    corners: Float64
+    triangle: Int64
+    back: Int64
+    cdf: Float64
+    energy: Float64
+
+
+class Starts(NamedTuple):
+    """Particles that start elsewhere than on a lamp: position (K, 3), energy (K, 3), triangle and side (K,).
+
+    triangle, of those that come from an eye, is -1
+    direction : (K, 3) unit; 0 of those that a surface sends by the cosine
+    """
+
+    position: Float64
+    energy: Float64
+    triangle: Int64
+    back: Int64
+    direction: Float64
+
+
+def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
+    """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
+    f0, f90, layered, coat = glass.layer.T
+    coat = coat * (0.04 + 0.96 / 21.0)
+    mirrored = coat + (1.0 - coat) * layered * (f0 + (f90 - f0) / 21.0)
+    return np.asarray(np.maximum(reflectance - np.where(glass.clear.any(axis=1), mirrored, 0.0)[:, None], 0.0))
+
+
+@inner_kernel
+def _random(state):  # type: ignore[no-untyped-def]
+    """The next of a sequence of numbers in [0, 1): splitmix64 (Steele et al. 2014). Returns state and number."""
+    state += np.uint64(0x9E3779B97F4A7C15)
+    z = state
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return state, float(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, came):  # type: ignore[no-untyped-def]
+    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3).
+
+    most : reflections after which a particle ends where it arrives
+    came : (2, E, BINS), or (2, 0, BINS); adds what arrives after being reflected, by the bin that it came from
+    """
+    corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
+    hits = 0
+    if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
+        return hits
+    o, d, w, found = work[0], work[1], work[2], work[3]
+    state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
+    state, _ = _random(state ^ (np.uint64(number) << np.uint64(32)))
+    for particle in range(BATCH):
+        if particle < len(starts.triangle):
+            triangle, back = starts.triangle[particle], starts.back[particle]
+            for k in range(3):
+                o[k], w[k], d[k] = (
+                    starts.position[particle, k],
+                    starts.energy[particle, k],
+                    starts.direction[particle, k],
+                )
+            if max(w[0], w[1], w[2]) <= 0:
+                continue  # in the shadow
+            part = 0 if triangle < 0 else 1
+            leaves = d[0] == 0 and d[1] == 0 and d[2] == 0
+        else:
+            state, u = _random(state)
+            which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
+            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct, until it is reflected
+            state, u = _random(state)
+            state, v = _random(state)
+            root = np.sqrt(u)
+            for k in range(3):
+                o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
+                w[k] = lamps.energy[which, k]
+            leaves = True
+        passed, reflections = 0, 0
+        while True:
+            if leaves:
+                state = _leave(state, normals[triangle], back, d)
+            hit = nearest(rays, o, d, triangle, found)
+            if hit < 0:
+                break
+            hits += 1
+            triangle = hit
+            along = 0.0
+            for k in range(3):
+                along += normals[triangle, k] * d[k]
+                o[k] += found[0] * d[k]
+            back = 1 if along > 0 else 0
+            is_glass = surfaces.is_glass[triangle]
+            if is_glass and back == 1 and glass.ior[triangle] > 0:
+                for k in range(3):
+                    w[k] *= np.exp(-glass.attenuation[triangle, k] * found[0])
+            n = surfaces.divisions[triangle]
+            x, y = n * found[1], n * found[2]
+            i = min(int(x), n - 1)
+            j = max(0, min(int(y), n - 1 - i))
+            upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
+            at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
+            if part == 1 and came.shape[1] > 0:
+                came[back, at, _bin(normals[triangle], d)] += (w[0] + w[1] + w[2]) / 3
+            survival = 0.0
+            for k in range(3):
+                flux[part, back, at, k] += w[k]
+                survival = max(survival, reflectance[back, triangle, k])
+            state, u = _random(state)
+            chance, met = survival, u < surfaces.opacity[triangle]
+            if is_glass and met:
+                # As a path of the shaders: mirrored, through, or met by what of the base is dull.
+                inside = back == 1 and glass.ior[triangle] > 0
+                mirrored, left = at_glass(glass, triangle, abs(along), inside)
+                clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
+                through = clear * left
+                state, u = _random(state)
+                if u < mirrored + through:
+                    passed += 1
+                    if passed > _MOST_THROUGH:
+                        break
+                    leaves = False
+                    scale, bends = 1.0, -2 * along
+                    if u >= mirrored:
+                        bends = 0.0
+                        index = glass.ior[triangle]
+                        if index > 0:
+                            scale = index if inside else 1 / index
+                            far = np.sqrt(max(0.0, 1 - scale * scale * (1 - along * along)))
+                            bends = (far if along > 0 else -far) - scale * along
+                        for k in range(3):
+                            w[k] *= glass.clear[triangle, k] / clear
+                    if u < mirrored or not glass.pane[triangle]:
+                        part = 1  # which rays to a light do not find
+                    for k in range(3):
+                        d[k] = scale * d[k] + bends * normals[triangle, k]
+                    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+                    for k in range(3):
+                        d[k] /= length
+                    continue
+                rest = max(1 - mirrored - through, 1e-9)
+                u = (u - mirrored - through) / rest
+                chance = survival / (rest * surfaces.opacity[triangle])
+            passed = 0
+            leaves = u < chance
+            if leaves:
+                reflections += 1
+                if reflections > most:
+                    break
+                part = 1
+                for k in range(3):
+                    w[k] *= reflectance[back, triangle, k] / survival
+            elif met:
+                break  # absorbed; what it does not meet, it passes through, as it is
+    return hits
+
+
+@kernel_part
+def _above(cdf, u):  # type: ignore[no-untyped-def]
+    """The first of rising numbers that is above u; as many as there are where none is."""
+    low, high = 0, len(cdf)
+    while low < high:
+        middle = (low + high) // 2
+        if cdf[middle] <= u:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel_part
+def _bin(normal, d):  # type: ignore[no-untyped-def]
+    """The bin of the direction back along d, which arrives: of the point about the normal's tip, as in `_leave`."""
+    c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
+    sign = -1.0 if c > 0 else 1.0
+    x = 2 * abs(c) * -d[0] - sign * normal[0]
+    y = 2 * abs(c) * -d[1] - sign * normal[1]
+    z = 2 * abs(c) * -d[2] - sign * normal[2]
+    turn = np.arctan2(y, x) / (2 * np.pi)
+    side = int(np.sqrt(BINS))
+    i = min(max(int((1 - z) / 2 * side), 0), side - 1)
+    j = min(max(int((turn + (1 if turn < 0 else 0)) * side), 0), side - 1)
+    return i * side + j
+
+
+@kernel_part
+def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
+    """Fill d with a direction by the cosine about a side's normal: a point of the unit sphere about its tip."""
+    state, u = _random(state)
+    state, v = _random(state)
+    z = 1 - 2 * u
+    r = np.sqrt(max(0.0, 1 - z * z))
+    sign = -1.0 if back else 1.0
+    d[0] = sign * normal[0] + r * np.cos(2 * np.pi * v)
+    d[1] = sign * normal[1] + r * np.sin(2 * np.pi * v)
+    d[2] = sign * normal[2] + z
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for k in range(3):
+        d[k] = d[k] / length if length > 1e-9 else sign * normal[k]
+    return state
