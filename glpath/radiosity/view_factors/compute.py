@@ -27,8 +27,9 @@ from glpath.errors import ImageError, UsageError, warn
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.backs import back_rays, back_shares, is_closed
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
+from glpath.radiosity.view_factors.records import Work
 from glpath.radiosity.view_factors.result import ViewFactors
-from glpath.radiosity.view_factors.rows import COUNT_NAMES, Work, exchange_rows
+from glpath.radiosity.view_factors.rows import COUNT_NAMES, exchange_rows
 from glpath.system.files import check_writable, whole_file
 from glpath.system.kernels import announced, waiting
 from glpath.system.locks import Lock

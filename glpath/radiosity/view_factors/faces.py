@@ -26,7 +26,7 @@ from glpath.radiosity.view_factors.facets import (
     planar_regions,
     polygons_of,
 )
-from glpath.radiosity.view_factors.rows import Polygons, Tree
+from glpath.radiosity.view_factors.records import Polygons, Tree
 from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]

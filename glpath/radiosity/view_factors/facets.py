@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.view_factors.convex import CORNERS
-from glpath.radiosity.view_factors.rows import Polygons
+from glpath.radiosity.view_factors.records import Polygons
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -7,29 +7,14 @@ below is seen, and no occluder is looked for again.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from glpath.accel.nodes import Bvh
-from glpath.radiosity.shafts.shaft import empty_shaft, form_shaft, place_box
+from glpath.radiosity.shafts.shaft import form_shaft, place_box
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
-from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8, exchange
-from glpath.radiosity.view_factors.hidden import (
-    BLOCKS,
-    MOST_POINTS,
-    PARTS,
-    SOBOL,
-    hides_all,
-    mixed,
-    seen_share,
-)
+from glpath.radiosity.view_factors.exchange import exchange
+from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, hides_all, mixed, seen_share
+from glpath.radiosity.view_factors.records import DEEPEST, MOST_SHADES
 from glpath.system.kernels import inner_kernel, kernel
-
-Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
-Int64 = NDArray[np.int64]
 
 #: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
@@ -44,9 +29,9 @@ _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
 #: A few may agree by chance, and would be taken where they miss what hides a little: the sum would be too large.
 _A_POINT, _TRIED = 3.0, 128
-#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; beyond which
-#: no point is tried; how often it is halved; and those that count then.
-_FEW_SHADES, _MANY_SHADES, DEEPEST, MOST_SHADES = 6, 48, 14, 256
+#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; and beyond
+#: which no point is tried.
+_FEW_SHADES, _MANY_SHADES = 6, 48
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
@@ -56,145 +41,6 @@ PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
-
-
-class Polygons(NamedTuple):
-    """Convex polygons, facets or occluders.
-
-    corners : (N, CORNERS, 3) float64, counter-clockwise from the front
-    sides   : (N,) int64, how many corners
-    planes  : (N, 4) float64, unit normal out of the front and distance
-    edges   : (N, CORNERS, 4) float64, of each edge the plane that it and the normal span, its normal inward
-    boxes   : (N, 6) float64, lower and upper corner
-    areas   : (N,) float64
-    """
-
-    corners: Float64
-    sides: Int64
-    planes: Float64
-    edges: Float64
-    boxes: Float64
-    areas: Float64
-
-    def taken(self, which: NDArray[Any]) -> Polygons:
-        """Some of them, in that order."""
-        return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
-
-
-class Tree(NamedTuple):
-    """A BVH over the facets, which are numbered in its order, a leaf for each.
-
-    boxes : (M, 6) float64
-    skip  : (M,) int64
-    first : (M + 1,) int64; the facets below a node are first[node] to first[skip[node]]
-    leaf  : (M,) bool
-    """
-
-    boxes: Float64
-    skip: Int64
-    first: Int64
-    leaf: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, bvh: Bvh) -> Tree:
-        first = np.append(bvh.first, len(bvh.order)).astype(np.int64)
-        boxes = np.concatenate([bvh.lower, bvh.upper], axis=1)
-        return cls(boxes, bvh.skip.astype(np.int64), first, bvh.count > 0)
-
-
-class Work(NamedTuple):
-    """Room for one thread; see where each is used.
-
-    stop : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
-    done : (1,) of this thread: rows done since it was set to 0
-    lost : (1,) how often there were too many pieces
-    """
-
-    eps: float
-    stop: Int64
-    done: Int64
-    lost: Int64
-    a: Float64
-    b: Float64
-    spare: Float64
-    box: Float64
-    centre_a: Float64
-    centre_b: Float64
-    points_a: Float64
-    points_b: Float64
-    halves: Float64
-    rule_2: Float64
-    rule_4: Float64
-    rule_6: Float64
-    rule_8: Float64
-    pairs: Int64
-    pending: Int64
-    lists: Int32
-    shaft: Float64
-    near: Int64
-    extent: Float64
-    hull: Float64
-    at_a: Float64
-    at_b: Float64
-    shades: Float64
-    shade_count: Int64
-    shade_plane: Int64
-    pyramid: Float64
-    made: Int64
-    parting: Int64
-    fronts: Float64
-    parts: Float64
-    part_corners: Int64
-    following: Int64
-    fan: Float64
-    blocks: Float64
-    sobol: Int64
-
-    @classmethod
-    def of(cls, eps: float, occluders: int, depth: int, stop: Int64, done: Int64) -> Work:
-        shaft, near, extent = empty_shaft()
-        points = len(RULE_8) * ROOM
-        return cls(
-            eps=eps,
-            stop=stop,
-            done=done,
-            lost=np.zeros(1, np.int64),
-            a=np.empty((DEEPEST + 2, ROOM, 3)),
-            b=np.empty((DEEPEST + 2, ROOM, 3)),
-            spare=np.empty((ROOM, 3)),
-            box=np.empty((8, 3)),
-            centre_a=np.empty(3),
-            centre_b=np.empty(3),
-            points_a=np.empty((4, points)),
-            points_b=np.empty((4, points)),
-            halves=np.empty((64, 3)),
-            rule_2=RULE_2,
-            rule_4=RULE_4,
-            rule_6=RULE_6,
-            rule_8=RULE_8,
-            pairs=np.empty((DEEPEST + 2, 5), np.int64),
-            pending=np.empty((2 * depth + 4, 3), np.int64),
-            lists=np.empty((depth + DEEPEST + 4) * occluders, np.int32),
-            shaft=shaft,
-            near=near,
-            extent=extent,
-            hull=np.empty((4 * ROOM, 4)),
-            at_a=np.empty(ROOM),
-            at_b=np.empty(ROOM),
-            shades=np.empty((MOST_SHADES, ROOM, 3)),
-            shade_count=np.empty(MOST_SHADES, np.int64),
-            shade_plane=np.empty(MOST_SHADES, np.int64),
-            pyramid=np.empty((MOST_SHADES, ROOM, 4)),
-            made=np.empty(MOST_SHADES, np.int64),
-            parting=np.empty(MOST_SHADES, np.int64),
-            fronts=np.empty(MOST_SHADES),
-            parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
-            part_corners=np.empty(PARTS + 2, np.int64),
-            following=np.empty(PARTS + 2, np.int64),
-            fan=np.empty(ROOM),
-            blocks=np.empty((BLOCKS, 2)),
-            sobol=SOBOL,
-        )
 
 
 @inner_kernel
