@@ -12,6 +12,7 @@ module loads nothing heavy, as the command line reads it before it knows what is
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -56,7 +57,7 @@ class Solution(Protocol):
 
 
 @dataclass(frozen=True)
-class IntegratorSettings:
+class IntegratorSettings(ABC):
     """What decides the image besides the scene, the sensor and the path sets; each integrator has its own.
 
     integrator  : the name that users know it by
@@ -92,16 +93,16 @@ class IntegratorSettings:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
 
     @property
+    @abstractmethod
     def path_length(self) -> int:
         """How many vertices a path has at most."""
-        raise NotImplementedError
 
     @property
     def splits_light(self) -> bool:
         """Whether direct light is summed by itself."""
         return "direct" in self.aovs or "indirect" in self.aovs
 
-    def check_together(self, given: Mapping[str, Any]) -> None:
+    def check_together(self, given: Mapping[str, Any]) -> None:  # noqa: B027 - few need it
         """Raise UsageError for options that mean nothing with others; `given` has what changes the settings."""
 
 
@@ -231,7 +232,7 @@ class PathSettings(PathSetSettings):
         return self.roulette is not None and self.max_depth == DEEPEST
 
     def recorded(self) -> dict[str, Any]:
-        """A film that is not guided is as those from before there were guides."""
+        """Without a guide where there is none."""
         return {k: v for k, v in super().recorded().items() if k != "guide" or self.guided}
 
 
