@@ -115,6 +115,12 @@ def test_ctrl_c_keeps_what_was_solved(tmp_path):
         (["radiosity", "cornell-box-36", "-o", "s.glb", "--exposure", "1e9"], 2, "-100 to 100"),
         (["radiosity", "cornell-box-36", "-o", "s.glb", "--radiosity", "none.npz"], 1, "no such file"),
         (["radiosity", "cornell-box-36", "-o", "s.glb", "--radiosity", "a.npz", "--size", "1"], 2, "contradict"),
+        (
+            ["radiosity", "cornell-box-36", "-o", "s.glb", "--radiosity", "a.npz", "--method", "matrix"],
+            2,
+            "--radiosity and --method contradict",
+        ),
+        (["radiosity", "cornell-box-36", "-o", "s.npz", "--exposure", "1"], 2, "a .npz holds the light itself"),
     ],
 )
 def test_mistakes_are_explained_and_nothing_is_written(arguments, code, message, tmp_path, monkeypatch):
@@ -228,6 +234,18 @@ def test_both_sides_of_a_two_sided_shape_are_there_and_up_is_up(tmp_path):
     np.testing.assert_array_equal(faces[1], faces[0][:, ::-1])
     bounds = trimesh.load(tmp_path / "b.glb").bounds
     np.testing.assert_allclose(bounds[1] - bounds[0], [2, 1, 2], atol=1e-4)  # its z is up, as glTF's y
+
+
+def test_a_glb_is_written_by_every_method_beside_its_solution(tmp_path):
+    for method in ("monte-carlo", "matrix"):
+        out = tmp_path / f"{method}.glb"
+        solution = out.with_suffix(".npz")
+        options = ("--method", method, "--patches", 40, "--particles", 20_000, "-q")
+        done = run("radiosity", "cornell-box-36", "-o", solution, "-o", out, *options)
+        assert done.exit_code == 0, done.output
+        again = tmp_path / "again.glb"
+        assert run("radiosity", "cornell-box-36", "-o", again, "--radiosity", solution, "-q").exit_code == 0
+        assert again.read_bytes() == out.read_bytes()
 
 
 def test_a_glb_is_written_from_what_is_solved(tmp_path):

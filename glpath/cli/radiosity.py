@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -29,7 +29,7 @@ from glpath.cli.values import check_choice
 from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
 from glpath.rendering.progress import MODES, duration, percent
-from glpath.system.files import Save, check_writable, save_all
+from glpath.system.files import check_writable, save_all
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def register(app: typer.Typer) -> None:
 
 
 def radiosity(
+    context: typer.Context,
     scene: SceneArgument,
     out: Annotated[
         list[Path],
@@ -89,7 +90,8 @@ def radiosity(
     adaptive: Annotated[
         int | None,
         typer.Option(
-            help="So many times, split elements where the radiosity changes fast; by default 0, for a .glb 2.",
+            help="So many times, split elements where the radiosity changes fast; by default 2 where a .glb is "
+            "written by progressive, else 0.",
             rich_help_panel=_MESH,
         ),
     ] = None,
@@ -166,31 +168,23 @@ def radiosity(
     Colours of a .glb are radiance times 2^STOPS, linear, at most 1; its material is unlit (KHR_materials_unlit).
     """
     for path in out:
-        _writer(path, exposure)
+        _check_suffix(path)
+    baked = any(_is_glb(path) for path in out)
     if not abs(exposure) <= 100:
         raise UsageError(f"--exposure {exposure}: must be a number of stops from -100 to 100.")
+    if exposure and not baked:
+        raise UsageError(f"--exposure {exposure}: a .npz holds the light itself.", "Write a .glb, or leave it out.")
+    if radiosity is not None:
+        _check_solved(context, radiosity)
     check_choice("--progress", progress, MODES)
     silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     with nullcontext() if check else aside("camera"):
         loaded = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
-    if radiosity is not None:
-        mesh = {"patches": patches, "size": size, "adaptive": adaptive, "checkpoint": checkpoint}
-        for name in (name for name, value in mesh.items() if value is not None):
-            raise UsageError(
-                f"--radiosity and --{name} contradict each other: {radiosity} is solved already.",
-                "Leave one of them out.",
-            )
-        from glpath.radiosity import RadiositySolution
-
-        _save(RadiositySolution.load(radiosity, loaded), loaded, out, exposure)
-        if not quiet:
-            say(f"wrote {', '.join(map(str, out))}", err=True)
-        return
     keeper = _checkpoint(out[0], checkpoint, resume)
     if adaptive is None:
-        adaptive = 2 if any(path.suffix.lower() == ".glb" for path in out) else 0
+        adaptive = 2 if baked and method == "progressive" else 0
     options: dict[str, Any] = {
         "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
@@ -202,7 +196,10 @@ def radiosity(
         if keeper is not None and not resume:
             check_absent(keeper.path)
         with watched(silence, left_in(keeper.path if keeper is not None else None), SOLVING):
-            solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
+            if radiosity is not None:
+                solution: RadiositySolution | None = _loaded(radiosity, loaded)
+            else:
+                solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
         if keeper is not None and by_scheduler():
             if keeper.failure is not None:
                 raise ImageError(keeper.failure)
@@ -212,7 +209,7 @@ def radiosity(
             _save(solution, loaded, out, exposure)
         if keeper is not None and not arrived():
             keeper.path.unlink(missing_ok=True)
-    _end(solution, out, loaded, quiet or progress == "json")
+    _end(solution, out, loaded, quiet or progress == "json", solved=radiosity is None)
     if check and solution is not None:
         from glpath.rendering import element_error
 
@@ -244,31 +241,56 @@ def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolutio
         return stop.solution
 
 
-def _writer(path: Path, exposure: float) -> Callable[[RadiositySolution, Scene], Save]:
-    """What writes a solution to a file of that name. Raises UsageError where no format has its suffix."""
-    if path.suffix.lower() == ".npz":
-        return lambda solution, scene: solution.save
-    if path.suffix.lower() == ".glb":
-        return lambda solution, scene: lambda to: solution.to_glb(scene, to, exposure=exposure)
-    raise UsageError(
-        f"{path}: a radiosity solution is written as .npz, or as .glb with vertex colours.",
-        "For example -o solution.npz -o lit.glb.",
-    )
+def _is_glb(path: Path) -> bool:
+    return path.suffix.lower() == ".glb"
+
+
+def _check_suffix(path: Path) -> None:
+    """Raise UsageError where no format has the suffix."""
+    if not _is_glb(path) and path.suffix.lower() != ".npz":
+        raise UsageError(
+            f"{path}: a radiosity solution is written as .npz, or as .glb with vertex colours.",
+            "For example -o solution.npz -o lit.glb.",
+        )
+
+
+def _check_solved(context: typer.Context, solution: Path) -> None:
+    """Raise UsageError for options that say how to solve, where a solution is given."""
+    for option in context.command.params:
+        assert option.name is not None, "options have names"
+        source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
+        says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
+        if says_how and source is not None and source.name == "COMMANDLINE":
+            raise UsageError(
+                f"--radiosity and {option.opts[0]} contradict each other: {solution} is solved already.",
+                "Leave one of them out.",
+            )
+
+
+def _loaded(path: Path, scene: Scene) -> RadiositySolution:
+    from glpath.radiosity import RadiositySolution
+
+    return RadiositySolution.load(path, scene)
 
 
 def _save(solution: RadiositySolution, scene: Scene, out: list[Path], exposure: float) -> None:
+    def save_to(path: Path) -> None:
+        if _is_glb(path):
+            solution.to_glb(scene, path, exposure=exposure)
+        else:
+            solution.save(path)
+
     kept = "The solution is kept in {}; --radiosity of render and radiosity takes it."
-    saves = {path: _writer(path, exposure)(solution, scene) for path in out}
-    _, failure = save_all(saves, {"solution.npz": solution.save}, kept)
+    _, failure = save_all(dict.fromkeys(out, save_to), {"solution.npz": solution.save}, kept)
     if failure is not None:
         raise failure
 
 
-def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quiet: bool) -> None:
+def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quiet: bool, *, solved: bool) -> None:
     """Say what there is; of what was interrupted, exit as such."""
     names = ", ".join(map(str, out))
     if solution is not None and not quiet:
-        for line in (*_summary(solution), f"  {light_of(scene)}"):
+        for line in (*_summary(solution), f"  {light_of(scene)}") if solved else ():
             say(line, err=True)
         say(f"wrote {names}", err=True)
     if arrived():
