@@ -437,7 +437,7 @@ def test_an_overloaded_machine_starts_the_client_late_or_says_so(failures, monke
             raise AssertionError  # as distributed.utils.LoopRunner does after 10 s without its thread
         return SimpleNamespace(scheduler=SimpleNamespace(address="tls://x"))
 
-    asked = SimpleNamespace(Client=client)
+    asked = SimpleNamespace(Client=client, Security=distributed.Security)
     if failures == 1:
         assert clusters_connection._connected(asked, "inproc://a").scheduler
         assert len(made) == 2
