@@ -1,8 +1,8 @@
 """Another driver than the one that this was written on: zink (OpenGL on Vulkan) on lavapipe (Vulkan on the CPU).
 
 Structures pass their tests there. Engines show what they show here, sample by sample but for rounding, so that
-tests of what is in their pictures need not run twice; classical algorithm and T-buffer agree bit by bit there too,
-and no GL error is left behind. And llvmpipe as if it were a graphics card: texels by `texelFetch`, of the same bits.
+tests of what is in their pictures need not run twice; classical algorithm and T-buffer agree bit by bit there
+too, and no GL error is left behind. And llvmpipe as if it were a graphics card: texels by `texelFetch`, of the same bits.
 
 Both are Mesa's. Needs Debian's mesa-vulkan-drivers, which `make evidence` installs; zink is in libgl1-mesa-dri.
 """
