@@ -1,9 +1,9 @@
 """Shader programs from files: includes flattened, errors that name the right file and line.
 
 Shaders lie in `shaders/` (beside the package in a checkout, inside it when installed). `.vert`, `.frag` and
-`.comp` are whole programs; `.glsl` is included by a line `#include "name.glsl"`, each file once. What Python
-and GLSL share (layouts, constants) is declared in Python and handed over as text, which stands where the file
-says `#include <NAME>` for NAME in the `generated` mapping.
+`.comp` are whole programs; `.glsl` is included by a line `#include "name.glsl"`, each file once, unless an #ifdef
+takes the line away. What Python and GLSL share (layouts, constants) is declared in Python and handed over as text,
+which stands where the file says `#include <NAME>` for NAME in the `generated` mapping.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import moderngl
 
 from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
+from glpath.gl.conditions import Conditions
 from glpath.gl.constants import constants_glsl
 from glpath.system.machine import return_memory
 
@@ -97,6 +98,7 @@ class Source:
         self._generated = generated
         self._rewrites = rewrites
         self._seen: set[str] = set()
+        self._conditions = Conditions(defines)
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
 
@@ -113,7 +115,11 @@ class Source:
         self.files.append(name)
         out = [f"#line 1 {number}"]
         for i, line in enumerate(text.splitlines(), start=1):
+            self._conditions.follow(line)
             match = _INCLUDE.match(line)
+            if match and not self._conditions.kept:
+                out.append("")
+                continue
             if not match:
                 rewritten = line
                 for rewrite in self._rewrites:
