@@ -62,7 +62,7 @@ def test_uniforms_have_their_values_however_they_come(
     monkeypatch.setenv("GLPATH_TEXELS", texels)
     gl = get_context().gl
     (folder / "a.frag").write_text(UNIFORMS)
-    drawn = program.load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag", defines={"COUNT": 2})
+    drawn = program.load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag", defines={"VIEWS": 2})
     drawn.set(
         {
             "i": -7,

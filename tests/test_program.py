@@ -148,9 +148,9 @@ def test_lines_that_an_ifdef_takes_away_are_known(defined: set[str], lines: str,
 def test_an_include_that_an_ifdef_takes_away_needs_nothing(folder: Path) -> None:
     (folder / "b.glsl").write_text("#include <NOT_GIVEN>\nfloat b() { return 2.0; }\n")
     (folder / "a.frag").write_text(
-        '#ifdef HAS_B\n#include "b.glsl"\n#else\nfloat b() { return 3.0; }\n#endif\n'
+        '#ifdef HAS_SKY\n#include "b.glsl"\n#else\nfloat b() { return 3.0; }\n#endif\n'
         "out vec4 o;\nvoid main() { o = vec4(b()); }\n"
     )
     program.load_program(get_context().gl, vertex="a.vert", fragment="a.frag")
     with pytest.raises(ShaderError, match="NOT_GIVEN"):
-        program.load_program(get_context().gl, vertex="a.vert", fragment="a.frag", defines={"HAS_B": 1})
+        program.load_program(get_context().gl, vertex="a.vert", fragment="a.frag", defines={"HAS_SKY": 1})

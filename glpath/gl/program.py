@@ -21,6 +21,7 @@ from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
 from glpath.gl.conditions import Conditions
 from glpath.gl.constants import constants_glsl
+from glpath.gl.variants import check_declared
 from glpath.system.machine import return_memory
 
 GLSL_VERSION = "#version 430 core"
@@ -219,7 +220,7 @@ def load_program(
     ----------
     vertex, fragment : file names of a drawing program; or `compute` alone
     generated        : text for `#include <NAME>`: layouts declared in Python
-    defines          : name -> value, put as #define lines before everything
+    defines          : name -> value, put as #define lines before everything; see `glpath.gl.variants`
 
     A program is compiled once in a context; later calls for the same one share it, as long as somebody has it or it
     is among the last `MAX_PROGRAMS` that were asked for.
@@ -230,12 +231,14 @@ def load_program(
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     stages = {stage: name for stage, name in stages.items() if name}
+    given = dict(defines or {})
+    check_declared(given)
     generated = {"CONSTANTS": constants_glsl(), **(generated or {})}
     if llvmpipe.is_spoken(gl):
         inputs = int(gl.info["GL_MAX_FRAGMENT_INPUT_COMPONENTS"]) if vertex == llvmpipe.FULLSCREEN else 0
-        sources = _for_llvmpipe(stages, generated, dict(defines or {}), inputs)
+        sources = _for_llvmpipe(stages, generated, given, inputs)
     else:
-        sources = {stage: Source(name, generated, dict(defines or {})) for stage, name in stages.items()}
+        sources = {stage: Source(name, generated, given) for stage, name in stages.items()}
     return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
 
 
