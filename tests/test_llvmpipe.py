@@ -23,7 +23,7 @@ uniform int i;
 uniform float part;  // not i
 uniform uint u;
 uniform ivec3 v;
-uniform vec2 many[COUNT];
+uniform vec2 many[VIEWS];
 uniform float by_its_own_name[3];
 uniform bool b;
 layout(location = 0) out vec4 o;
