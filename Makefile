@@ -65,5 +65,5 @@ $(STAMPS)-test: pyproject.toml
 	@touch $(STAMPS) $@
 
 $(STAMPS)-reference: pyproject.toml
-	sh .ci/setup test,reference,browser,gltf,peers
+	sh .ci/setup test,reference,browser,gltf
 	@touch $(STAMPS) $(STAMPS)-test $@
