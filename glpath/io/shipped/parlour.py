@@ -92,7 +92,7 @@ class _Surfaces:
         pattern = _MATERIALS[part.material].get("pattern")
         uv = None if pattern is None else _coordinates(part.corners, _PATTERNS[pattern][1])
         mesh = Mesh.of_triangles(part.corners, uv)
-        return Mesh(mesh.vertices, mesh.faces, mesh.uv, _smooth(part.corners))
+        return Mesh(mesh.vertices, mesh.faces, mesh.uv, _smooth(part.corners)).welded()
 
     def _made(self, name: str) -> Material:
         fields = {"roughness": 0.6, "two_sided": False} | _MATERIALS[name]

@@ -119,11 +119,12 @@ def room(*, detail: _Detail = 1.0, resolution: _Resolution = 256) -> Scene:
 
 
 def _scene(parts: Sequence[Part], camera: Camera) -> Scene:
+    """Of coordinates of 32 bits, as a model file has them."""
     names = [name for name in _COLOURS if any(part.material == name for part in parts)]
     shapes = [
         Shape(
             part.name,
-            Mesh.of_triangles(part.corners).welded(),
+            Mesh.of_triangles(part.corners.astype(np.float32)).welded(),
             names.index(part.material),
             emission=np.array(part.emission),
         )
