@@ -410,9 +410,7 @@ def test_a_shipped_scene_is_read_back_as_it_was(name: str, tmp_path: Path) -> No
     for shape in model.shapes:
         material = model.materials[shape.material]
         assert material.roughness is None
-        np.testing.assert_array_equal(
-            material.reflectance, by_name[material.name.partition(" (")[0]].reflectance
-        )
+        np.testing.assert_array_equal(material.reflectance, by_name[material.name.partition(" (")[0]].reflectance)
     emitted = sum(float(s.emission.sum()) * len(s.geometry.faces) for s in model.shapes)
     assert emitted == pytest.approx(179 * sum(float(s.emission.sum()) * s.count for s in scene.shapes))
 

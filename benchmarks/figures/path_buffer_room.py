@@ -30,8 +30,8 @@ from benchmarks.figures.path_pictures import (
     unlit,
 )
 from benchmarks.references.stored import ALL_BOUNCES, stored_reference
+from benchmarks.scenes.room import POSTS
 from benchmarks.verdict import Condition
-from glpath.io.shipped.room import POSTS
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering.progress import duration
