@@ -109,7 +109,7 @@ def shown(surfaces: Surfaces, seams: Seams) -> tuple[Seams, np.ndarray]:
     ("mesh", "options"),
     [
         (None, {"size": 128}),
-        (torus, {"size": 96, "texels": 60}),
+        (torus, {"size": 96, "texels": 64}),
         pytest.param(None, {"size": 512}, marks=pytest.mark.evidence),
         pytest.param(torus, {"size": 192}, marks=pytest.mark.evidence),
         pytest.param(tube, {"size": 192}, marks=pytest.mark.evidence),
