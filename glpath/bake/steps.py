@@ -40,7 +40,8 @@ def rounded(value: float) -> float:
 def points_in_steps(points: Float64) -> Float64:
     """Points (N, 3) in whole steps from their least coordinates, some 2^-16 of their extent."""
     low = points.min(axis=0)
-    return np.rint((points - low) / (power_of_two(float((points.max(axis=0) - low).max())) * _LARGEST))
+    step = power_of_two(float((points.max(axis=0) - low).max())) * _LARGEST
+    return np.asarray(np.rint((points - low) / step))
 
 
 def corners_in_steps(corners: Float64) -> tuple[Float64, float]:
@@ -52,4 +53,4 @@ def corners_in_steps(corners: Float64) -> tuple[Float64, float]:
     doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     narrowest = float((doubled / np.maximum(longest, np.finfo(float).tiny)).min())
     step = power_of_two(min(max(narrowest * _OF_NARROWEST, extent * _LEAST), extent * _LARGEST))
-    return np.rint((corners - low) / step), step
+    return np.asarray(np.rint((corners - low) / step)), step
