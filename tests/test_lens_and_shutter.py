@@ -352,17 +352,17 @@ def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(engine: Any, monkey
         assert 0.005 < film.mean.mean() < 0.98
 
 
-def test_the_compute_shader_of_graphics_cards_has_the_same_bits() -> None:
+def test_the_compute_shader_of_graphics_cards_has_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = path_traceable(glpath.load_scene(MOVING | {"camera": MOVING["camera"] | {"aperture_radius": 0.2}}))
     context, films = get_context(), []
     for hardware in (False, True):
+        monkeypatch.setattr(context, "info", replace(context.info, hardware=hardware))
         engine = RayPathEngine(
             context.gl,
             DeviceScene(context.gl, scene),
             PathSettings(max_depth=2),
             (0, 0, 48, 32),
-            hardware=hardware,
-        )
+        ).prepare()
         for index in range(3):
             engine.trace_path_set(index)
         films.append(engine.take())
