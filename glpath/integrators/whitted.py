@@ -97,7 +97,7 @@ class WhittedTracer(Engine):
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
-        objects, pixel = self.objects, pixel_place(self.settings.seed, index)
+        objects, pixel = self.scene, pixel_place(self.settings.seed, index)
         # An endless plane may be nearer than what has a size.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
