@@ -24,7 +24,7 @@ from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, Sp
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
 from glpath.film.metadata import SHAPES, add_aov
-from glpath.gl.camera import camera_defines, eye_uniforms
+from glpath.gl.camera import ahead_of, camera_defines, eye_uniforms
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
@@ -97,10 +97,15 @@ class WhittedTracer(Engine):
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
-        eye = eye_uniforms(camera, self.window, pixel_place(self.settings.seed, index), lens)
+        objects, pixel = self.scene, pixel_place(self.settings.seed, index)
+        # An endless plane may be nearer than what has a size.
+        ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
+        eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
         eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
         self.fill_shadow_buffers()
-        self.fill_eye_buffer(eye)
+        # Rays that meet at the eye share what follows from it, see t_buffer/eye_hit.glsl.
+        parallel = camera.projection == "orthographic"
+        self.fill_eye_buffer(eye if parallel else eye | eye_uniforms(camera, self.window, pixel, lens))
         self._add_aovs(eye)
         self.shade(index, eye)
 
