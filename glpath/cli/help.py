@@ -1,6 +1,6 @@
 """What --help shows of a command: what it is for, three examples and the options of every day.
 
-`--help-all` shows all of its options. A command says which at its registration: `app.command(**told(...))`.
+`--help-all` shows all of its options. A command says which at its registration: `app.command(**command_help(...))`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class HelpfulCommand(TyperCommand):
             self.epilog = before
 
 
-def told(group: str, *examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
+def command_help(group: str, *examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
     """What `app.command` takes for a command of a group, with examples and the parameters that --help shows."""
     given = {"examples": examples, "everyday": frozenset(everyday.split())}
     return {"cls": type("Command", (HelpfulCommand,), given), "rich_help_panel": group}

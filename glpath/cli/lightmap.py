@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, told
+from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import (
     FOR_ALL,
     BackendOption,
@@ -65,7 +65,7 @@ _NOISY, _CLEAN = 0.05, 0.02
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    help = told(
+    help = command_help(
         LIGHT,
         ("glpath lightmap room -o room.glb --size 1024", "one page of 1024 x 1024 texels"),
         ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from glpath.cli.help import PICTURES, told
+from glpath.cli.help import PICTURES, command_help
 from glpath.cli.options import QuietOption
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.rendering.progress import percent
@@ -17,7 +17,7 @@ from glpath.system.terminal import say
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    help = told(
+    help = command_help(
         PICTURES,
         ("glpath merge a.npz b.npz -o all.npz", "one film of two shards"),
         ("glpath merge shard-*.npz -o room.png -o room.exr", "and its pictures"),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, told
+from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
@@ -66,7 +66,7 @@ def register(app: typer.Typer) -> None:
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
     later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
     later += " 134: ended by --hang-limit."
-    help = told(
+    help = command_help(
         LIGHT,
         ("glpath radiosity room -o room.npz", "a solution, for render --radiosity"),
         ("glpath radiosity room -o room.glb", "the scene with its light as vertex colours"),

@@ -16,7 +16,7 @@ import typer
 from glpath.cli import camera, completion, outcome, running
 from glpath.cli.completion import words
 from glpath.cli.frames import Frames, FramesToRender
-from glpath.cli.help import PICTURES, told
+from glpath.cli.help import PICTURES, command_help
 from glpath.cli.options import (
     FOR_ALL,
     OUTPUT,
@@ -67,7 +67,7 @@ _EXIT_CODES = (
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    help = told(
+    help = command_help(
         PICTURES,
         ("glpath render cornell-box -o box.png", "a shipped scene"),
         ("glpath render model.glb -o a.png -o a.exr --noise 0.01", "until the error is 1 %"),

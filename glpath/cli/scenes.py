@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from glpath.cli import completion
-from glpath.cli.help import SCENES, told
+from glpath.cli.help import SCENES, command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
@@ -32,7 +32,7 @@ _SHOWN = 40
 def register(app: typer.Typer) -> None:
     """Add the commands of this module to `app`."""
     app.command(
-        **told(
+        **command_help(
             SCENES,
             ("glpath info model.glb", "what is in it"),
             ("glpath info room --json", "for programs"),
@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
         )
     )(info)
     app.command(
-        **told(
+        **command_help(
             SCENES,
             ("glpath validate scene.toml", "errors and warnings"),
             ("glpath validate scenes/*.toml --strict", "a warning is an error"),
@@ -48,7 +48,7 @@ def register(app: typer.Typer) -> None:
         )
     )(validate)
     app.command(
-        **told(
+        **command_help(
             SCENES,
             ("glpath schema", "to the terminal"),
             ("glpath schema -o scene.schema.json", "to a file, for an editor"),
@@ -56,7 +56,7 @@ def register(app: typer.Typer) -> None:
         )
     )(schema)
     app.command(
-        **told(
+        **command_help(
             SCENES,
             ("glpath scenes", "a table"),
             ("glpath scenes --json", "for programs"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, told
+from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
@@ -32,7 +32,7 @@ _PROPERTIES = ("reciprocity", "closure")
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    help = told(
+    help = command_help(
         LIGHT,
         ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
