@@ -36,8 +36,9 @@ lint: $(STAMPS)-test ## only check the style, the types and who imports whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-evidence: $(STAMPS)-reference ## set up with Mitsuba and a browser, then run the slow comparisons
-	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" sh .ci/evidence $(BIN)/python $(JOBS)
+evidence: $(STAMPS)-reference ## set up with Mitsuba, Blender, Radiance and a browser, then run the slow comparisons
+	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" GLPATH_PEERS_PYTHON="$$(sh .ci/setup --peers)" \
+		sh .ci/evidence $(BIN)/python $(JOBS)
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m benchmarks bench $(BENCH)

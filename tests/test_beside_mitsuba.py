@@ -80,18 +80,21 @@ def render(scene: Scene, engine: str, depth: int, spp: int, **options: Any) -> F
 @pytest.mark.parametrize("engine", ["path", "gather"])
 @pytest.mark.parametrize("name", WITNESSES)
 def test_a_witness_is_mitsubas(name: str, engine: str) -> None:
-    """The mean within half a percent, the error no more than the noise of both, and nothing that noise is not."""
+    """The mean within half a percent, the error no more than the noise of both, and nothing that noise is not.
+
+    Of 4096 pixels the squares of noise add up to within 5 % of what they should: a seventh more is no noise.
+    """
     witness = WITNESSES[name]
     depth = ALL_LIGHT if engine == "gather" else witness.depth
-    theirs = picture(by_mitsuba(witness, depth, 2048))
-    film = render(witness.scene, engine, depth, 1024)
+    theirs = picture(by_mitsuba(witness, depth, 1024))
+    film = render(witness.scene, engine, depth, 512)
     assert theirs.noise is not None
     noise = ((film.variance_of_mean() + theirs.noise.variance) / (theirs.mean**2 + 0.01)).mean()
     off, error = film.mean.mean() / theirs.mean.mean() - 1.0, relative_mse(film.mean, theirs.mean)
     verdict = stat(Picture.of_film(film), theirs, tolerance=0.005, sees=0.03)
     print(f"{name:20s} {engine:6s} mean {off:+.2%} relMSE {error:.1e} noise {noise:.1e}; {verdict.summary}")
     assert abs(off) < (witness.gather if engine == "gather" else 0.005)
-    assert error < 1.3 * noise
+    assert error < 1.15 * noise
     assert verdict.passed, verdict.summary
 
 

@@ -178,14 +178,14 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
 @pytest.mark.parametrize("command", ["measure", "lightmap"])
 def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) -> None:
     """Not those of a picture: by paths all bounces count, and there is no eye and no stream."""
-    said = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
+    said = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
     (depth,) = [line for line in said.splitlines() if "--max-depth" in line]
     assert f"default {PathSettings.all_bounces['max_depth']}." in depth
     (roulette,) = [line for line in said.splitlines() if "--roulette" in line]
     assert f"default {PathSettings.all_bounces['roulette']}." in roulette
     for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer"):
         assert other not in said, other
-    rendered = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    rendered = CliRunner().invoke(app, ["render", "--help-all"], env={"COLUMNS": "200"}).output
     assert "default 5" in next(line for line in rendered.splitlines() if "--max-depth" in line)
     assert "default never" in next(line for line in rendered.splitlines() if "--roulette" in line)
 
@@ -195,7 +195,7 @@ def test_help_says_what_is_written_in_brackets() -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     bracketed = 0
     for name, command in commands.items():
-        said = "".join(run(name, "--help").stdout.replace("│", "").split())
+        said = "".join(run(name, "--help-all").stdout.replace("│", "").split())
         written = re.findall(r"\S*\[[^\]]*\]\S*", command.callback.__doc__)
         assert [word for word in written if word not in said] == [], name
         extras = [

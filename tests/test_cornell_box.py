@@ -80,9 +80,8 @@ def _block_means(picture: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_1024_path_sets_are_within_1e_4_of_mitsuba(seed: int, mitsuba: NDArray[np.float64]) -> None:
-    film = glpath.render("cornell-box-36", spp=1024, max_depth=3, seed=seed)
+def test_1024_path_sets_are_within_1e_4_of_mitsuba(mitsuba: NDArray[np.float64]) -> None:
+    film = glpath.render("cornell-box-36", spp=1024, max_depth=3)
     assert relative_mse(film.mean, mitsuba) <= 1e-4
     assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
 

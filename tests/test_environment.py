@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from typing import Any
 
@@ -276,17 +277,25 @@ def sunny(size: tuple[int, int] = (32, 24)) -> tuple[Scene, Scene]:
     return replace(scene, sky=sky), replace(scene, sky=Sky(blue, blue), lights=(light,))
 
 
-@pytest.mark.evidence
-@pytest.mark.parametrize("engine", ["path", "pair"])
-def test_mitsuba_sees_the_same_under_a_map_with_a_sun(engine: Any):
+def under_a_map_with_a_sun() -> Scene:
+    sky = Environment(noise(16, 32) + sun(16, 32, 4, 9, (400, 300, 200)), np.array([0.1, 1, 0.2]), 50.0)
+    flat = [shape for shape in THINGS if shape["type"] != "sphere"]
+    return replace(scene_of(flat, size=(32, 24)), sky=sky)
+
+
+@functools.cache
+def seen_by_mitsuba() -> Any:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
 
-    sky = Environment(noise(16, 32) + sun(16, 32, 4, 9, (400, 300, 200)), np.array([0.1, 1, 0.2]), 50.0)
-    flat = [shape for shape in THINGS if shape["type"] != "sphere"]
-    scene = replace(scene_of(flat, size=(32, 24)), sky=sky)
-    theirs = render_mitsuba(scene, 1024, 3)
-    ours = glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine)).mean
+    return render_mitsuba(under_a_map_with_a_sun(), 1024, 3)
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_mitsuba_sees_the_same_under_a_map_with_a_sun(engine: Any):
+    theirs = seen_by_mitsuba()
+    ours = glpath.render(under_a_map_with_a_sun(), spp=1024, max_depth=3, **engine_options(engine)).mean
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.005)
     assert relative_mse(ours, theirs) < 2e-3
 

@@ -178,8 +178,7 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any,
         settings,
         (0, 0, *scene.camera.resolution),
         radiosity=device_radiosity(gl, scene, solution, settings),
-        hardware=False,
-    )
+    ).prepare()
     for index in range(4):
         expected = gathered(scene, solution, lookup, index, widths)
         tracer.trace_path_set(index)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import shutil
 import struct
 import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -138,7 +140,10 @@ def by_program(*command: str) -> Callable[[Path, Path], Path]:
     """What a program makes of a model that is named before what it writes."""
 
     def made(model: Path, to: Path) -> Path:
-        if shutil.which(command[0]) is None:
+        # `make evidence` installs npm's programs beside Python.
+        folders = os.pathsep.join([str(Path(sys.prefix, "bin")), os.environ.get("PATH", os.defpath)])
+        program = shutil.which(command[0], path=folders)
+        if program is None:
             where = {"gltfpack": "Debian's gltfpack", "gltf-transform": "npm's @gltf-transform/cli"}[command[0]]
             pytest.skip(f"needs {command[0]}, {where}")
         if "webp" not in command:
@@ -146,8 +151,8 @@ def by_program(*command: str) -> Callable[[Path, Path], Path]:
         path = to / "packed.glb"
         ends = ["-i", str(model), "-o", str(path)] if command[0] == "gltfpack" else [str(model), str(path)]
         # gltf-transform has its files before its options.
-        words = [*command[:2], *ends, *command[2:]] if command[0] == "gltf-transform" else [*command, *ends]
-        subprocess.run(words, check=True, capture_output=True, timeout=300)
+        words = [*command[1:2], *ends, *command[2:]] if command[0] == "gltf-transform" else [*command[1:], *ends]
+        subprocess.run([program, *words], check=True, capture_output=True, timeout=300)
         return path
 
     return made

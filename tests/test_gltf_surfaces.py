@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -85,6 +86,49 @@ def test_layers_of_the_extensions(tmp_path: Path) -> None:
     assert material.anisotropy_angle == pytest.approx(60)
     assert not material.thin
     np.testing.assert_allclose(np.exp(-2 * material.attenuation), [0.5, 1, 0.25])  # Beer's law over the distance
+
+
+NO_REFLECTION = {"KHR_materials_specular": {"specularFactor": 0}}
+
+
+def test_without_any_reflection_a_surface_is_diffuse(tmp_path: Path) -> None:
+    """A dielectric over Lambert's base reflects nothing at any angle, so that its roughness changes nothing."""
+    file = Gltf()
+    texture = {"index": file.texture(FOUR)}
+    pbr = {"baseColorFactor": [0.1, 0.2, 0.3, 1], "metallicFactor": 0, "roughnessFactor": 0.4}
+    rough = {"metallicRoughnessTexture": texture, "baseColorTexture": texture}
+    layers = NO_REFLECTION | {
+        "KHR_materials_ior": {"ior": 2},
+        "KHR_materials_anisotropy": {"anisotropyStrength": 1},
+        "KHR_materials_clearcoat": {"clearcoatFactor": 0, "clearcoatRoughnessFactor": 1},
+        "KHR_materials_transmission": {"transmissionFactor": 0},
+    }
+    file.one_triangle(pbrMetallicRoughness=pbr | rough, normalTexture=texture, extensions=layers)
+    material = read(file, tmp_path).materials[0]
+    plain = Material("plain", np.array([0.1, 0.2, 0.3]), two_sided=False)
+    for each in fields(Material):
+        if each.name not in ("name", "texture", "normal_texture"):
+            np.testing.assert_array_equal(getattr(material, each.name), getattr(plain, each.name), each.name)
+    assert set(material.slots) == {"texture", "normal_texture"}
+    assert not material.has_lobes
+
+
+@pytest.mark.parametrize(
+    ("pbr", "extensions"),
+    [
+        ({"metallicFactor": 0.1}, NO_REFLECTION),
+        ({}, NO_REFLECTION),  # all of metal, by default
+        ({"metallicFactor": 0}, {}),
+        ({"metallicFactor": 0}, {"KHR_materials_specular": {"specularFactor": 0.01}}),
+        ({"metallicFactor": 0}, {"KHR_materials_specular": {"specularColorFactor": [0, 0, 0]}}),  # grazing is white
+        ({"metallicFactor": 0}, NO_REFLECTION | {"KHR_materials_clearcoat": {"clearcoatFactor": 0.1}}),
+        ({"metallicFactor": 0}, NO_REFLECTION | {"KHR_materials_transmission": {"transmissionFactor": 0.1}}),
+    ],
+)
+def test_what_reflects_has_its_roughness(pbr: dict[str, Any], extensions: dict[str, Any], tmp_path: Path) -> None:
+    factors = pbr | {"roughnessFactor": 0.4}
+    material, _ = the_material(tmp_path, pbrMetallicRoughness=factors, extensions=extensions)
+    assert material.roughness == 0.4
 
 
 def test_a_pane_is_thin(tmp_path: Path) -> None:
@@ -196,6 +240,16 @@ def test_open_meshes_without_backs_are_noted(tmp_path: Path) -> None:
     for both, noted in ((True, 0), (False, 1)):
         _, model = the_material(tmp_path, doubleSided=both)
         assert sum("doubleSided" in note for note in model.notes) == noted
+
+
+@pytest.mark.parametrize(
+    ("extras", "noted"), [({"backs": "black", "more": []}, 0), ({"backs": "glass"}, 1), (["backs", "black"], 1)]
+)
+def test_backs_that_were_black_are_not_noted(extras: Any, noted: int, tmp_path: Path) -> None:
+    """As in a file of `glpath export`, which says so; extras of others are of any type."""
+    file = Gltf().one_triangle(doubleSided=False)
+    file.json["extras"] = extras
+    assert sum("doubleSided" in note for note in read(file, tmp_path).notes) == noted
 
 
 def test_the_first_row_of_an_image_is_at_the_top_and_so_is_v_of_1(tmp_path: Path) -> None:

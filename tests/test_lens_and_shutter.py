@@ -5,6 +5,7 @@ Witnesses: closed forms, still renders of the same times, Camera.rays in numpy, 
 
 from __future__ import annotations
 
+import functools
 import json
 import warnings
 from dataclasses import replace
@@ -352,17 +353,17 @@ def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(engine: Any, monkey
         assert 0.005 < film.mean.mean() < 0.98
 
 
-def test_the_compute_shader_of_graphics_cards_has_the_same_bits() -> None:
+def test_the_compute_shader_of_graphics_cards_has_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = path_traceable(glpath.load_scene(MOVING | {"camera": MOVING["camera"] | {"aperture_radius": 0.2}}))
     context, films = get_context(), []
     for hardware in (False, True):
+        monkeypatch.setattr(context, "info", replace(context.info, hardware=hardware))
         engine = RayPathEngine(
             context.gl,
             DeviceScene(context.gl, scene),
             PathSettings(max_depth=2),
             (0, 0, 48, 32),
-            hardware=hardware,
-        )
+        ).prepare()
         for index in range(3):
             engine.trace_path_set(index)
         films.append(engine.take())
@@ -514,13 +515,7 @@ BOX: dict[str, Any] = {
 }
 
 
-@pytest.mark.evidence
-@pytest.mark.parametrize("engine", ["path", "pair"])
-def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
-    """Mitsuba 3 has no motion blur: 64 renders, each in the middle of its part of the time."""
-    pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from benchmarks.peers.mitsuba import render_mitsuba
-
+def a_moving_scene() -> Scene:
     way = [
         {"translate": [0.5, 0.0, -1.1]},
         {"rotate": {"axis": [0, 0, 1], "angle": 20}},
@@ -529,14 +524,28 @@ def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
     shapes = [dict(shape) for shape in BOX["shapes"]]
     shapes[1]["motion"] = [{"time": 0}, {"time": 1, "transform": way}]
     keys = [{"time": 0}, {"time": 1, "position": [0.2, 1.1, 3.4]}]
-    scene = glpath.load_scene(
+    return glpath.load_scene(
         BOX | {"camera": BOX["camera"] | {"shutter": [0, 1], "motion": keys}, "shapes": shapes}
     )
-    times = (np.arange(64) + 0.5) / 64
-    theirs = [
+
+
+@functools.cache
+def stills_of_mitsuba() -> list[Any]:
+    """Mitsuba 3 has no motion blur: 64 renders, each in the middle of its part of the time; of two seeds."""
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from benchmarks.peers.mitsuba import render_mitsuba
+
+    scene, times = a_moving_scene(), (np.arange(64) + 0.5) / 64
+    return [
         np.mean([render_mitsuba(scene.at(t), 16, 3, seed=100 * s + i) for i, t in enumerate(times)], axis=0)
         for s in (1, 2)
     ]
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("engine", ["path", "pair"])
+def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
+    theirs, scene = stills_of_mitsuba(), a_moving_scene()
     ours = [
         glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
     ]
@@ -547,20 +556,28 @@ def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
     assert found < 0.65 * floor  # of two pictures alike in noise it is the half
 
 
-@pytest.mark.evidence
-@pytest.mark.parametrize("engine", ["path", "pair"])
-@pytest.mark.parametrize("kind", ["orthographic", "lens"])
-def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, engine: Any) -> None:
-    pytest.importorskip("mitsuba", reason="needs the reference extra")
-    from benchmarks.peers.mitsuba import render_mitsuba
-
+def a_scene_through(kind: str) -> Scene:
     changes = {
         "orthographic": {"type": "orthographic", "height": 1.9},
         "lens": {"fov": 39, "aperture_radius": 0.15},
     }
     camera = {k: v for k, v in BOX["camera"].items() if k != "fov"} | changes[kind]
-    scene = glpath.load_scene(BOX | {"camera": camera})
-    theirs = [render_mitsuba(scene, 1024, 3, seed=seed) for seed in (1, 2)]
+    return glpath.load_scene(BOX | {"camera": camera})
+
+
+@functools.cache
+def pictures_of_mitsuba(kind: str) -> list[Any]:
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from benchmarks.peers.mitsuba import render_mitsuba
+
+    return [render_mitsuba(a_scene_through(kind), 1024, 3, seed=seed) for seed in (1, 2)]
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("engine", ["path", "pair"])
+@pytest.mark.parametrize("kind", ["orthographic", "lens"])
+def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, engine: Any) -> None:
+    theirs, scene = pictures_of_mitsuba(kind), a_scene_through(kind)
     ours = [
         glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
     ]

@@ -109,7 +109,7 @@ def shown(surfaces: Surfaces, seams: Seams) -> tuple[Seams, np.ndarray]:
     ("mesh", "options"),
     [
         (None, {"size": 128}),
-        (torus, {"size": 96, "texels": 60}),
+        (torus, {"size": 96, "texels": 50}),
         pytest.param(None, {"size": 512}, marks=pytest.mark.evidence),
         pytest.param(torus, {"size": 192}, marks=pytest.mark.evidence),
         pytest.param(tube, {"size": 192}, marks=pytest.mark.evidence),
@@ -179,7 +179,7 @@ def test_the_light_of_all_kinds_of_surfaces_goes_on(mesh: Any, integrator: str) 
 
 
 def test_light_of_one_colour_and_none_at_all() -> None:
-    surfaces = Surfaces.of(scene_of(BALL, FLOOR, LAMP), size=64)
+    surfaces = Surfaces.of(scene_of(BALL, FLOOR, LAMP), size=80)
     seams = Seams.of(surfaces.scene, surfaces.atlas)
     pages, baked = lit(surfaces)
     blue = seams.stitched(pages * np.float32([0, 0, 1]), baked)

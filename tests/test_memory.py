@@ -108,7 +108,7 @@ def test_an_engine_that_is_closed_has_nothing_on_the_device(context):
         with DeviceScene(context.gl, scene) as on_device:
             alone = objects(context)
             assert alone["Texture"] > before["Texture"]
-            engine = path_engine(context.gl, on_device, settings, (0, 0, 16, 12), hardware=False)
+            engine = path_engine(context.gl, on_device, settings, (0, 0, 16, 12)).prepare()
             with engine:
                 engine.trace_path_set(0)
                 assert objects(context).total() > alone.total()
@@ -125,7 +125,7 @@ def test_programs_are_bounded_and_those_in_use_stay(context, monkeypatch):
     with without_collector():
         settings = PathSettings(max_depth=2)
         window = (0, 0, 16, 12)
-        with path_engine(context.gl, DeviceScene(context.gl, scene), settings, window, hardware=False) as engine:
+        with path_engine(context.gl, DeviceScene(context.gl, scene), settings, window).prepare() as engine:
             engine.trace_path_set(0)
             first = engine.take()
             of_engine = objects(context, ("Program",))["Program"]

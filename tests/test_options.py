@@ -72,7 +72,7 @@ def test_a_new_option_is_on_the_command_line(tmp_path: Any) -> None:
     app = typer.Typer()
     app.callback()(lambda: None)
     render_cli.register(app)
-    shown = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    shown = CliRunner().invoke(app, ["render", "--help-all"], env={"COLUMNS": "200"}).output
     assert "How thick the fog is, per scene unit; default 0.25." in shown
     assert "calm|storm" in shown
     for arguments, message in (
@@ -218,12 +218,12 @@ def test_an_option_at_the_wrong_engine_is_named_with_the_right_one(
 def test_an_engine_is_chosen_by_its_true_name() -> None:
     assert tuple(INTEGRATORS) == ("path", "path-buffer", "gather", "classic", "t-buffer")
     assert PathBufferSettings().directions == GatherSettings(cast="path-buffer").directions == "pair"
-    shown = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "200"}).output
+    shown = CliRunner().invoke(app, ["render", "--help-all"], env={"COLUMNS": "200"}).output
     assert "path|path-buffer|gather|classic|t-buffer" in shown
     assert "bvh|path-buffer" in shown
     assert "pair|lattice|hemisphere|sphere" in shown
     for command in ("lightmap", "measure"):
-        help_of = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
+        help_of = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
         assert "path|path-buffer|gather" in help_of
     with pytest.raises(glpath.UsageError, match="allowed are path, path-buffer, gather, classic, t-buffer"):
         glpath.render(BOX, integrator="scans")  # type: ignore[arg-type]

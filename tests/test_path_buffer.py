@@ -165,8 +165,8 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
     _, origins = on_surfaces(scene, buffer.paths[0] * buffer.paths[1], rng)
     state = np.concatenate([origins, np.ones((len(origins), 1))], 1).astype(np.float32)
     position = gl.texture(buffer.paths, 4, state.tobytes(), dtype="f4")
-    uniforms = buffer.scan_positions(position, path_buffer.ScanView((np.array([0.36, 0.48, 0.8]),), seed=4))
-    buffer.scan_scene(uniforms)
+    scan = buffer.scan_positions(position, path_buffer.ScanView((np.array([0.36, 0.48, 0.8]),), seed=4))
+    buffer.scan_scene(scan)
     source = shader_folder() / "path_buffer/path_report.frag"
     original = source.read_text()
     text = original.replace("out int triangle", "out float triangle")
@@ -182,7 +182,7 @@ def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> 
         program = load_program(
             gl, vertex="gl/fullscreen.vert", fragment="path_buffer/path_report.frag", defines=buffer.defines
         )
-    Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(uniforms)
+    Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(scan.uniforms)
     return np.frombuffer(answer.read(), np.float32).astype(float)
 
 

@@ -15,8 +15,8 @@ from benchmarks.__main__ import app
 from benchmarks.figures.catalogue import FIGURES
 from benchmarks.figures.mesh_step import mesh_step
 from benchmarks.figures.path_buffer_room import post_shadow
+from benchmarks.scenes.room import POSTS
 from glpath.io import load_scene
-from glpath.io.shipped.room import POSTS
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.picture import EyeHits

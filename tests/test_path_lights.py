@@ -250,7 +250,7 @@ def test_paths_that_crowd_in_the_light_are_weighed_without_bias() -> None:
     films = []
     for share in (1.25, 0.15):
         settings = PathBufferSettings(max_depth=1, cell_share=share)
-        tracer = PathBufferTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 64, 48), hardware=False)
+        tracer = PathBufferTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 64, 48)).prepare()
         for index in range(64):
             tracer.trace_path_set(index)
         films.append(tracer.take() / 64)

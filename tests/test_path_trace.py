@@ -345,7 +345,7 @@ def test_a_sample_that_is_not_a_number_is_dropped_and_counted() -> None:
     scene = load_scene("furnace").with_camera(resolution=(8, 8))
     gl = get_context().gl
     settings = PathBufferSettings(max_depth=1, ambient=(0.0, float("nan"), 0.0))
-    tracer = PathBufferTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 8, 8), hardware=False)
+    tracer = PathBufferTracer(gl, DeviceScene(gl, scene), settings, (0, 0, 8, 8)).prepare()
     tracer.trace_path_set(0)
     assert np.all(tracer.take() == 0.0)
     assert tracer.statistics()["dropped_samples"] == 64

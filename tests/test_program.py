@@ -9,6 +9,7 @@ import pytest
 
 import glpath.gl.program as program
 from glpath.errors import ShaderError
+from glpath.gl.conditions import Conditions
 from glpath.gl.context import get_context
 
 pytest_plugins = ["pytester"]
@@ -120,3 +121,36 @@ def test_no_uniform_is_an_array_of_any_length() -> None:
     for path in shader_files():
         unbounded = rf"^uniform [^;]*\[(?!\d+\]|({bounded})\])"
         assert not re.search(unbounded, path.read_text(), re.MULTILINE), path.name
+
+
+@pytest.mark.parametrize(
+    ("defined", "lines", "kept"),
+    [
+        ({"A"}, "#ifdef A;1;#else;0;#endif;1", "101"),
+        (set(), "#ifdef A // why;0;#else;1;#endif", "01"),
+        (set(), "#ifndef A;1;#define A 3;#endif;#ifdef A;1;#endif", "11"),
+        ({"B"}, "#if defined(A) || defined(B);1;#endif", "1"),
+        ({"B"}, "#if defined(A) && defined(B);0;#elif defined(B);1;#elif defined(B);0;#else;0;#endif", "0100"),
+        ({"B"}, "#if !defined(A) && defined(B);1;#else;0;#endif", "10"),
+        (set(), "#if VIEWS > 1;1;#else;1;#endif", "11"),  # may be: what VIEWS is the preprocessor will say
+        (set(), "#ifdef A;#ifdef B;0;#else;0;#endif;0;#endif;1", "0001"),
+    ],
+)
+def test_lines_that_an_ifdef_takes_away_are_known(defined: set[str], lines: str, kept: str) -> None:
+    conditions, found = Conditions(defined), ""
+    for line in lines.split(";"):
+        conditions.follow(line)
+        if not line.startswith("#"):
+            found += str(int(conditions.kept))
+    assert found == kept.replace(" ", "")
+
+
+def test_an_include_that_an_ifdef_takes_away_needs_nothing(folder: Path) -> None:
+    (folder / "b.glsl").write_text("#include <NOT_GIVEN>\nfloat b() { return 2.0; }\n")
+    (folder / "a.frag").write_text(
+        '#ifdef HAS_SKY\n#include "b.glsl"\n#else\nfloat b() { return 3.0; }\n#endif\n'
+        "out vec4 o;\nvoid main() { o = vec4(b()); }\n"
+    )
+    program.load_program(get_context().gl, vertex="a.vert", fragment="a.frag")
+    with pytest.raises(ShaderError, match="NOT_GIVEN"):
+        program.load_program(get_context().gl, vertex="a.vert", fragment="a.frag", defines={"HAS_SKY": 1})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,8 @@ def test_a_compute_shader_has_the_bits_of_the_fragment_shader(
     """llvmpipe takes the one, graphics cards the other; either runs both here."""
     monkeypatch.setattr(ray_paths, "_TESTS_A_VERTEX", tests)
     monkeypatch.setattr(RayPathEngine, "_look_by_rays", lambda *_: None)  # which graphics cards do not
-    gl = get_context().gl
+    context = get_context()
+    gl = context.gl
     scene = path_traceable(load_scene("cornell-box-36" if name == "gather" else name))
     scene = scene.with_camera(resolution=(50, 40))
     settings: PathSettings | GatherSettings = PathSettings(max_depth=3)
@@ -40,8 +43,9 @@ def test_a_compute_shader_has_the_bits_of_the_fragment_shader(
         radiosity = device_radiosity(gl, scene, solve_radiosity(scene, patches=50), settings)
     taken, counts = [], []
     for hardware, kind in ((False, Pass), (True, PixelDispatch)):
-        engine = RayPathEngine(gl, DeviceScene(gl, scene), settings, WINDOW, radiosity=radiosity, hardware=hardware)
-        assert {type(each) for each in engine._path_passes} == {kind}
+        monkeypatch.setattr(context, "info", replace(context.info, hardware=hardware))
+        engine = RayPathEngine(gl, DeviceScene(gl, scene), settings, WINDOW, radiosity=radiosity).prepare()
+        assert type(engine._paths.now) is kind
         assert (len(engine._areas) > 1) is (tests > 1000)
         for index in range(3):
             engine.trace_path_set(index)
@@ -134,7 +138,7 @@ def test_a_picture_in_windows_has_the_lamps_edges_of_the_whole() -> None:
         return engine.take()
 
     def engine_of(window: tuple[int, int, int, int]) -> RayPathEngine:
-        return RayPathEngine(context.gl, DeviceScene(context.gl, scene), settings, window, hardware=False)
+        return RayPathEngine(context.gl, DeviceScene(context.gl, scene), settings, window).prepare()
 
     whole = take(engine_of((0, 0, SIDE, SIDE)))
     engine = engine_of((0, 0, 8, 12))
@@ -150,7 +154,7 @@ def test_another_sensor_has_lamps_edges_of_its_own() -> None:
 
     def engine_of(scene: Scene) -> RayPathEngine:
         window = (0, 0, SIDE, SIDE)
-        return RayPathEngine(context.gl, DeviceScene(context.gl, scene), settings, window, hardware=False)
+        return RayPathEngine(context.gl, DeviceScene(context.gl, scene), settings, window).prepare()
 
     one, other = engine_of(scene), engine_of(turned)
     one.trace_path_set(0)
@@ -170,9 +174,8 @@ def test_a_scene_of_more_triangles_than_pixels_is_seen_by_rays() -> None:
     seen = []
     for resolution in ((48, 36), (480, 360)):
         sensed = scene.with_camera(resolution=resolution)
-        engine = RayPathEngine(
-            context.gl, DeviceScene(context.gl, sensed), PathSettings(max_depth=1), window, hardware=False
-        )
+        engine = RayPathEngine(context.gl, DeviceScene(context.gl, sensed), PathSettings(max_depth=1), window)
+        engine.prepare()
         by_rays = not engine._eye_pass.depth
         assert by_rays is (resolution == (48, 36))
         # Both see the small image.

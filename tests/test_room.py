@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 import glpath
+from benchmarks.scenes.room import ROOM
+from benchmarks.scenes.room import room as made
+from benchmarks.scenes.solids import arc, block, cushion, lines, moved, skin, turned
 from glpath.errors import SceneError
 from glpath.io import load_scene
-from glpath.io.shipped.room import ROOM
-from glpath.io.shipped.solids import arc, block, cushion, lines, moved, skin, turned
 from glpath.scene import Scene, Shape, check_scene, path_traceable
 
 
@@ -25,8 +26,8 @@ def of_shape(scene: Scene, shape: Shape) -> np.ndarray:
 
 
 def bottom(scene: Scene, name: str) -> float:
-    """The lowest point of all shapes whose names begin so, metres."""
-    parts = [of_shape(scene, s) for s in scene.shapes if s.name.startswith(f"{name}-")]
+    """The lowest point of all shapes of the model whose names begin so, metres."""
+    parts = [of_shape(scene, s) for s in scene.shapes if s.name.startswith(f"room/{name}-")]
     return float(np.concatenate(parts)[..., 1].min())
 
 
@@ -59,11 +60,11 @@ def test_furniture_stands_on_the_floor_and_things_on_furniture(room: Scene):
         "side-table",
         "bookcase",
     ):
-        assert bottom(room, name) == pytest.approx(0, abs=1e-9), name
-    rug = next(of_shape(room, s) for s in room.shapes if s.name == "rug-blue")[0, 0, 1]
+        assert bottom(room, name) == pytest.approx(0, abs=1e-7), name
+    rug = next(of_shape(room, s) for s in room.shapes if s.name == "room/rug-blue")[0, 0, 1]
     assert bottom(room, "coffee-table") == pytest.approx(rug)
     for thing, support in (("table-lamp", "side-table"), ("tall", "table"), ("clock", "mantel"), ("jar", "mantel")):
-        parts = [s for s in room.shapes if s.name.removesuffix("-top").removesuffix("-body") == support]
+        parts = [s for s in room.shapes if s.name.removesuffix("-top").removesuffix("-body") == f"room/{support}"]
         tops = [of_shape(room, s)[:, :, 1].max() for s in parts]
         assert bottom(room, thing) == pytest.approx(max(tops)), thing
 
@@ -133,16 +134,16 @@ def test_no_two_surfaces_coincide(room: Scene):
 
 
 def test_detail_divides_finer_and_keeps_the_shape(room: Scene):
-    coarse, fine = (load_scene("room", {"detail": d}) for d in ("0.25", "4"))
+    coarse, fine = made(0.25), made(4.0)
     assert len(coarse.triangles) < 0.7 * len(room.triangles)
-    assert len(fine.triangles) == 34696  # as the description says
+    assert len(fine.triangles) == 34696  # as its docstring says
     for other in (coarse, fine):
-        assert [s.name for s in other.shapes] == [s.name for s in room.shapes]
+        assert [f"room/{s.name}" for s in other.shapes] == [s.name for s in room.shapes]
         assert other.areas.sum() == pytest.approx(room.areas.sum(), rel=0.02)
         assert other.areas.min() > 0
         assert other.bounds[1] == pytest.approx(ROOM)
     with pytest.raises(SceneError, match="detail"):
-        load_scene("room", {"detail": 0.1})
+        load_scene("room", {"detail": 4})  # what ships is a file
 
 
 def test_paths_that_share_directions_lose_few_rays(room: Scene):

@@ -1,7 +1,9 @@
 """Another driver than the one that this was written on: zink (OpenGL on Vulkan) on lavapipe (Vulkan on the CPU).
 
-Engines agree bit by bit within the driver, pictures statistically across drivers, and no GL error is left behind.
-And llvmpipe as if it were a graphics card: texels by `texelFetch`.
+Structures pass their tests there. Engines show what they show here, sample by sample but for rounding, so that
+tests of what is in their pictures need not run twice. Classical algorithm and T-buffer agree bit by bit there too,
+and no GL error is left behind. And llvmpipe as if it were a graphics card: texels by `texelFetch`, with the same
+bits.
 
 Both are Mesa's. Needs Debian's mesa-vulkan-drivers, which `make evidence` installs; zink is in libgl1-mesa-dri.
 """
@@ -27,11 +29,10 @@ ROOT = Path(__file__).parent.parent
 ZINK = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "GALLIUM_DRIVER": "zink", "LIBGL_ALWAYS_SOFTWARE": "1"}
 FETCH = {"GLPATH_TEXELS": "fetch"}
 
-#: All that draws: structures, engines, and what they stand on.
-SUITES = [
+#: The structures that draw, and what they stand on. Whole engines are held against their films instead.
+STRUCTURES = [
     f"tests/test_{name}.py"
     for name in (
-        "film_hashes",
         "program",
         "sums",
         "path_buffer",
@@ -40,17 +41,29 @@ SUITES = [
         "shadow_cells",
         "point_shadows",
         "whitted",
-        "path_trace",
-        "gather",
-        "lens_and_shutter",
     )
 ]
 
 PICTURES = (
     "path-buffer-cornell-box",
+    "path-buffer-cornell-box-36-lattice",
+    "path-buffer-cornell-box-36-hemisphere",
     "path-buffer-cornell-box-36-paper",
     "path-buffer-room",
+    "path-buffer-mixed",
+    "path-buffer-lobes",
+    "path-buffer-lens",
+    "path-buffer-stream",
+    "path-mixed",
+    "path-environment",
+    "path-lobes",
+    "path-lens",
+    "path-panorama",
+    "path-guided",
+    "gather-cornell-box-36",
     "gather-path-buffer-cornell-box-36",
+    "gather-path-buffer-cornell-box-36-constant",
+    "t-buffer-mixed",
     "t-buffer-three-spheres",
     "classic-three-spheres",
     "t-buffer-three-spheres-cube",
@@ -71,7 +84,8 @@ assert error == "GL_NO_ERROR", error
 
 def render(name: str) -> Film:
     changes = {"integrator": "classic"} if name == "classic-three-spheres" else {}
-    return film_of("t-buffer-three-spheres" if changes else name, spp=32, **changes)
+    spp = 64 if name == "path-buffer-mixed" else 32  # the noise of fewer hides too much to compare
+    return film_of("t-buffer-three-spheres" if changes else name, spp=spp, **changes)
 
 
 def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -95,7 +109,7 @@ def zink() -> dict[str, str]:
     return ZINK
 
 
-def assert_passes(environment: dict[str, str]) -> None:
+def assert_passes(suites: list[str], environment: dict[str, str]) -> None:
     command = [
         sys.executable,
         "-m",
@@ -106,19 +120,20 @@ def assert_passes(environment: dict[str, str]) -> None:
         "auto",
         "-m",
         "not evidence",
-        *SUITES,
+        *suites,
     ]
     result = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
     assert result.returncode == 0, result.stdout[-8000:] + result.stderr[-2000:]
 
 
 def test_what_draws_passes_its_tests_on_zink(zink: dict[str, str]) -> None:
-    """Classical algorithm and T-buffer agree bit by bit there too. Stored bits of films are another driver's."""
-    assert_passes(zink)
+    """Classical algorithm and T-buffer agree bit by bit there too."""
+    assert_passes(STRUCTURES, zink)
 
 
 def test_what_draws_passes_its_tests_with_texels_read_as_graphics_cards_do() -> None:
-    assert_passes(FETCH)
+    """Films of all engines have the bits that are stored of llvmpipe."""
+    assert_passes(["tests/test_film_hashes.py", *STRUCTURES], FETCH)
 
 
 def test_pictures_agree_across_drivers(zink: dict[str, str], tmp_path: Path) -> None:
@@ -129,13 +144,13 @@ def test_pictures_agree_across_drivers(zink: dict[str, str], tmp_path: Path) -> 
         ours, theirs = render(name), Film.load(tmp_path / f"{name}.npz")
         assert "zink" in theirs.metadata.device
         assert theirs.metadata.statistics["dropped_samples"] == 0
-        # A path that passes an edge within rounding goes another way on another driver: a pixel in hundreds.
+        # A path that passes an edge within rounding goes another way on another driver: a pixel in thousands.
         decided = np.abs(theirs.mean - ours.mean).max(axis=2) < 1e-3 * (ours.mean.max(axis=2) + ours.mean.mean())
         found[name] = relative_mse(np.where(decided[..., None], theirs.mean, ours.mean), ours.mean)
-        verdict = compare(Picture.of_film(theirs), Picture.of_film(ours))
+        verdict = compare(Picture.of_film(theirs), Picture.of_film(ours), sees=1)
         assert verdict.passed, f"{name}: {verdict.summary}"
-        assert decided.mean() > 0.99, f"{name}: {(~decided).sum()} pixels are others"
-        assert found[name] < 1e-6, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
+        assert decided.mean() > 0.998, f"{name}: {(~decided).sum()} pixels are others"
+        assert found[name] < 1e-9, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
     print(json.dumps(found, indent=2))
     same = [film_hash(Film.load(tmp_path / f"{engine}-three-spheres.npz")) for engine in ("classic", "t-buffer")]
     assert same[0] == same[1]

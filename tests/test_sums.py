@@ -36,10 +36,13 @@ def test_negative_and_infinite_samples_are_dropped_and_counted(
     sums = PixelSums(gl, size, 1.0)
     samples = gl.texture(size, 1, data=np.array(SAMPLES, np.float32).tobytes(), dtype="f4")
     drawn = program.load_program(gl, vertex="gl/fullscreen.vert", fragment="a.frag")
-    for i in range(2):
-        textures = {**sums.textures[i], "samples": samples}
-        Pass("add", gl, drawn, sums.targets[1 - i], textures=textures).run({"quanta": sums.quanta})
-    taken = sums.take(0)
+    add = sums.sets.each(
+        lambda read, write: Pass("add", gl, drawn, write.target, textures={**read.textures, "samples": samples})
+    )
+    for _ in range(2):
+        add.now.run({"quanta": sums.quanta})
+        sums.path_set_added()
+    taken = sums.take()
     # What rounds to nothing is nothing, whatever its sign.
     good = np.array([True] * 4 + [False] * 6)
     np.testing.assert_array_equal(taken.radiance[0, good], 2 * np.array([[0.5, s, 0.25] for s in (0.75, 0, 0, 0)]))

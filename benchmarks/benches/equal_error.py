@@ -25,8 +25,8 @@ from benchmarks.peers.cycles import Cycles, cycles
 from benchmarks.references.kept import Reference, reference_picture
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError
+from glpath.integrators.engine import Engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.rendering.factory import Engine
 from glpath.scene.model import Float64, Scene
 
 Say = Callable[[str], None]

@@ -230,9 +230,8 @@ def compiled_engine(
         settings,
         (0, 0, *scene.camera.resolution),
         radiosity=radiosity,
-        hardware=context.info.hardware,
         timings=timings,
-    )
+    ).prepare()
     warm_up(tracer)
     return tracer
 

@@ -201,9 +201,7 @@ def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
     say(f"{FRAMES} frames around {parameters['objects']} spheres")
     settings = TBufferSettings(max_depth=1, shadows="sphere", shadow_resolution=max(20, round(1000 * scale)))
     window = (0, 0, *scene.camera.resolution)
-    tracer = WhittedTracer(
-        context.gl, DeviceScene(context.gl, scene), settings, window, hardware=context.info.hardware
-    )
+    tracer = WhittedTracer(context.gl, DeviceScene(context.gl, scene), settings, window).prepare()
     tracer.trace_path_set(0)  # compiles what is left to compile
     assert tracer.shadow_buffer is not None, "the scene has a point light"
 

@@ -104,8 +104,7 @@ def bench_textures(
             DeviceScene(context.gl, scene),
             PathSettings(max_depth=DEPTH),
             (0, 0, side, side),
-            hardware=context.info.hardware,
-        )
+        ).prepare()
         warm_up(engines[kind])
     times: dict[str, list[float]] = {kind: [] for kind in _KINDS}
     for turn in range(rounds):

@@ -106,7 +106,7 @@ def model_room(scale: float, say: Say) -> Outcome:
 
 def _as_model(folder: Path, width: int) -> Scene:
     # Its numbers are called candela, so that they leave as they are: errors count from a radiance on.
-    export(replace(load_scene("parlour", {"resolution": width}), unit="photometric"), folder / "parlour.glb")
+    export(replace(load_scene("parlour"), unit="photometric"), folder / "parlour.glb")
     return load_scene(folder / "parlour.glb").with_camera(resolution=(width, 3 * width // 4))
 
 

@@ -30,8 +30,8 @@ from benchmarks.figures.path_pictures import (
     unlit,
 )
 from benchmarks.references.stored import ALL_BOUNCES, stored_reference
+from benchmarks.scenes.room import POSTS
 from benchmarks.verdict import Condition
-from glpath.io.shipped.room import POSTS
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering.progress import duration
@@ -161,7 +161,7 @@ def post_shadow(hits: EyeHits, indirect: Float64) -> float:
     """
     x, y, _ = np.moveaxis(hits.position, -1, 0)
     post = POSTS[0]
-    plaster = hits.shape("chimney").all(axis=2, keepdims=True) & (y > 0.4) & (y < 0.9)
+    plaster = hits.shape("room/chimney").all(axis=2, keepdims=True) & (y > 0.4) & (y < 0.9)
     behind, beside = (
         (plaster & (x > post + a) & (x < post + b)).mean(axis=2)[..., None]
         for a, b in ((-0.04, 0.04), (0.07, 0.12))

@@ -100,8 +100,7 @@ class _Ours:
             DeviceScene(context.gl, scene),
             settings,
             (0, 0, *scene.camera.resolution),
-            hardware=context.info.hardware,
-        )
+        ).prepare()
 
     def seconds(self) -> float:
         """Of one path set."""

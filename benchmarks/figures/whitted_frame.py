@@ -86,8 +86,7 @@ class WhittedFrame:
             self._objects,
             replace(self._settings, count_tests=count_tests),
             self._window,
-            hardware=self._context.info.hardware,
-        )
+        ).prepare()
 
     @cached_property
     def _counted(self) -> tuple[NDArray[np.float64], dict[str, int], NDArray[np.int32]]:

@@ -27,6 +27,7 @@ import numpy as np
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # Blender writes what it does to standard output
+    del sys.path[0]  # this folder, whose cycles.py would stand before Blender's add-on of that name
     import bpy
 
     described = np.load(sys.argv[1])

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.overlaps import overlapping
+from glpath.bake.steps import corners_in_steps, points_in_steps, power_of_two, rounded
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
@@ -233,7 +234,7 @@ def _parts(scene: Scene, density: Float64) -> list[Part]:
                 those = np.flatnonzero(density[first : first + count, side] == wanted)
                 if many and len(those) > _WHOLE:
                     # In the mesh's own space, so that all of its instances are cut alike.
-                    patches = _patches(mesh.vertices[mesh.faces].mean(axis=1), those)
+                    patches = _patches(points_in_steps(mesh.vertices[mesh.faces].mean(axis=1)), those)
                 else:
                     patches = [those] if len(those) else []
                 parts += [(first + patch, side, float(wanted)) for patch in patches]
@@ -242,13 +243,16 @@ def _parts(scene: Scene, density: Float64) -> list[Part]:
 
 
 def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
-    """Halves of halves of triangles, of those (T, 3) whose middles these are, across where they reach farthest."""
+    """Halves of halves of triangles, of those (T, 3) whose middles these are, across where they reach farthest.
+
+    middles : in whole steps; of equal ones the first triangles are in the first half
+    """
     if len(triangles) <= _PATCH:
         return [np.sort(triangles)]
     points = middles[triangles]
     axis = int(np.argmax(np.ptp(points, axis=0)))
     half = len(triangles) // 2
-    order = np.argpartition(points[:, axis], half)
+    order = np.argpartition(points[:, axis] * len(middles) + triangles, half)
     return [*_patches(middles, triangles[order[:half]]), *_patches(middles, triangles[order[half:]])]
 
 
@@ -256,7 +260,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """On one page, with as many texels a scene unit as fit."""
     areas = scene.areas  # found anew at each call
     area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
-    guess = math.sqrt(_FILLED * size * size / area)
+    guess = rounded(math.sqrt(_FILLED * size * size / area))
     charts = _charts(xatlas, scene, parts, guess)
     found: Atlas | None = None
     for padding in (PADDING, _LEAST_PADDING):
@@ -319,7 +323,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     models = [parts[i] for i in first]
     areas = scene.areas  # found anew at each call
     area = sum(of**2 * float(areas[triangles].sum()) for triangles, _, of in models)
-    finer = min(max(_CHART_PAGE / (texels * math.sqrt(2 * area)), 1.0), _FINER)
+    finer = min(max(rounded(_CHART_PAGE / (texels * math.sqrt(2 * area))), 1.0), _FINER)
     atlas = xatlas.Atlas()
     for part in models:
         atlas.add_mesh(*_corners(scene, part, unit))
@@ -360,9 +364,9 @@ def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
 def _corners(scene: Scene, part: Part, unit: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     """What xatlas takes: points (V, 3) of a part, and the three of each of its triangles."""
     triangles, side, density = part
-    corners = scene.triangles[triangles] * (density / unit)
-    points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    faces = faces.reshape(-1, 3)
+    steps, step = corners_in_steps(scene.triangles[triangles])
+    points, faces = np.unique(steps.reshape(-1, 3), axis=0, return_inverse=True)
+    points, faces = points * (step * density / unit), faces.reshape(-1, 3)
     return points.astype(np.float32), (faces[:, ::-1] if side else faces).astype(np.uint32)
 
 
@@ -416,11 +420,13 @@ def _packed(
 
 
 def _unit(scene: Scene, parts: list[Part]) -> float:
-    """Scene units of one of xatlas's: their extent, or less for the smallest areas, which it takes for none."""
+    """Scene units of one of xatlas's, a power of two: about the extent, or less for the smallest areas, which it
+    takes for none.
+    """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
     areas = scene.areas  # found anew at each call
     least = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
-    return min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent))
+    return power_of_two(min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent)))
 
 
 def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:

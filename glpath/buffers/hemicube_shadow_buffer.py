@@ -11,6 +11,9 @@ Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,22 @@ from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
+
+
+@dataclass(frozen=True)
+class HemicubeFrame:
+    """Where a hemicube stands.
+
+    position  : (3,) of the light point
+    axes      : (3, 3) unit: tangent, bitangent and normal; the top face looks along the normal
+    one_sided : the light point shines to the side of the normal alone, and may lie on a surface
+    uniforms  : of hemicube.glsl
+    """
+
+    position: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    one_sided: bool
+    uniforms: dict[str, object]
 
 
 class HemicubeShadowBuffer(Owner):
@@ -84,15 +103,12 @@ class HemicubeShadowBuffer(Owner):
 
     def frame(
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
-    ) -> dict[str, object]:
-        """The uniforms of `hemicube.glsl` for a light point; `roll` (radians) turns the cube about the normal.
-
-        one_sided : it shines to the side of the normal alone, and may lie on a surface
-        """
+    ) -> HemicubeFrame:
+        """The frame of a light point; `roll` (radians) turns the cube about the normal."""
         assert one_sided or self.defines, "a light to all sides takes a full cube"
         tangent, bitangent = frame_about(normal, roll)
         reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
-        return {
+        uniforms: dict[str, object] = {
             "light_position": tuple(position),
             "light_normal": tuple(normal),
             "light_tangent": tuple(tangent),
@@ -101,30 +117,34 @@ class HemicubeShadowBuffer(Owner):
             "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
             "light_one_sided": one_sided,
         }
+        return HemicubeFrame(position, np.stack([tangent, bitangent, normal]), one_sided, uniforms)
 
-    def scan(self, uniforms: dict[str, object], faces: int | None = None) -> None:
+    def scan(
+        self, frame: HemicubeFrame, faces: int | None = None, uniforms: Mapping[str, object] | None = None
+    ) -> None:
         """Scan convert the scene as the light point sees it.
 
-        faces : only the first so many: 1 above, 5 the sides too; all the buffer has by default
+        faces    : only the first so many: 1 above, 5 the sides too; all the buffer has by default
+        uniforms : more of them, of surfaces that are there by chance
         """
         count = faces or (6 if self.defines else 5)
-        self._pass.run(self.scene.uniforms | uniforms, instances=count)
+        given = {**self.scene.uniforms, **frame.uniforms, **(uniforms or {})}
+        self._pass.run(given, instances=count)
         if self._streamed is not None:
-            of_faces = [self._sees(uniforms, face) for face in range(count)]
+            of_faces = [self._sees(frame, face) for face in range(count)]
             seen = np.any(of_faces, axis=0)
-            self._streamed.run(self.scene.uniforms | uniforms, seen, faces=of_faces)
+            self._streamed.run(given, seen, faces=of_faces)
 
-    def _sees(self, uniforms: dict[str, object], face: int) -> NDArray[np.bool_]:
+    def _sees(self, frame: HemicubeFrame, face: int) -> NDArray[np.bool_]:
         """Which chunks reach into what a face sees."""
         stream = self.scene.stream
         assert stream is not None, "who streams"
-        names = ("light_tangent", "light_bitangent", "light_normal", "light_position")
-        t, b, n, position = (np.array(uniforms[name], np.float64) for name in names)
+        t, b, n = frame.axes
         axis = (n, t, -t, b, -b, -n)[face]
         sides = [side for side in (t, b, n) if abs(side @ axis) < 0.5]
         # By a degree more than its quarter of the circle, for the rounding of the device.
         normals = [axis, *(1.02 * axis + sign * side for side in sides for sign in (1.0, -1.0))]
-        if uniforms["light_one_sided"]:
+        if frame.one_sided:
             normals.append(n)
         planes = np.array(normals)
-        return before_planes(stream.lower, stream.upper, planes, planes @ position)
+        return before_planes(stream.lower, stream.upper, planes, planes @ frame.position)

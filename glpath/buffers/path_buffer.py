@@ -57,6 +57,18 @@ class ScanView:
     seed: int = 0
 
 
+@dataclass(frozen=True)
+class Scan:
+    """A scan: what `scan_scene`, and whoever reads its result, goes by.
+
+    frames   : of each view the axes u and v of its cells, two of (3,)
+    uniforms : of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
+    """
+
+    frames: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
+    uniforms: dict[str, object]
+
+
 class Hits(NamedTuple):
     """What rays hit.
 
@@ -93,12 +105,12 @@ class PathBuffer(Owner):
     cells : (columns, rows) of each view; by default as many in all as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
     records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
-    skips_near : `scan_scene` has a uniform `skipped_share`: paths meet no simpler shape (`DeviceScene`, deviations)
-                 nearer than so many times what it deviates
+    skips_near : paths meet no simpler shape (`DeviceScene`, deviations) nearer than `skipped_share` of `scan_scene`
+                 times what it deviates
 
     `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
-    with `textures` and the uniforms that `scan_positions` returned.
+    with `textures` and the uniforms of the scan that `scan_positions` returned.
     """
 
     def __init__(
@@ -260,17 +272,16 @@ class PathBuffer(Owner):
         texture.filter = _NEAREST
         return texture
 
-    def _view_uniforms(self, view: ScanView) -> dict[str, object]:
-        """What `path_view.glsl` and `ray_record.glsl` need for this scan."""
+    def _begin(self, view: ScanView) -> Scan:
         views = len(view.directions)
         assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
-        frames = [tight_frame(d, self.scene.box) for d in view.directions]
+        frames = tuple(tight_frame(d, self.scene.box) for d in view.directions)
         if self._epoch == 0:
             # Heads of another epoch are of no meaning; when the epochs run out, start over.
             self._epoch = _EPOCHS
             self._heads.clear()
         self._epoch -= 1
-        return {
+        uniforms: dict[str, object] = {
             **self.scene.uniforms,
             "path_u": vectors([u for u, _ in frames], self.views),
             "path_v": vectors([v for _, v in frames], self.views),
@@ -278,20 +289,25 @@ class PathBuffer(Owner):
             "path_views": views,
             "scene_centre": tuple(self.scene.centre),
             "scene_diameter": 2.0 * self.scene.radius,
-            "view_cells": (float(self.cells[0] // views), float(self.cells[1])),
+            "view_cells": self._view_cells(views),
             "cell_jitter": view.jitter,
             "scan_epoch": self._epoch + 1,
             "permutation_seed": view.seed & 0xFFFFFFFF,
             "path_columns": self.paths[0],
             "cell_columns": self.cells[0],
         }
+        return Scan(frames, uniforms)
 
-    def scan_positions(self, position: moderngl.Texture, view: ScanView) -> dict[str, object]:
-        """ScanConvertPositions [PB table 4]: z0 of every live path. Returns the scan's uniforms.
+    def _view_cells(self, views: int) -> tuple[float, float]:
+        return float(self.cells[0] // views), float(self.cells[1])
+
+    def scan_positions(self, position: moderngl.Texture, view: ScanView) -> Scan:
+        """ScanConvertPositions [PB table 4]: z0 of every live path.
 
         position : RGBA32F of `paths` texels: place in world space; in w its direction code, see direction_code.glsl
         """
-        uniforms = self._view_uniforms(view)
+        scan = self._begin(view)
+        uniforms = scan.uniforms
         self._textures["path_position"] = position
         columns, rows = self.paths
         grid = self._grid_size
@@ -301,35 +317,38 @@ class PathBuffer(Owner):
         self._position_passes[2].run(uniforms)
         self.gl.memory_barrier()
         self._cell_pass.run(uniforms)
-        return uniforms
+        return scan
 
     def any_paths(self) -> bool:
         """Was any path alive in the last `scan_positions`? Waits for the device."""
         bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4)
         return bool(np.any(bounds[:, 0] <= -bounds[:, 2]))
 
-    def scan_scene(self, uniforms: dict[str, object]) -> None:
-        """ScanConvertScene [PB table 5]: the nearest surface beyond z0."""
-        views = int(uniforms["path_views"])  # type: ignore[call-overload]
-        seen = self._chunks_in_view(uniforms) if self._streamed else None
+    def scan_scene(self, scan: Scan, skipped_share: float = 0.0) -> None:
+        """ScanConvertScene [PB table 5]: the nearest surface beyond z0.
+
+        skipped_share : see `skips_near`
+        """
+        uniforms = scan.uniforms | {"skipped_share": skipped_share}
+        views = len(scan.frames)
+        seen = self._chunks_in_view(scan) if self._streamed else None
         for number, stage in enumerate(self._scene_passes):
             stage.run(uniforms, instances=views)
             if seen is not None:
                 self._streamed[number].run(uniforms, seen, instances=views)
 
-    def _chunks_in_view(self, uniforms: dict[str, object]) -> NDArray[np.bool_]:
+    def _chunks_in_view(self, scan: Scan) -> NDArray[np.bool_]:
         """Which chunks lie before or behind any cell of the views, as wide as a cell around them."""
         assert self._stream is not None, "who streams"
-        views = int(uniforms["path_views"])  # type: ignore[call-overload]
+        cells = np.array(self._view_cells(len(scan.frames)))
         bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4).astype(np.float64)
         seen = np.zeros(len(self._stream.chunks), np.bool_)
         lower, upper = self._stream.lower - self.scene.centre, self._stream.upper - self.scene.centre
-        for view in range(views):
-            u, v = (np.array(uniforms[name], np.float64).reshape(-1, 3)[view] for name in ("path_u", "path_v"))
+        for view, (u, v) in enumerate(scan.frames):
             low, high = bounds[view, :2], -bounds[view, 2:]
             if not (low <= high).all():
                 continue  # no path looks there
-            margin = (high - low) / np.array(uniforms["view_cells"]) + 1e-5 * self.scene.radius
+            margin = (high - low) / cells + 1e-5 * self.scene.radius
             planes = np.stack([u, v, -u, -v])
             offsets = np.concatenate([low - margin, -high - margin])
             seen |= before_planes(lower, upper, planes, offsets)
@@ -370,9 +389,9 @@ class PathBuffer(Owner):
             state[:, 3] = 0
             state[open_, 3] = sign[open_]
             position.write(state.tobytes())
-            uniforms = self.scan_positions(position, ScanView((d,), seed=round_))
-            self.scan_scene(uniforms)
-            answer = self._read_report(uniforms)[open_]
+            scan = self.scan_positions(position, ScanView((d,), seed=round_))
+            self.scan_scene(scan)
+            answer = self._read_report(scan)[open_]
             done = answer != PATH_LOST
             triangle[open_[done]] = answer[done]
             open_ = open_[~done]
@@ -441,7 +460,7 @@ class PathBuffer(Owner):
         sign = np.ones(n) if way is None else np.sign(np.asarray(way, np.float64))
         return start, d / np.linalg.norm(d), sign
 
-    def _read_report(self, uniforms: dict[str, object]) -> NDArray[np.int32]:
+    def _read_report(self, scan: Scan) -> NDArray[np.int32]:
         if self._report is None:
             texture = self.gl.texture(self.paths, 1, dtype="i4")
             texture.filter = _NEAREST
@@ -457,5 +476,5 @@ class PathBuffer(Owner):
             )
             self._report = stage, texture
         stage, texture = self._report
-        stage.run(uniforms)
+        stage.run(scan.uniforms)
         return np.frombuffer(texture.read(), np.int32)

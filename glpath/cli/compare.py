@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glpath.cli.help import PICTURES, told
 from glpath.errors import UsageError
 from glpath.system.terminal import say, say_json
 
@@ -18,7 +19,14 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, above --fail or not the same by --mode, 2 wrong usage.")(diff)
+    help = told(
+        PICTURES,
+        ("glpath diff a.png b.png", "the numbers"),
+        ("glpath diff a.exr b.exr -o difference.png", "where they differ"),
+        ("glpath diff new.npz old.npz --mode stat", "the same but for their noise?"),
+    )
+    epilog = "Exit codes: 0 done, 1 failed, above --fail or not the same by --mode, 2 wrong usage."
+    app.command(epilog=epilog, **help)(diff)
 
 
 def diff(

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from glpath.cli.help import MACHINE, told
 from glpath.errors import ContextError, ShaderError
 from glpath.gl.context import open_context
 from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, library_loads, list_devices
@@ -31,8 +32,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 
 def register(app: typer.Typer) -> None:
     """Add both commands to the command line."""
-    app.command()(devices)
-    app.command()(doctor)
+    of_devices = told(
+        MACHINE,
+        ("glpath devices", "a table"),
+        ("glpath devices --json", "for programs"),
+        ("glpath render cornell-box -o a.png --device 1", "takes the one with that number"),
+    )
+    of_doctor = told(
+        MACHINE,
+        ("glpath doctor", "what is missing, and how to get it"),
+        ("glpath doctor --warm", "compile now what is compiled at first use"),
+        ("glpath doctor --json", "for programs"),
+    )
+    app.command(**of_devices)(devices)
+    app.command(**of_doctor)(doctor)
 
 
 def devices(as_json: Json = False) -> None:

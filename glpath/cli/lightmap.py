@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.help import LIGHT, told
 from glpath.cli.options import (
     FOR_ALL,
     BackendOption,
@@ -64,10 +65,19 @@ _NOISY, _CLEAN = 0.05, 0.02
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
+    help = told(
+        LIGHT,
+        ("glpath lightmap room -o room.glb --size 1024", "one page of 1024 x 1024 texels"),
+        ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),
+        ("glpath lightmap room -o a.glb --integrator gather --denoise --noise 0.02", "clean, soon"),
+        everyday="scene out texels size uv materials exposure denoise spp integrator noise time_limit checkpoint "
+        "resume max_depth seed radiosity device parameters quiet",
+    )
     app.command(
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
-        "130 interrupted (what there is, is written)."
+        "130 interrupted (what there is, is written).",
+        **help,
     )(with_integrator_options(lightmap, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 

@@ -6,6 +6,7 @@ cause is printed as one block without a traceback; a traceback is a mistake of g
 
 from __future__ import annotations
 
+import inspect
 import io
 import logging
 import sys
@@ -22,6 +23,7 @@ from typer.core import TyperGroup
 
 import glpath
 from glpath.cli import compare, devices, export, lightmap, measure, merge, radiosity, render, scenes, viewfactors
+from glpath.cli.help import EXAMPLE, flags_without_a_type
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
@@ -42,7 +44,11 @@ class Commands(TyperGroup):
             for part in (command, *command.params):
                 for name in ("help", "short_help", "epilog"):
                     if text := getattr(part, name, None):
-                        setattr(part, name, escape(text))
+                        setattr(part, name, escape(_unwrapped(text)))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        with flags_without_a_type(self.get_params(ctx)):
+            super().format_help(ctx, formatter)
 
     def make_context(self, *given: Any, **more: Any) -> Any:
         with _wrong_usage_as_lines():
@@ -66,6 +72,12 @@ class Commands(TyperGroup):
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(exit_code()) from stop
+
+
+def _unwrapped(text: str) -> str:
+    """Paragraphs as one line each, for whoever wraps them to the terminal's width; examples stay lines."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(each if each.startswith(EXAMPLE) else " ".join(each.split("\n")) for each in paragraphs)
 
 
 @contextmanager
@@ -128,7 +140,7 @@ def program(name: str, about: str) -> typer.Typer:
 
 
 app = program(
-    "glpath", "Renders scenes with global illumination by scan conversion, on OpenGL 4.3 without a screen."
+    "glpath", "Global illumination on OpenGL 4.3, on a graphics card or without one, and without a screen."
 )
 
 

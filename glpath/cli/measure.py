@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.help import LIGHT, told
 from glpath.cli.options import (
     BackendOption,
     DeviceOption,
@@ -62,10 +63,19 @@ _RECEIVERS = ("plane", "cylinder")
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
+    help = told(
+        LIGHT,
+        ("glpath measure office.toml -o lux.csv --plane z=0.75 --spacing 0.25", "a working plane"),
+        ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
+        ("glpath measure office.toml -o lux.csv --points points.csv", "points of your own"),
+        everyday="scene out plane spacing area margin points normal receiver white_sky integrator spp noise "
+        "time_limit max_depth resume seed device parameters quiet",
+    )
     app.command(
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
-        "130 interrupted (what there is, is written)."
+        "130 interrupted (what there is, is written).",
+        **help,
     )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from glpath.cli.help import PICTURES, told
 from glpath.cli.options import QuietOption
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.rendering.progress import percent
@@ -16,7 +17,14 @@ from glpath.system.terminal import say
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, or films that do not belong together.")(merge)
+    help = told(
+        PICTURES,
+        ("glpath merge a.npz b.npz -o all.npz", "one film of two shards"),
+        ("glpath merge shard-*.npz -o room.png -o room.exr", "and its pictures"),
+        ("glpath merge film.npz -o film.png --exposure 1", "a picture of one film"),
+    )
+    epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, or films that do not belong together."
+    app.command(epilog=epilog, **help)(merge)
 
 
 def merge(

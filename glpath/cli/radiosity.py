@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.help import LIGHT, told
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
@@ -65,7 +66,15 @@ def register(app: typer.Typer) -> None:
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
     later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
     later += " 134: ended by --hang-limit."
-    app.command(epilog=codes + later)(radiosity)
+    help = told(
+        LIGHT,
+        ("glpath radiosity room -o room.npz", "a solution, for render --radiosity"),
+        ("glpath radiosity room -o room.glb", "the scene with its light as vertex colours"),
+        ("glpath radiosity office -o office.npz --method monte-carlo --patches 20000", "many elements"),
+        everyday="scene out method patches size splits adaptive unshot particles seed radiosity exposure check "
+        "checkpoint resume parameters quiet",
+    )
+    app.command(epilog=codes + later, **help)(radiosity)
 
 
 def radiosity(

@@ -16,6 +16,7 @@ import typer
 from glpath.cli import camera, completion, outcome, running
 from glpath.cli.completion import words
 from glpath.cli.frames import Frames, FramesToRender
+from glpath.cli.help import PICTURES, told
 from glpath.cli.options import (
     FOR_ALL,
     OUTPUT,
@@ -66,7 +67,15 @@ _EXIT_CODES = (
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command(epilog=_EXIT_CODES)(with_integrator_options(render))
+    help = told(
+        PICTURES,
+        ("glpath render cornell-box -o box.png", "a shipped scene"),
+        ("glpath render model.glb -o a.png -o a.exr --noise 0.01", "until the error is 1 %"),
+        ("glpath render room -o room.png --integrator gather --denoise --spp 16", "a clean picture soon"),
+        everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
+        "camera_position camera_target camera_fov device resume noise time_limit quiet",
+    )
+    app.command(epilog=_EXIT_CODES, **help)(with_integrator_options(render))
 
 
 def render(

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from glpath.cli import completion
+from glpath.cli.help import SCENES, told
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
@@ -30,8 +31,38 @@ _SHOWN = 40
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module to `app`."""
-    for command in (info, validate, schema, scenes):
-        app.command()(command)
+    app.command(
+        **told(
+            SCENES,
+            ("glpath info model.glb", "what is in it"),
+            ("glpath info room --json", "for programs"),
+            ("glpath info teapot -D level=4", "of a generated scene"),
+        )
+    )(info)
+    app.command(
+        **told(
+            SCENES,
+            ("glpath validate scene.toml", "errors and warnings"),
+            ("glpath validate scenes/*.toml --strict", "a warning is an error"),
+            ("glpath validate scene.toml --json", "for programs"),
+        )
+    )(validate)
+    app.command(
+        **told(
+            SCENES,
+            ("glpath schema", "to the terminal"),
+            ("glpath schema -o scene.schema.json", "to a file, for an editor"),
+            ("glpath schema | less", "to read it"),
+        )
+    )(schema)
+    app.command(
+        **told(
+            SCENES,
+            ("glpath scenes", "a table"),
+            ("glpath scenes --json", "for programs"),
+            ("glpath info room", "more of one of them"),
+        )
+    )(scenes)
 
 
 def info(

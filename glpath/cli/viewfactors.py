@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.help import LIGHT, told
 from glpath.cli.options import ProgressOption, QuietOption
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
@@ -31,9 +32,14 @@ _PROPERTIES = ("reciprocity", "closure")
 
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
-    app.command(epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (go on with --resume).")(
-        viewfactors
+    help = told(
+        LIGHT,
+        ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
+        ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
+        ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and going on"),
     )
+    epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (go on with --resume)."
+    app.command(epilog=epilog, **help)(viewfactors)
 
 
 def viewfactors(

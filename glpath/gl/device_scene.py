@@ -37,6 +37,7 @@ from glpath.gl.scene_texels import (
 )
 from glpath.gl.texel_store import FLOATS, UINTS, StoreRows, make_store
 from glpath.gl.texture_images import TextureImages
+from glpath.gl.variants import defined
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import profiled_lights
 from glpath.scene.appearance import has_colours
@@ -99,25 +100,18 @@ class DeviceScene(Owner):
         self.max_radiance = max_radiance(scene)
         self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
         self.generated = {"SCENE": scene_glsl()}
-        self.defines: dict[str, object] = {
-            f"HAS_{kind.upper()}S": 1 for kind, of in numbers.kinds.items() if len(of)
-        }
-        if any(np.any(material.specular > 0) for material in scene.materials):
-            self.defines["HAS_HIGHLIGHTS"] = 1
-        if any(np.any(material.mirror > 0) for material in scene.materials):
-            self.defines["HAS_MIRRORS"] = 1
-        if any(material.roughness is not None for material in scene.materials):
-            self.defines["HAS_MICROFACETS"] = 1
-        if any(material.roughness is not None and material.anisotropy > 0 for material in scene.materials):
-            self.defines["HAS_BRUSHES"] = 1
-        if any(material.roughness is not None and material.transmission > 0 for material in scene.materials):
-            self.defines["HAS_GLASS"] = 1
-        if isinstance(scene.sky, Environment):
-            self.defines["HAS_ENVIRONMENT"] = 1
-        if any(light.kind == "directional" for light in lights):
-            self.defines["HAS_DIRECTIONAL_LIGHTS"] = 1
-        if profiled_lights(scene):
-            self.defines["HAS_PROFILES"] = 1
+        rough = [material for material in scene.materials if material.roughness is not None]
+        self.defines = defined(
+            **{f"HAS_{kind.upper()}S": len(of) > 0 for kind, of in numbers.kinds.items()},
+            HAS_HIGHLIGHTS=any(bool(np.any(material.specular > 0)) for material in scene.materials),
+            HAS_MIRRORS=any(bool(np.any(material.mirror > 0)) for material in scene.materials),
+            HAS_MICROFACETS=bool(rough),
+            HAS_BRUSHES=any(material.anisotropy > 0 for material in rough),
+            HAS_GLASS=any(material.transmission > 0 for material in rough),
+            HAS_ENVIRONMENT=isinstance(scene.sky, Environment),
+            HAS_DIRECTIONAL_LIGHTS=any(light.kind == "directional" for light in lights),
+            HAS_PROFILES=bool(profiled_lights(scene)),
+        )
 
         self.stream = (
             GeometryStream(gl, scene, self.triangle_count, geometry_budget)
@@ -126,19 +120,18 @@ class DeviceScene(Owner):
         )
         images = TextureImages(gl, scene)
         self.defines |= images.defines
-        if any(has_colours(shape) for shape in scene.shapes):
-            self.defines["HAS_VERTEX_COLOURS"] = 1
-        if np.any(scene.shapes.vertex_normals):
-            self.defines |= {"HAS_NORMALS": 1, "HAS_VERTEX_NORMALS": 1}
         densities = triangle_densities(scene, self.lighting)
-        if len(densities):
-            self.defines["HAS_TRIANGLE_DENSITIES"] = 1
-        if "HAS_VERTEX_COLOURS" in self.defines and any(
-            scene.materials[shape.material].unlit and shape.emits for shape in scene.shapes
-        ):
-            self.defines["HAS_COLOURED_LIGHT"] = 1
-        if any(scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes):
-            self.defines["HAS_ALPHA"] = 1
+        coloured = any(has_colours(shape) for shape in scene.shapes)
+        smooth = bool(np.any(scene.shapes.vertex_normals))
+        self.defines |= defined(
+            HAS_VERTEX_COLOURS=coloured,
+            HAS_NORMALS=smooth,
+            HAS_VERTEX_NORMALS=smooth,
+            HAS_TRIANGLE_DENSITIES=len(densities) > 0,
+            HAS_COLOURED_LIGHT=coloured
+            and any(scene.materials[shape.material].unlit and shape.emits for shape in scene.shapes),
+            HAS_ALPHA=any(scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes),
+        )
         floats, bases = make_store(
             gl,
             FLOATS,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.gl.variants import defined
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, LightSample, LightSamples
 from glpath.scene.model import Environment, Sky
@@ -42,12 +43,9 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
     """What `shaders/lights/light_sample.glsl` asks for: which kinds of light there are."""
-    has = {
-        "HAS_POSITIONAL_LIGHTS": lighting.positional,
-        "HAS_DISTANT_LIGHTS": lighting.infinite,
-        "HAS_SKY": sky is not None,
-    }
-    return {name: 1 for name, there in has.items() if there}
+    return defined(
+        HAS_POSITIONAL_LIGHTS=lighting.positional, HAS_DISTANT_LIGHTS=lighting.infinite, HAS_SKY=sky is not None
+    )
 
 
 #: Of a light sample in `light_table`.

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 import moderngl
 
 from glpath.errors import ShaderError
+from glpath.gl.conditions import Conditions
 
 TEXELS = ("auto", "image", "fetch")
 #: The vertex shader of passes over all texels: of its three vertices nobody counts the outputs.
@@ -30,8 +31,6 @@ _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
     r"^\s*uniform (?P<type>float|u?int|[iu]?vec[234]) (?P<name>\w+)(?P<array>\[(?P<size>\w+)\])?;"
 )
-
-_CONDITION = re.compile(r"^\s*#\s*(?P<word>ifdef|ifndef|if|elif|else|endif|define)\b\s*(?P<name>\w*)")
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
@@ -83,35 +82,11 @@ class HandedOn:
         self._defines = defines
         self._left = components
         self._found: dict[str, tuple[str, str]] = {}
-        self._names = set(defines)
-        self._branches: list[bool | None] = []  # whether each is compiled that the line is in; None: not known
-
-    @property
-    def is_compiled(self) -> bool:
-        """Whether the line that was looked at last may be; of conditions only #ifdef and #ifndef are understood."""
-        return False not in self._branches
-
-    def _follow(self, line: str) -> None:
-        found = _CONDITION.match(line)
-        if found is None:
-            return
-        word, name = found["word"], found["name"]
-        if word in ("ifdef", "ifndef"):
-            self._branches.append((name in self._names) == (word == "ifdef"))
-        elif word == "if":
-            self._branches.append(None)
-        elif word == "elif":
-            self._branches[-1] = None
-        elif word == "else":
-            self._branches[-1] = None if self._branches[-1] is None else not self._branches[-1]
-        elif word == "endif":
-            self._branches.pop()
-        elif word == "define" and self.is_compiled:
-            self._names.add(name)
+        self._conditions = Conditions(defines)
 
     def fragment(self, line: str) -> str:
-        self._follow(line)
-        uniform = _UNIFORM.match(line) if self.is_compiled else None
+        self._conditions.follow(line)
+        uniform = _UNIFORM.match(line) if self._conditions.kept else None
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
         name, kind, array = uniform["name"], uniform["type"], uniform["array"] or ""

@@ -1,9 +1,9 @@
 """Shader programs from files: includes flattened, errors that name the right file and line.
 
 Shaders lie in `shaders/` (beside the package in a checkout, inside it when installed). `.vert`, `.frag` and
-`.comp` are whole programs; `.glsl` is included by a line `#include "name.glsl"`, each file once. What Python
-and GLSL share (layouts, constants) is declared in Python and handed over as text, which stands where the file
-says `#include <NAME>` for NAME in the `generated` mapping.
+`.comp` are whole programs; `.glsl` is included by a line `#include "name.glsl"`, each file once, unless an #ifdef
+takes the line away. What Python and GLSL share (layouts, constants) is declared in Python and handed over as text,
+which stands where the file says `#include <NAME>` for NAME in the `generated` mapping.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ import moderngl
 
 from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
+from glpath.gl.conditions import Conditions
 from glpath.gl.constants import constants_glsl
+from glpath.gl.variants import check_declared
 from glpath.system.machine import return_memory
 
 GLSL_VERSION = "#version 430 core"
@@ -97,6 +99,7 @@ class Source:
         self._generated = generated
         self._rewrites = rewrites
         self._seen: set[str] = set()
+        self._conditions = Conditions(defines)
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
 
@@ -113,7 +116,11 @@ class Source:
         self.files.append(name)
         out = [f"#line 1 {number}"]
         for i, line in enumerate(text.splitlines(), start=1):
+            self._conditions.follow(line)
             match = _INCLUDE.match(line)
+            if match and not self._conditions.kept:
+                out.append("")
+                continue
             if not match:
                 rewritten = line
                 for rewrite in self._rewrites:
@@ -213,7 +220,7 @@ def load_program(
     ----------
     vertex, fragment : file names of a drawing program; or `compute` alone
     generated        : text for `#include <NAME>`: layouts declared in Python
-    defines          : name -> value, put as #define lines before everything
+    defines          : name -> value, put as #define lines before everything; see `glpath.gl.variants`
 
     A program is compiled once in a context; later calls for the same one share it, as long as somebody has it or it
     is among the last `MAX_PROGRAMS` that were asked for.
@@ -224,12 +231,14 @@ def load_program(
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     stages = {stage: name for stage, name in stages.items() if name}
+    given = dict(defines or {})
+    check_declared(given)
     generated = {"CONSTANTS": constants_glsl(), **(generated or {})}
     if llvmpipe.is_spoken(gl):
         inputs = int(gl.info["GL_MAX_FRAGMENT_INPUT_COMPONENTS"]) if vertex == llvmpipe.FULLSCREEN else 0
-        sources = _for_llvmpipe(stages, generated, dict(defines or {}), inputs)
+        sources = _for_llvmpipe(stages, generated, given, inputs)
     else:
-        sources = {stage: Source(name, generated, dict(defines or {})) for stage, name in stages.items()}
+        sources = {stage: Source(name, generated, given) for stage, name in stages.items()}
     return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
 
 

@@ -57,7 +57,7 @@ def ray_bvh_glsl() -> str:
 class RayBvh:
     """The BVH over the triangles of a `DeviceScene`, which has nothing else.
 
-    textures, uniforms : for programs that include ray_bvh.glsl, with `ray_bvh_glsl()` as <RAY_BVH>
+    textures, uniforms, generated, defines : for programs that include ray_bvh.glsl
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
@@ -75,6 +75,8 @@ class RayBvh:
         tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": item_table}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
+        self.generated = {"RAY_BVH": ray_bvh_glsl()}
+        self.defines: dict[str, object] = {}
         self.uniforms: dict[str, object] = {
             "ray_node_count": len(tree),
             "ray_octants": octants == 8,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import moderngl
@@ -9,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.passes import Pass
+from glpath.gl.ping_pong import PingPong
 from glpath.gl.program import load_program
 
 _NAMES = ("sum_low", "sum_high")
-# What a sample has of direct light, beside the sums.
-_DIRECT = "direct"
 
 
 class Taken(NamedTuple):
@@ -28,19 +29,31 @@ class Taken(NamedTuple):
     high: NDArray[np.uint32]
 
 
+@dataclass(frozen=True)
+class Sums:
+    """One set of sums on the device.
+
+    target   : framebuffer of a pass that writes them
+    textures : of a pass that reads them
+    written  : what the target is made of, by the names of the outputs
+    """
+
+    target: moderngl.Framebuffer
+    textures: Mapping[str, moderngl.Texture]
+    written: Mapping[str, moderngl.Texture]
+
+
 class PixelSums:
     """Two sets of sums: a pass reads the one and writes the other, with what it adds.
 
     max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
     split        : direct light is summed by itself as well: a pass writes what a sample has of it, in quanta, and
-                   `add_direct` takes it to the sums
+                   `path_set_added` takes it to the sums
 
     Attributes
     ----------
     quanta   : the uniform, per unit of radiance
-    targets  : two framebuffers
-    textures : two mappings; a pass that draws to targets[1 - i] reads textures[i]
-    written  : two mappings of what targets[i] are made of, by the names of the outputs
+    sets     : the two
     defines  : for programs that include accumulate.glsl
     """
 
@@ -49,58 +62,51 @@ class PixelSums:
     ) -> None:
         exponent = int(np.ceil(np.log2(max_radiance))) if 0.0 < max_radiance < np.inf else 0
         self.quanta = float(2.0 ** min(36 - exponent, 120))
-        pairs = [[gl.texture(size, 4, dtype="u4") for _ in _NAMES] for _ in range(2)]
-        for pair in pairs:
-            for texture in pair:
-                texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-                texture.write(bytes(16 * size[0] * size[1]))
-        self.textures = [dict(zip(_NAMES, pair, strict=True)) for pair in pairs]
-        self.written = [{"low": pair[0], "high": pair[1]} for pair in pairs]
         self.defines: dict[str, object] = {"SPLIT_LIGHT": 1} if split else {}
         self.size = size
-        self.targets: list[moderngl.Framebuffer] = []
         self._direct: PixelSums | None = None
-        self._direct_passes: list[Pass] = []
-        self._direct_sum = 0
+        of_sample: dict[str, moderngl.Texture] = {}  # what a sample has of direct light, beside the sums
         if split:
             direct = gl.texture(size, 4, dtype="f4")
             direct.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            for written in self.written:
-                written[_DIRECT] = direct
-            self._direct = PixelSums(gl, size, max_radiance)
+            of_sample = {"direct": direct}
+            sums = self._direct = PixelSums(gl, size, max_radiance)
             program = load_program(gl, vertex="gl/fullscreen.vert", fragment="film/direct_sums.frag")
-            self._direct_passes = [
-                Pass(
-                    "direct light",
-                    gl,
-                    program,
-                    self._direct.targets[1 - i],
-                    textures={**self._direct.textures[i], "direct_light": direct},
+            self._add_direct = sums.sets.each(
+                lambda read, write: Pass(
+                    "direct light", gl, program, write.target, textures={**read.textures, "direct_light": direct}
                 )
-                for i in range(2)
-            ]
-        self.targets = [gl.framebuffer([*written.values()]) for written in self.written]
+            )
+        self.sets: PingPong[Sums] = PingPong(*(_new_sums(gl, size, of_sample) for _ in range(2)))
 
-    def add_direct(self) -> None:
-        """After each path set: what its samples have of direct light, to the sums of it."""
+    def path_set_added(self) -> None:
+        """After the pass of a path set, which has written the sums."""
+        self.sets.swap()
         if self._direct is not None:
-            self._direct_passes[self._direct_sum].run({"quanta": 1.0})
-            self._direct_sum = 1 - self._direct_sum
+            self._add_direct.now.run({"quanta": 1.0})
+            self._direct.sets.swap()
 
     def take_direct(self) -> NDArray[np.float64] | None:
         """The sums of direct light, which are then empty, as `Taken.radiance` is; None where it isn't split."""
-        if self._direct is None:
-            return None
-        return self._direct.take(self._direct_sum).radiance
+        return None if self._direct is None else self._direct.take().radiance
 
-    def take(self, which: int) -> Taken:
-        """The sums of one set, which is then empty."""
+    def take(self) -> Taken:
+        """The sums, which are then empty."""
         width, height = self.size
+        textures = self.sets.read.textures
         low, high = (
-            np.frombuffer(self.textures[which][name].read(), np.uint32).reshape(height, width, 4)[::-1]
-            for name in _NAMES
+            np.frombuffer(textures[name].read(), np.uint32).reshape(height, width, 4)[::-1] for name in _NAMES
         )
-        for texture in self.textures[which].values():
+        for texture in textures.values():
             texture.write(bytes(16 * width * height))
         quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
         return Taken(quanta / self.quanta, low[..., 3], high[..., 3])
+
+
+def _new_sums(gl: moderngl.Context, size: tuple[int, int], of_sample: Mapping[str, moderngl.Texture]) -> Sums:
+    pair = [gl.texture(size, 4, dtype="u4") for _ in _NAMES]
+    for texture in pair:
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        texture.write(bytes(16 * size[0] * size[1]))
+    written = {"low": pair[0], "high": pair[1], **of_sample}
+    return Sums(gl.framebuffer([*written.values()]), dict(zip(_NAMES, pair, strict=True)), written)

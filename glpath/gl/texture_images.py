@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 from glpath.gl.texel_store import WIDTH
+from glpath.gl.variants import defined
 from glpath.scene.geometry import Mesh
 from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
@@ -25,13 +26,6 @@ WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
 ALPHAS = ("opaque", "mask", "blend")
 #: Bytes that all textures may take on the device.
 MAX_TEXTURE_BYTES = 2 << 30
-
-_DEFINES = {
-    "surface_texture": ("HAS_SURFACE_TEXTURES",),
-    "normal_texture": ("HAS_NORMAL_MAPS", "HAS_NORMALS"),
-    "emission_texture": ("HAS_EMISSION_TEXTURES",),
-    "transmission_texture": ("HAS_TRANSMISSION_TEXTURES",),
-}
 
 
 class TextureImages:
@@ -59,23 +53,23 @@ class TextureImages:
         numbers = list(dict.fromkeys(slot.texture for _, _, slot in shown))
         textures = {number: scene.textures[number] for number in numbers}
         _check_budget(scene, list(textures.values()))
-        self.defines: dict[str, object] = {}
-        if shown:
-            self.defines["HAS_TEXTURES"] = 1
-        for name in dict.fromkeys(name for _, name, _ in shown):
-            self.defines |= dict.fromkeys(_DEFINES.get(name, ()), 1)
-        if any(slot.uv_set == 1 for _, _, slot in shown):
-            self.defines["HAS_UV1"] = 1
-        if any(wrap != "repeat" for texture in textures.values() for wrap in texture.wrap):
-            self.defines["HAS_WRAPS"] = 1
-
         self._bytes = [t for t in textures.values() if t.image.dtype == np.uint8]
         self._width = self._wide_enough(scene)
+        slots = {name for _, name, _ in shown}
+        self.defines = defined(
+            HAS_TEXTURES=bool(shown),
+            HAS_SURFACE_TEXTURES="surface_texture" in slots,
+            HAS_NORMAL_MAPS="normal_texture" in slots,
+            HAS_NORMALS="normal_texture" in slots,
+            HAS_EMISSION_TEXTURES="emission_texture" in slots,
+            HAS_TRANSMISSION_TEXTURES="transmission_texture" in slots,
+            HAS_UV1=any(slot.uv_set == 1 for _, _, slot in shown),
+            HAS_WRAPS=any(wrap != "repeat" for texture in textures.values() for wrap in texture.wrap),
+            HAS_BYTE_IMAGES=bool(self._bytes),
+            HAS_FLOAT_IMAGES=len(self._bytes) < len(textures),
+        )
         if self._bytes:
-            self.defines |= {"HAS_BYTE_IMAGES": 1, "BYTES_SHIFT": self._width.bit_length() - 1}
-        floats = [t for t in textures.values() if t.image.dtype != np.uint8]
-        if floats:
-            self.defines["HAS_FLOAT_IMAGES"] = 1
+            self.defines["BYTES_SHIFT"] = self._width.bit_length() - 1
         first: dict[int, int] = {}
         rows = texels = 0
         for number, texture in textures.items():

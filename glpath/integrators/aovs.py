@@ -25,6 +25,7 @@ from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass
+from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import load_program
 from glpath.gl.sums import PixelSums
 from glpath.integrators.settings import IntegratorSettings
@@ -96,9 +97,9 @@ class EyeAovs:
             "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
         }
         components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
-        self._textures = [{name: self._texture(n) for name, n in components.items()} for _ in range(2)]
+        self._sums = PingPong(*({name: self._texture(n) for name, n in components.items()} for _ in range(2)))
         textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.met}
-        self._passes: list[Pass] = []
+        self._pass: InTurn[Pass] | None = None
         if groups:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
             outputs = {group: sums.index(of[1][0]) for group, of in groups.items()}
@@ -111,20 +112,14 @@ class EyeAovs:
                 generated=scene.generated,
                 defines=defines,
             )
-            self._passes = [
-                Pass(
-                    "AOVs",
-                    gl,
-                    program,
-                    gl.framebuffer([*self._textures[1 - i].values()]),
-                    textures=textures | self._textures[i],
+            self._pass = self._sums.each(
+                lambda read, write: Pass(
+                    "AOVs", gl, program, gl.framebuffer([*write.values()]), textures={**textures, **read}
                 )
-                for i in range(2)
-            ]
+            )
         self._shapes: list[moderngl.Texture] = []
         if not self._names.isdisjoint(ID_AOVS):
             self._make_shape_passes(seen, textures)
-        self._sum = 0  # which of the two sets of sums holds the present ones
         self._path_sets = 0
         self._unread = 0  # path sets whose shapes are on the device
         self._taken: dict[str, NDArray[np.float64]] = {}
@@ -141,11 +136,11 @@ class EyeAovs:
 
     def add(self, eye: Uniforms) -> None:
         """One more path set, whose eye buffer is filled."""
-        if self._passes:
+        if self._pass is not None:
             if self._path_sets == _MOST_PATH_SETS:
                 self._collect()
-            self._passes[self._sum].run(self._uniforms | eye)
-            self._sum = 1 - self._sum
+            self._pass.now.run(self._uniforms | eye)
+            self._sums.swap()
         self._path_sets += 1
         if self._shapes:
             if self._unread == _SETS_READ:
@@ -173,7 +168,7 @@ class EyeAovs:
 
     def _collect(self) -> None:
         """Add what the device has to what was taken, and begin anew there."""
-        sums = {name: self._read(texture) for name, texture in self._textures[self._sum].items()}
+        sums = {name: self._read(texture) for name, texture in self._sums.read.items()}
         if "sum_first" in sums:
             first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
             # What was not finite is not in the sum, so the 1 isn't either.
@@ -198,7 +193,7 @@ class EyeAovs:
             add_aov(name, self._taken[name], sums)
 
     def _empty(self) -> None:
-        for texture in self._textures[self._sum].values():
+        for texture in self._sums.read.values():
             texture.write(bytes(4 * texture.components * self._size[0] * self._size[1]))
         self._path_sets = 0
 

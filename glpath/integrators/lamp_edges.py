@@ -21,7 +21,8 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
-from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.gl.ray_bvh import RayBvh
+from glpath.gl.variants import defined
 from glpath.sampling.points import Sampling, pixel_places
 
 #: Places in each path set, a power of two.
@@ -71,8 +72,13 @@ class LampEdges:
                 gl,
                 vertex="gl/fullscreen.vert",
                 fragment="lights/lamp_edges.frag",
-                generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
-                defines={**scene.defines, **eye_defines, "HAS_SKY": scene.scene.sky is not None, "PLACES": PLACES},
+                generated={**scene.generated, **bvh.generated},
+                defines={
+                    **scene.defines,
+                    **eye_defines,
+                    **defined(HAS_SKY=scene.scene.sky is not None),
+                    "PLACES": PLACES,
+                },
             ),
             gl.framebuffer([self.textures["lamp_light"]]),
             textures={**scene.textures, **bvh.textures, "lamp_pixels": self._pixels} | self.textures,

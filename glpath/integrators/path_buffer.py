@@ -13,8 +13,8 @@ from __future__ import annotations
 import moderngl
 
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.path_buffer_stages import PathBufferStages
-from glpath.integrators.path_set_engine import Uniforms
 from glpath.integrators.settings import PathBufferSettings
 from glpath.lights.lighting import Lighting
 from glpath.sensors.sensor import Sensor
@@ -30,13 +30,11 @@ class PathBufferTracer(PathBufferStages):
         gl: moderngl.Context,
         scene: DeviceScene,
         settings: PathBufferSettings,
-        window: tuple[int, int, int, int],
+        window: Window,
         *,
         sensor: Sensor | None = None,
-        hardware: bool,
         timings: bool = False,
     ) -> None:
-        self.settings = settings
         self._ambient = tuple(scene.scene.ambient) if settings.ambient is None else settings.ambient
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
         ambient_alone = settings.max_depth == 1 and max(self._ambient) > 0
@@ -48,10 +46,12 @@ class PathBufferTracer(PathBufferStages):
             sensor=sensor,
             max_radiance=max(self._ambient),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
-            hardware=hardware,
             timings=timings,
         )
-        depth = settings.max_depth
+
+    def _prepare_stages(self) -> None:
+        super()._prepare_stages()
+        depth = self.settings.max_depth
         self._advance_passes = self._vertex_passes(
             "advance", "path_buffer/path_advance.frag", inner=depth > 2, last=depth > 1, deep=True
         )
@@ -65,9 +65,9 @@ class PathBufferTracer(PathBufferStages):
         self.light_from_infinity(index, 0, light, last=self.settings.max_depth == 1)
         for depth in range(1, self.settings.max_depth):
             scan = self.scan_positions(index, depth, sample)  # z0 of every live path
-            self.scan_scene(scan)  # the nearest surface beyond z0
+            self.scan_scene(depth, scan)  # the nearest surface beyond z0
             last = depth == self.settings.max_depth - 1 or self._all_ended(depth)
-            self.advance(index, depth, sample, light | scan, last)  # radiance, throughput, new positions
+            self.advance(index, depth, sample, light, scan, last)  # radiance, throughput, new positions
             self.light_from_infinity(index, depth, light, last)  # shadows of parallel light, by one scan more
             if last:
                 break

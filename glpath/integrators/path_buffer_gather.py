@@ -24,10 +24,11 @@ from __future__ import annotations
 
 import moderngl
 
+from glpath.buffers.path_buffer import Scan
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.path_buffer_stages import PathBufferStages
-from glpath.integrators.path_set_engine import Uniforms
+from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.path_buffer_stages import PathBufferStages, SetLight
 from glpath.integrators.settings import GatherSettings
 from glpath.sampling.points import PathSetSample
 from glpath.sensors.sensor import Sensor
@@ -46,27 +47,23 @@ class PathBufferGather(PathBufferStages):
         gl: moderngl.Context,
         scene: DeviceScene,
         settings: GatherSettings,
-        window: tuple[int, int, int, int],
+        window: Window,
         *,
         sensor: Sensor | None = None,
         radiosity: DeviceRadiosity,
-        hardware: bool,
         timings: bool = False,
     ) -> None:
         assert settings.lookup_depth >= 2, f"a lookup at vertex {settings.lookup_depth}"
-        self.settings = settings
+        super().__init__(
+            gl, scene, settings, window, sensor=sensor, max_radiance=radiosity.max_radiance, timings=timings
+        )
+        self._radiosity = radiosity
         # Else all light is looked up, and no scan for its shadows is needed.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
-        super().__init__(
-            gl,
-            scene,
-            settings,
-            window,
-            sensor=sensor,
-            max_radiance=radiosity.max_radiance,
-            hardware=hardware,
-            timings=timings,
-        )
+
+    def _prepare_stages(self) -> None:
+        super()._prepare_stages()
+        settings, radiosity = self.settings, self._radiosity
         self._advance_passes = self._vertex_passes(
             "advance", "path_buffer/path_advance.frag", inner=settings.lookup_depth > 2, last=False
         )
@@ -80,7 +77,6 @@ class PathBufferGather(PathBufferStages):
             defines=radiosity.defines,
             lit=self._lit,
         )
-        self._lookup = radiosity.uniforms
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel, ended by the solution [PB table 3, A.4]."""
@@ -90,31 +86,36 @@ class PathBufferGather(PathBufferStages):
         self.light_from_infinity(index, 0, light)
         for depth in range(1, self.settings.lookup_depth):
             scan = self.scan_positions(index, depth, sample)  # z0 of every live path
-            self.scan_scene(scan)  # the nearest surface beyond z0
+            self.scan_scene(depth, scan)  # the nearest surface beyond z0
             if depth < self.settings.lookup_depth - 1:
-                self.advance(index, depth, sample, light | scan, last=False)
+                self.advance(index, depth, sample, light, scan, last=False)
                 self.light_from_infinity(index, depth, light)
         again = depth < self._bounces()
-        self.look_up(index, depth, sample, light | scan, last=not again)  # what the solution says of the surface
+        self.look_up(index, depth, sample, light, scan, last=not again)  # what the solution says of the surface
         if again:  # for paths that ended near by
             scan = self.scan_positions(index, depth + 1, sample)
-            self.scan_scene(scan)
-            self.look_up(index, depth + 1, sample, light | scan, last=True)
+            self.scan_scene(depth + 1, scan)
+            self.look_up(index, depth + 1, sample, light, scan, last=True)
 
-    def look_up(self, index: int, depth: int, sample: PathSetSample, uniforms: Uniforms, last: bool) -> None:
+    def look_up(
+        self, index: int, depth: int, sample: PathSetSample, light: SetLight, scan: Scan, last: bool
+    ) -> None:
         """Direct light, emission found, and radiosity reflected at the vertex that the scan found; then the sums.
 
         Not `last`: paths that ended near by go on instead.
         """
         goes_on = depth < self._bounces()
-        near = {
+        uniforms = {
+            **self._radiosity.uniforms,
+            **light.uniforms,
+            **scan.uniforms,
             "lookup_distance": self.settings.lookup_distance if goes_on else 0.0,
             "next_views": len(self._directions(sample, depth)) if goes_on else 0,
         }
         with self.stopwatch.stage("look up"):
-            self._run_vertex(self._gather_passes, index, depth, sample, self._lookup | uniforms | near, last)
+            self._run_vertex(self._gather_passes, index, depth, sample, uniforms, last)
         if self._lit:
-            self.light_from_infinity(index, depth, uniforms, last)
+            self.light_from_infinity(index, depth, light, last)
 
     def _constant_uniforms(self) -> Uniforms:
         # Nothing stands for light from beyond the last vertex.

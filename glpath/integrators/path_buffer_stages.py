@@ -26,23 +26,24 @@ What is done otherwise than in the paper, and why:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
-from glpath.buffers.path_buffer import PathBuffer, ScanView
+from glpath.buffers.path_buffer import PathBuffer, Scan, ScanView
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
+from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import Program, load_program
 from glpath.gl.uniforms import vectors
-from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
+from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathBufferSettings
-from glpath.lights.samples import NO_LIGHT
+from glpath.lights.samples import NO_LIGHT, LightSample
 from glpath.sampling.points import (
     PathSetSample,
     PathSetSampler,
@@ -59,17 +60,46 @@ _SKIPPED = 4.0
 _STATE = ("path_position", "path_beta", "path_radiance")
 
 
-class VertexPasses(NamedTuple):
-    """One stage of the frame, from each of the two sets of states into the other, or into the sums.
+@dataclass(frozen=True)
+class PathStates:
+    """The paths of a set after one of their vertices.
 
-    inner : [from states]; empty where no path goes on
-    last  : [from states][from sums]; empty where no path ends
+    position : place, and in w the direction code; see path_buffer/path_state.glsl
+    light    : what the paths have gathered: radiance, and where it is split direct light
+    target   : framebuffer of a pass that makes the next vertex of each
+    textures : of a pass that reads them
+    """
+
+    position: moderngl.Texture
+    light: Mapping[str, moderngl.Texture]
+    target: moderngl.Framebuffer
+    textures: Mapping[str, moderngl.Texture]
+
+
+@dataclass(frozen=True)
+class VertexPasses:
+    """One stage of the frame.
+
+    inner : from states to states; None where no path goes on
+    last  : from states, by turns of these, to the sums, by turns of theirs; None where no path ends
     unlit : the last ones leave states too, as their light from infinity is still to come
     """
 
-    inner: list[Pass]
-    last: list[list[Pass]]
+    inner: InTurn[Pass] | None
+    last: InTurn[InTurn[Pass]] | None
     unlit: bool = False
+
+
+@dataclass(frozen=True)
+class SetLight:
+    """The light of a path set: its sample, and the uniforms of lights/direct.glsl."""
+
+    sample: LightSample
+    uniforms: Uniforms
+
+    @property
+    def distant(self) -> bool:
+        return self.sample.distant
 
 
 class PathBufferStages(PathSetEngine):
@@ -78,14 +108,11 @@ class PathBufferStages(PathSetEngine):
     See `PathSetEngine` for the parameters.
     """
 
-    settings: PathBufferSettings | GatherSettings  # set by the subclass
-    _advance_passes: VertexPasses  # likewise
+    settings: PathBufferSettings | GatherSettings
+    _advance_passes: VertexPasses  # made by the frame
 
-    def _prepare(self) -> None:
+    def _prepare_stages(self) -> None:
         gl, scene, settings, size = self.gl, self.scene, self.settings, self._size
-        self._current = 0  # which of the two sets of path states holds the present ones
-        self._distant = False  # the set's light is from infinitely far
-        self._distant_scan: Uniforms = {}
         self._sampler = PathSetSampler(
             settings.seed, self._bounces() + 1, settings.sampling, lattice=settings.directions == "lattice"
         )
@@ -109,93 +136,100 @@ class PathBufferStages(PathSetEngine):
         self._deep_distant = (
             PathBuffer(gl, deep, size, distant) if simpler and lights.infinite else self._distant_buffer
         )
+        self._distant_scan: Uniforms = {}
         self._make_states(size)
-        self.look_at(self.window)
+        self._constant = self._constant_uniforms()
 
-    def look_at(self, window: tuple[int, int, int, int]) -> None:
+    def look_at(self, window: Window) -> None:
         """Go on with another window of the same size."""
         super().look_at(window)
         self._constant = self._constant_uniforms()
 
     # The stages, in the order of a frame.
 
-    def light_from(self, index: int, u: NDArray[np.float64]) -> Uniforms:
+    def light_from(self, index: int, u: NDArray[np.float64]) -> SetLight:
         """A light sample, and its shadow-buffer where it has a position [PB 3.3]."""
         light = NO_LIGHT if self.lighting.dark else self.lighting.sample(u)
-        self._distant = light.distant
-        roll = 2.0 * np.pi * counter_hash(self._settings.seed, index, 0, 1) / 2**32
+        roll = 2.0 * np.pi * counter_hash(self.settings.seed, index, 0, 1) / 2**32
         uniforms = sample_uniforms(light)
         if light is NO_LIGHT or light.distant:
-            return uniforms | self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
+            frame = self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
+            return SetLight(light, uniforms | frame.uniforms)
         # What a point light sees is turned anew for each set, so that the texels' edges average out.
         axis = uniform_sphere(u[1:]) if light.kind == "point" else light.direction
-        one_sided = light.kind == "area"
-        frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided)
+        frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided=light.kind == "area")
         with self.stopwatch.stage("shadow-buffer"):
-            chance = {"opacity_seed": counter_hash(self._settings.seed, index, 0, 13)}
-            self.shadow_buffer.scan(frame | chance, light.cube_faces)
+            chance = {"opacity_seed": counter_hash(self.settings.seed, index, 0, 13)}
+            self.shadow_buffer.scan(frame, light.cube_faces, chance)
             if self._deep_shadows is not self.shadow_buffer:
-                self._deep_shadows.scan(frame | chance, light.cube_faces)
-        return uniforms | frame
+                self._deep_shadows.scan(frame, light.cube_faces, chance)
+        return SetLight(light, uniforms | frame.uniforms)
 
-    def start_at_eye(self, index: int, sample: PathSetSample, light: Uniforms) -> None:
+    def start_at_eye(self, index: int, sample: PathSetSample, light: SetLight) -> None:
         """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
         eye = self._eye_uniforms(sample.pixel, index)
         self._see(eye)
         with self.stopwatch.stage("first vertex"):
-            self._run_vertex(self._start_passes, index, 0, sample, eye | light, self.settings.path_length == 1)
+            last = self.settings.path_length == 1
+            self._run_vertex(self._start_passes, index, 0, sample, eye | light.uniforms, last)
 
-    def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Uniforms:
+    def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Scan:
         """z0 of every live path."""
-        counter = [counter_hash(self._settings.seed, index, depth, use) for use in range(3)]
+        counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(3)]
         view = ScanView(
             directions=self._directions(sample, depth - 1),
             jitter=(counter[0] / 2**32, counter[1] / 2**32),
             seed=counter[2],
         )
         with self.stopwatch.stage("scan positions"):
-            scan = self.path_buffer.scan_positions(self._state[self._current][0], view)
-        # The simpler surface may lie before the one that the eye sees, on which paths begin.
-        return scan | {"skipped_share": _SKIPPED if depth == 1 else 0.0}
+            return self.path_buffer.scan_positions(self._states.read.position, view)
 
-    def scan_scene(self, scan: Uniforms) -> None:
+    def scan_scene(self, depth: int, scan: Scan) -> None:
         """The nearest surface beyond z0."""
+        # The simpler surface may lie before the one that the eye sees, on which paths begin.
+        skipped = _SKIPPED if depth == 1 else 0.0
         with self.stopwatch.stage("scan scene"):
-            self.path_buffer.scan_scene(scan)
+            self.path_buffer.scan_scene(scan, skipped)
 
-    def advance(self, index: int, depth: int, sample: PathSetSample, uniforms: Uniforms, last: bool) -> None:
+    def advance(
+        self, index: int, depth: int, sample: PathSetSample, light: SetLight, scan: Scan, last: bool
+    ) -> None:
         """Radiance, throughput and new positions from what the scan found [PB table 6]; at last, the sums."""
         with self.stopwatch.stage("advance"):
+            uniforms = light.uniforms | scan.uniforms
             self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
 
-    def light_from_infinity(self, index: int, depth: int, light: Uniforms, last: bool = False) -> None:
+    def light_from_infinity(self, index: int, depth: int, light: SetLight, last: bool = False) -> None:
         """A directional light or the sky, at the vertices just made: one scan along its direction is the shadow.
 
         Paths that ended there are lit as well. Nothing to do where the set's light is near by, except that the last
         vertex's light is not in the sums before this stage.
         """
-        if self._distant_buffer is None or not (self._distant or last):
+        if self._distant_buffer is None or not (light.distant or last):
             return
         buffer, passes = self._distant_buffer, self._light_passes
         if depth > 0 and self._deep_distant is not None:
             buffer, passes = self._deep_distant, self._deep_light_passes
-        if self._distant:
-            counter = [counter_hash(self._settings.seed, index, depth, use) for use in range(6, 9)]
+        if light.distant:
+            counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(6, 9)]
             view = ScanView(
-                directions=(-np.asarray(light["light_normal"], np.float64),),
+                directions=(-light.sample.direction,),
                 jitter=(counter[0] / 2**32, counter[1] / 2**32),
                 seed=counter[2],
             )
             with self.stopwatch.stage("light from infinity"):
-                self._distant_scan = buffer.scan_positions(self._pending[0], view)
-                buffer.scan_scene(self._distant_scan)
+                scan = buffer.scan_positions(self._pending[0], view)
+                buffer.scan_scene(scan)
+            self._distant_scan = scan.uniforms
         vertex = {"first_vertex": depth == 0}
         with self.stopwatch.stage("light from infinity"):
             if last:
-                passes.last[self._current][self._sum].run(self._constant | self._distant_scan | vertex)
-                self._end_path_set()
+                assert passes.last is not None, "made with every light from infinity"
+                passes.last.now.now.run(self._constant | self._distant_scan | vertex)
+                self._sums.path_set_added()
             else:
-                passes.inner[self._current].run(self._distant_scan | vertex)
+                assert passes.inner is not None, "made with every light from infinity"
+                passes.inner.now.run(self._distant_scan | vertex)
 
     # What the frame is made of.
 
@@ -239,14 +273,15 @@ class PathBufferStages(PathSetEngine):
     ) -> None:
         """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
         uniforms = uniforms | {
-            "random_seed": counter_hash(self._settings.seed, index, depth, 5),
+            "random_seed": counter_hash(self.settings.seed, index, depth, 5),
             "first_bounce": depth == 1,
         }
         if last:
             self._end_paths(passes, uniforms)
             return
         directions = self._directions(sample, depth)
-        passes.inner[self._current].run(
+        assert passes.inner is not None, "a stage after which paths go on"
+        passes.inner.now.run(
             self._constant
             | uniforms
             | {
@@ -255,14 +290,15 @@ class PathBufferStages(PathSetEngine):
                 "roulette": self._plays_roulette(depth + 1),
             }
         )
-        self._current = 1 - self._current
+        self._states.swap()
 
     def _end_paths(self, passes: VertexPasses, uniforms: Uniforms) -> None:
-        passes.last[self._current][self._sum].run(self._constant | uniforms)
+        assert passes.last is not None, "a stage in which paths end"
+        passes.last.now.now.run(self._constant | uniforms)
         if passes.unlit:
-            self._current = 1 - self._current
+            self._states.swap()
         else:
-            self._end_path_set()
+            self._sums.path_set_added()
 
     def _constant_uniforms(self) -> Uniforms:
         return {
@@ -274,14 +310,9 @@ class PathBufferStages(PathSetEngine):
         }
 
     def _make_states(self, size: tuple[int, int]) -> None:
-        gl = self.gl
-        # Position, beta and radiance of every path, and where it is split its direct light, twice: a pass reads the
-        # one and writes the other.
-        self._state_names = _STATE + (("path_direct",) if self._settings.splits_light else ())
-        self._state = [[self._texture(size, 4, "f4") for _ in self._state_names] for _ in range(2)]
         # Start and light of what waits for a scan along the direction of the set's light.
         self._pending = [self._texture(size, 4, "f4") for _ in range(2 if self._distant_buffer else 0)]
-        self._state_targets = [gl.framebuffer([*state[:3], *self._pending, *state[3:]]) for state in self._state]
+        self._states = PingPong(*(self._new_states(size) for _ in range(2)))
         self._textures = {
             **self.scene.textures,
             **self.shadow_buffer.textures,
@@ -301,6 +332,14 @@ class PathBufferStages(PathSetEngine):
                 self._deep_light_passes = self._distant_light_passes(self._deep_distant)
             # Until the first scan brings its own.
             self._distant_scan = {"permutation_seed": 0, "path_columns": size[0]}
+
+    def _new_states(self, size: tuple[int, int]) -> PathStates:
+        names = _STATE + (("path_direct",) if self.settings.splits_light else ())
+        textures = {name: self._texture(size, 4, "f4") for name in names}
+        position, beta, *light = textures.values()
+        radiance, *direct = light
+        target = self.gl.framebuffer([position, beta, radiance, *self._pending, *direct])
+        return PathStates(position, dict(zip(names[2:], light, strict=True)), target, textures)
 
     def _program(
         self,
@@ -349,33 +388,28 @@ class PathBufferStages(PathSetEngine):
         """
         scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
-        states = [
-            {**own, **(textures or {}), **dict(zip(self._state_names, state, strict=True))} for state in self._state
-        ]
-        going_on: list[Pass] = []
-        ending: list[list[Pass]] = []
+        own = {**own, **(textures or {})}
+        going_on: InTurn[Pass] | None = None
+        ending: InTurn[InTurn[Pass]] | None = None
         if inner:
             program = self._program(fragment, generated=generated, defines=defines, scene=scene)
-            going_on = [
-                Pass(name, self.gl, program, self._state_targets[1 - i], textures=states[i]) for i in range(2)
-            ]
+            going_on = self._states.each(
+                lambda read, write: Pass(name, self.gl, program, write.target, textures={**own, **read.textures})
+            )
         if last:
             end = {"LAST_VERTEX": 1} | ({} if unlit else {"TO_SUMS": 1})
-            program = self._program(fragment, generated=generated, defines={**(defines or {}), **end}, scene=scene)
-            sums = self._sums
-            ending = [
-                [
-                    Pass(
+            ends = self._program(fragment, generated=generated, defines={**(defines or {}), **end}, scene=scene)
+            ending = self._states.each(
+                lambda read, write: self._sums.sets.each(
+                    lambda sums, new_sums: Pass(
                         name,
                         self.gl,
-                        program,
-                        self._state_targets[1 - i] if unlit else sums.targets[1 - j],
-                        textures=states[i] | sums.textures[j],
+                        ends,
+                        write.target if unlit else new_sums.target,
+                        textures={**own, **read.textures, **sums.textures},
                     )
-                    for j in range(2)
-                ]
-                for i in range(2)
-            ]
+                )
+            )
         return VertexPasses(going_on, ending, unlit)
 
     def _distant_light_passes(self, buffer: PathBuffer) -> VertexPasses:
@@ -392,29 +426,24 @@ class PathBufferStages(PathSetEngine):
         )
         start, light = self._pending
         textures = {**buffer.textures, "distant_start": start, "distant_light": light}
-        sums = self._sums
         return VertexPasses(
-            [
-                Pass(name, self.gl, inner, self.gl.framebuffer(state[2:]), blend="add", textures=textures)
-                for state in self._state
-            ],
-            [
-                [
-                    Pass(
-                        name,
-                        self.gl,
-                        last,
-                        sums.targets[1 - j],
-                        textures={
-                            **textures,
-                            **sums.textures[j],
-                            **dict(zip(self._state_names[2:], state[2:], strict=True)),
-                        },
+            self._states.each(
+                lambda read, _: Pass(
+                    name,
+                    self.gl,
+                    inner,
+                    self.gl.framebuffer([*read.light.values()]),
+                    blend="add",
+                    textures=textures,
+                )
+            ),
+            self._states.each(
+                lambda read, _: self._sums.sets.each(
+                    lambda sums, new_sums: Pass(
+                        name, self.gl, last, new_sums.target, textures={**textures, **sums.textures, **read.light}
                     )
-                    for j in range(2)
-                ]
-                for state in self._state
-            ],
+                )
+            ),
         )
 
 

@@ -38,10 +38,9 @@ def path_engine(
     *,
     sensor: Sensor | None = None,
     radiosity: DeviceRadiosity | None = None,
-    hardware: bool,
     timings: bool = False,
 ) -> PathSetEngine:
-    """The engine; see `PathSetEngine` for the parameters.
+    """The engine, which is not prepared yet; see `PathSetEngine` for the parameters.
 
     sensor    : where paths start; the scene's camera, where it is not given
     radiosity : of a gather, and of guided paths: the solution, of the scene's own triangles
@@ -56,7 +55,7 @@ def path_engine(
             )
     engine = ENGINES[settings.integrator, settings.by_path_buffer]
     given = {} if radiosity is None else {"radiosity": radiosity}
-    return engine(gl, scene, settings, window, sensor=sensor, hardware=hardware, timings=timings, **given)
+    return engine(gl, scene, settings, window, sensor=sensor, timings=timings, **given)
 
 
 def _check_shared(scene: Scene) -> None:

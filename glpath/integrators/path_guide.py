@@ -17,7 +17,6 @@ Source:   Jensen 1995, Importance driven path tracing using the photon map; Clar
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 
 import moderngl
 import numpy as np
@@ -27,10 +26,10 @@ from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
 from glpath.gl.texel_store import BYTES, FLOATS, make_store, store_glsl
 from glpath.scene.model import Float64, Scene
 
-Uniforms = Mapping[str, object]
 Int64 = NDArray[np.int64]
 
 _LEVELS = 4
@@ -65,10 +64,10 @@ class PathGuide:
 
     radiosity : the solution, with all of its light
     pixels    : of the whole image; the more there are, the more rays are worth their time
-    uniforms, textures, generated, defines : those of the rays' programs, with what they know of the lights
+    rays      : the parts of the rays' program, with what it knows of the lights
 
-    Attributes: textures, uniforms and defines, for programs that include path_guide.glsl, with `path_guide_glsl()`
-    as <PATH_GUIDE>; seconds that they took.
+    textures, uniforms, generated, defines : for programs that include path_guide.glsl
+    seconds : that they took
     """
 
     def __init__(
@@ -77,11 +76,7 @@ class PathGuide:
         scene: DeviceScene,
         radiosity: DeviceRadiosity,
         pixels: int,
-        *,
-        uniforms: Uniforms,
-        textures: Mapping[str, moderngl.Texture],
-        generated: Mapping[str, str],
-        defines: Mapping[str, object],
+        rays: ProgramParts,
     ) -> None:
         begun = time.perf_counter()
         budget = max(_LEAST_BUDGET, _RAYS_A_PIXEL * pixels)
@@ -90,9 +85,9 @@ class PathGuide:
         table = places.reshape(-1, 1, 4)
         place_texture, bases = make_store(gl, FLOATS, _PLACES_LAYOUT, {"guide_place": table}, "path guides")
         side, across = 1 << _LEVELS, max(1, int(np.ceil(np.sqrt(count))))
-        rays = _LEAST_RAYS
-        while rays < _PLACES and 2 * rays * side * side * count <= budget:
-            rays *= 2
+        rays_each = _LEAST_RAYS
+        while rays_each < _PLACES and 2 * rays_each * side * side * count <= budget:
+            rays_each *= 2
         size = (side * across, side * max(1, -(-count // across)))
         target = gl.texture(size, 1, dtype="f4")
         framebuffer = gl.framebuffer([target])
@@ -100,18 +95,19 @@ class PathGuide:
             gl,
             vertex="gl/fullscreen.vert",
             fragment="path/path_guide.frag",
-            generated={**generated, "GUIDE_PLACES_STORE": store_glsl("guide_places", FLOATS, _PLACES_LAYOUT)},
+            generated={**rays.generated, "GUIDE_PLACES_STORE": store_glsl("guide_places", FLOATS, _PLACES_LAYOUT)},
             defines={
-                **defines,
+                **rays.defines,
                 "ALL_LIGHT": 1,
                 "GUIDE_LEVELS": _LEVELS,
                 "GUIDE_PLACES": _PLACES,
-                "GUIDE_RAYS": rays,
+                "GUIDE_RAYS": rays_each,
             },
         )
-        drawn = Pass("path guides", gl, program, framebuffer, textures={**textures, "guide_places": place_texture})
-        known = {**uniforms, **bases, "guide_count": count, "guides_across": across, "random_seed": 0}
-        run_in_areas(drawn, draw_areas(size, rays * _TESTS_A_RAY), known)
+        textures = {**rays.textures, "guide_places": place_texture}
+        drawn = Pass("path guides", gl, program, framebuffer, textures=textures)
+        known = {**rays.uniforms, **bases, "guide_count": count, "guides_across": across, "random_seed": 0}
+        run_in_areas(drawn, draw_areas(size, rays_each * _TESTS_A_RAY), known)
         tiles = np.frombuffer(target.read(), np.float32).reshape(-1, side, across, side)
         light = tiles.swapaxes(1, 2).reshape(-1, side, side)[:count].astype(np.float64)
 
@@ -120,6 +116,7 @@ class PathGuide:
         tables = {"guide_of": bytes_of.astype(np.uint8)[:, None], "guide_node": nodes.reshape(-1, 1, 4)}
         texture, self.uniforms = make_store(gl, BYTES, _LAYOUT, tables, "path guides")
         self.textures = {"path_guide": texture}
+        self.generated = {"PATH_GUIDE": path_guide_glsl()}
         self.defines: dict[str, object] = {"GUIDED": 1, "GUIDE_LEVELS": _LEVELS, "GUIDE_NODES": nodes.shape[1]}
         if len(guide_of) > count:
             self.defines["GUIDES_SHARED"] = 1

@@ -20,33 +20,32 @@ Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from copy import copy
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.gl.context import context_of
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.light_draws import LightDraws
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
-from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.gl.program_parts import ProgramParts
+from glpath.gl.ray_bvh import RayBvh
+from glpath.gl.sums import Sums
+from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.lamp_edges import LampEdges
-from glpath.integrators.path_guide import PathGuide, path_guide_glsl
-from glpath.integrators.path_set_engine import PathSetEngine, Uniforms
+from glpath.integrators.path_guide import PathGuide
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
 from glpath.sampling.points import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
 from glpath.sensors.sensor import PointSensor, Sensor
-
-Generated = Mapping[str, str]
-Defines = Mapping[str, object]
-Textures = dict[str, moderngl.Texture]
 
 #: Light samples of a path set at most, for its paths to choose from.
 LIGHTS = 16
@@ -56,8 +55,6 @@ _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MOST_BOUNCES = 14
-# A gather's paths that mirrors and glass send on end by chance from here on.
-_MIRRORED = 6
 #: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
 #: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
 CEILING = 1 << 14
@@ -74,23 +71,19 @@ class RayPathEngine(PathSetEngine):
     """
 
     own_lens = True
+    settings: PathSettings | GatherSettings
 
     def __init__(
         self,
         gl: moderngl.Context,
         scene: DeviceScene,
         settings: PathSettings | GatherSettings,
-        window: tuple[int, int, int, int],
+        window: Window,
         *,
         sensor: Sensor | None = None,
         radiosity: DeviceRadiosity | None = None,
-        hardware: bool,
         timings: bool = False,
     ) -> None:
-        self.settings = settings
-        self.guide: PathGuide | None = None
-        self._radiosity = radiosity
-        self._hardware = hardware
         self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
         ambient_alone = settings.path_length == 1 and bool(np.any(self._ambient > 0))
@@ -102,130 +95,26 @@ class RayPathEngine(PathSetEngine):
             sensor=sensor,
             max_radiance=max(float(np.max(self._ambient)), radiosity.max_radiance if radiosity else 0.0),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
-            hardware=hardware,
             timings=timings,
         )
-
-    def _prepare(self) -> None:
-        gl, scene, settings, radiosity = self.gl, self.scene, self.settings, self._radiosity
+        self.guide: PathGuide | None = None
+        self._radiosity = radiosity
         self._light_block = -1
         self._light_tables: list[bytes] = []
-        self._bounces = min(max(2, settings.path_length), _MOST_BOUNCES)
-        self._branches = settings.branches if isinstance(settings, GatherSettings) else 1
-        # One goes ahead of the other, and a sampler holds the numbers of but few sets.
-        sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
-        self._sampler = self._branch_sampler = sampler
-        if self._branches > 1:
-            self._branch_sampler = copy(sampler)
-        # Of the numbers that say which light: a part is a light, or an eighth of them all.
-        self._light_edges = _light_edges(self.lighting)
-        self._parts = len(self._light_edges) - 1
-        # What is measured at points is also their mean: with light samples that all share, all would err alike.
-        self._draws: LightDraws | None = None
-        if isinstance(self.sensor, PointSensor) and self.sensor.independent:
-            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
-        bvh = self._bvh = self._bvh or RayBvh(gl, scene)
-        width, height = self.sensor.resolution
-        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
-        # picture in tiles has the bits of the picture in one.
-        many = not self._hardware and len(scene.scene.triangles) > width * height
-        camera = scene.scene.camera
-        if self._points is None and (many or camera.projection == "panorama" or camera.aperture_radius > 0):
-            self._look_by_rays()
-        self._constant = self._constant_uniforms() | bvh.uniforms
-        textures = {**scene.textures, **bvh.textures, "eye_buffer": self._eye_buffer}
-        if self._points is not None:
-            textures |= self._points.textures
-        # Includes are put in place before #ifdef is looked at.
-        generated = {
-            **scene.generated, "RAY_BVH": ray_bvh_glsl(), "RADIOSITY": "", "PATH_GUIDE": "", "LIGHT_DRAWS": ""
-        }  # fmt: skip
-        defines: dict[str, object] = {
-            **scene.defines,
-            **self._eye_defines,
-            **light_defines(scene.scene.sky, self.lighting),
-            "BOUNCES": self._bounces,
-            "LIGHTS": len(self._light_shifts),
-            "BRANCHES": self._branches,
-            "PARTS": self._parts,
-            "LIGHT_ROWS": LIGHT_ROWS,
-            **self._sums.defines,
-        }
-        if self._draws is not None:
-            self._constant |= self._draws.uniforms
-            textures |= self._draws.textures
-            generated |= self._draws.generated
-            defines |= self._draws.defines
-        if any(material.is_thin_dielectric for material in scene.scene.materials):
-            defines["HAS_THIN_DIELECTRICS"] = 1
-        self._lamp_edges: LampEdges | None = None
-        # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
-        edges = self._points is None and LampEdges.are_in(scene)
-        if edges and not (camera.aperture_radius > 0 or camera.moves or scene.moving):
-            self._lamp_edges = LampEdges(
-                gl, scene, self._size, bvh, settings.seed, settings.sampling, self._eye_defines
-            )
-            defines["LAMP_EDGES"] = 1
-            textures |= self._lamp_edges.textures
         self._edges_of: object = None
-        if radiosity is not None:
-            self._constant |= radiosity.uniforms
-            textures |= radiosity.textures
-            generated |= radiosity.generated
-            defines |= radiosity.defines | ({"GATHER": 1} if isinstance(settings, GatherSettings) else {})
-            if radiosity.has_all_light:
-                self.guide = guide = PathGuide(
-                    gl,
-                    scene,
-                    radiosity,
-                    width * height,
-                    uniforms=self._constant,
-                    textures=textures,
-                    generated=generated,
-                    defines=defines,
-                )
-                self._constant |= guide.uniforms
-                textures |= guide.textures
-                generated |= {"PATH_GUIDE": path_guide_glsl()}
-                defines |= guide.defines
-        # Of paths that only chance ends, few have more vertices.
-        vertices = min(settings.path_length, _USUAL_DEPTH)
-        self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
-        # llvmpipe runs both on all cores, and sooner as pixels.
-        make = self._dispatch if self._hardware else self._pass
-        self._path_passes = [make(i, generated, defines, textures | self._sums.textures[i]) for i in range(2)]
 
-    def _pass(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> Pass:
-        program = load_program(
-            self.gl,
-            vertex="gl/fullscreen.vert",
-            fragment="path/path_rays.frag",
-            generated=generated,
-            defines=defines,
-        )
-        return Pass("paths", self.gl, program, self._sums.targets[1 - i], textures=textures)
-
-    def _dispatch(self, i: int, generated: Generated, defines: Defines, textures: Textures) -> PixelDispatch:
-        program = load_program(
-            self.gl, compute="path/path_rays.comp", generated=generated, defines={**defines, "COMPUTE": 1}
-        )
-        written = {f"new_{name}": texture for name, texture in self._sums.written[1 - i].items()}
-        return PixelDispatch("paths", self.gl, program, {**textures, **written}, frozenset(written))
+    # The frame.
 
     def trace_path_set(self, index: int) -> None:
         """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
         pixel = self._sampler[index].pixel
-        self.move_to(index)
+        self.move_to(index)  # what moves, to the set's time
         eye = self._eye_uniforms(pixel, index)
-        self._see_lamp_edges(index, pixel, eye)
-        self._see(eye)
-        uniforms = self._constant | eye | self._of_set(index)
-        paths = self._path_passes[self._sum]
-        with self.stopwatch.stage("paths"):
-            run_in_areas(paths, self._areas, uniforms)
-        self._end_path_set()
+        self.see_lamp_edges(index, pixel, eye)  # the light of the pixels where a lamp ends
+        self._see(eye)  # the triangle of each pixel
+        self.follow_paths(index, eye)  # each to its end, and into the sums
 
-    def _see_lamp_edges(self, index: int, place: NDArray[np.float64], eye: Uniforms) -> None:
+    def see_lamp_edges(self, index: int, place: NDArray[np.float64], eye: Uniforms) -> None:
         """The light of the pixels where a lamp ends; which these are is found at a window's first path set."""
         if self._lamp_edges is None:
             return
@@ -235,6 +124,113 @@ class RayPathEngine(PathSetEngine):
                 self._lamp_edges.find(self._seen_from)
                 self._edges_of = of
             self._lamp_edges.see(index, place, eye)
+
+    def follow_paths(self, index: int, eye: Uniforms) -> None:
+        """All rays of all paths; see path/path_rays.glsl."""
+        uniforms = self._constant | eye | self._of_set(index)
+        with self.stopwatch.stage("paths"):
+            run_in_areas(self._paths.now, self._areas, uniforms)
+        self._sums.path_set_added()
+
+    # What it is made of.
+
+    def _prepare_stages(self) -> None:
+        gl, scene, settings = self.gl, self.scene, self.settings
+        hardware = context_of(gl).info.hardware
+        self._bounces = min(max(2, settings.path_length), _MOST_BOUNCES)
+        self._branches = settings.branches
+        # One goes ahead of the other, and a sampler holds the numbers of but few sets.
+        sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
+        self._sampler = self._branch_sampler = sampler
+        if self._branches > 1:
+            self._branch_sampler = copy(sampler)
+        # Of the numbers that say which light: a part is a light, or an eighth of them all.
+        self._light_edges = _light_edges(self.lighting)
+        self._parts = len(self._light_edges) - 1
+        bvh = self._bvh = self._bvh or RayBvh(gl, scene)
+        width, height = self.sensor.resolution
+        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
+        # picture in tiles has the bits of the picture in one.
+        many = not hardware and len(scene.scene.triangles) > width * height
+        camera = scene.scene.camera
+        if self._points is None and (many or camera.projection == "panorama" or camera.aperture_radius > 0):
+            self._look_by_rays()
+        parts = self._program_parts(bvh)
+        self._constant = parts.uniforms
+        # Of paths that only chance ends, few have more vertices.
+        vertices = min(settings.path_length, _USUAL_DEPTH)
+        self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
+        # llvmpipe runs both on all cores, and sooner as pixels.
+        make = self._dispatch if hardware else self._pass
+        self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
+
+    def _program_parts(self, bvh: RayBvh) -> ProgramParts:
+        """All that the shader of the paths includes."""
+        gl, scene, radiosity = self.gl, self.scene, self._radiosity
+        parts = ProgramParts.of(scene, bvh)
+        parts.uniforms |= self._constant_uniforms()
+        parts.textures["eye_buffer"] = self._eye_buffer
+        if self._points is not None:
+            parts.textures |= self._points.textures
+        parts.defines |= {
+            **self._eye_defines,
+            **light_defines(scene.scene.sky, self.lighting),
+            "BOUNCES": self._bounces,
+            "LIGHTS": len(self._light_shifts),
+            "BRANCHES": self._branches,
+            "PARTS": self._parts,
+            "LIGHT_ROWS": LIGHT_ROWS,
+            **self._sums.defines,
+        }
+        # What is measured at points is also their mean: with light samples that all share, all would err alike.
+        self._draws: LightDraws | None = None
+        if isinstance(self.sensor, PointSensor) and self.sensor.independent:
+            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
+            parts.add(self._draws)
+        if any(material.is_thin_dielectric for material in scene.scene.materials):
+            parts.defines["HAS_THIN_DIELECTRICS"] = 1
+        self._lamp_edges = self._new_lamp_edges(bvh)
+        if self._lamp_edges is not None:
+            parts.defines["LAMP_EDGES"] = 1
+            parts.textures |= self._lamp_edges.textures
+        if radiosity is not None:
+            parts.add(radiosity)
+            if self.settings.looks_up:
+                parts.defines["GATHER"] = 1
+            if radiosity.has_all_light:
+                width, height = self.sensor.resolution
+                self.guide = PathGuide(gl, scene, radiosity, width * height, parts)
+                parts.add(self.guide)
+        return parts
+
+    def _new_lamp_edges(self, bvh: RayBvh) -> LampEdges | None:
+        scene, settings, camera = self.scene, self.settings, self.scene.scene.camera
+        # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
+        wide = camera.aperture_radius > 0 or camera.moves or scene.moving
+        if self._points is not None or wide or not LampEdges.are_in(scene):
+            return None
+        return LampEdges(self.gl, scene, self._size, bvh, settings.seed, settings.sampling, self._eye_defines)
+
+    def _pass(self, read: Sums, write: Sums, parts: ProgramParts) -> Pass:
+        program = load_program(
+            self.gl,
+            vertex="gl/fullscreen.vert",
+            fragment="path/path_rays.frag",
+            generated=parts.generated,
+            defines=parts.defines,
+        )
+        return Pass("paths", self.gl, program, write.target, textures={**parts.textures, **read.textures})
+
+    def _dispatch(self, read: Sums, write: Sums, parts: ProgramParts) -> PixelDispatch:
+        program = load_program(
+            self.gl,
+            compute="path/path_rays.comp",
+            generated=parts.generated,
+            defines={**parts.defines, "COMPUTE": 1},
+        )
+        written = {f"new_{name}": texture for name, texture in write.written.items()}
+        textures = {**parts.textures, **read.textures, **written}
+        return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
     def _seen_from(self, place: NDArray[np.float64]) -> NDArray[np.int64]:
         """`seen` by rays through a place of the pixels."""
@@ -250,7 +246,7 @@ class RayPathEngine(PathSetEngine):
     # What the draw is told.
 
     def _of_set(self, index: int) -> Uniforms:
-        seed = self._settings.seed
+        seed = self.settings.seed
         # Branches are as even as so many sets, over all of a pixel's paths.
         branches = range(self._branches * index, self._branches * (index + 1))
         each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
@@ -300,13 +296,9 @@ class RayPathEngine(PathSetEngine):
             ],
             np.uint32,
         )
-        # A gather's paths are short, but for those through glass and between mirrors.
         mirrored = any(material.has_lobes for material in self.scene.scene.materials)
-        roulette = _MIRRORED if mirrored else None
-        if isinstance(settings, PathSettings):
-            roulette = settings.roulette
-        uniforms: Uniforms = {
-            **self.scene.uniforms,
+        roulette = settings.roulette_from(mirrored)
+        return {
             **sky_uniforms(self.scene.scene.sky, self.lighting),
             "quanta": self._sums.quanta,
             "max_depth": CEILING if settings.endless else settings.path_length,
@@ -315,13 +307,8 @@ class RayPathEngine(PathSetEngine):
             "roulette_depth": 1 << 30 if roulette is None else roulette,
             "path_seed": counter_hash(settings.seed, 11),
             "lattice": self._sampler.lattice,
+            **settings.lookup_uniforms(),
         }
-        if isinstance(settings, GatherSettings):
-            uniforms |= {
-                "lookup_depth": settings.lookup_depth - 1,
-                "lookup_distance": settings.lookup_distance,
-            }
-        return uniforms
 
 
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:

@@ -43,6 +43,10 @@ DEEPEST = 1000
 _ALL_BOUNCES: Mapping[str, Any] = {"max_depth": DEEPEST, "roulette": 4}
 _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
+# A gather's paths that mirrors and glass send on end by chance from this vertex on.
+_MIRRORED = 6
+# What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
+_POINT_AOVS = ("direct", "indirect", "samples")
 # Of a gather, by how it casts rays.
 _OF_BVH = ("guide", "branches")
 _OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
@@ -63,6 +67,7 @@ class IntegratorSettings(ABC):
     integrator  : the name that users know it by
     default_spp : path sets where it is not said how many
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
+    any_scene   : whether an engine goes on with another scene; else with another sensor alone
     all_bounces : options with which chance alone ends paths, so that all of the light is there
     remedies    : what to do in place of an option that another integrator has
     """
@@ -70,6 +75,7 @@ class IntegratorSettings(ABC):
     integrator: ClassVar[str]
     default_spp: ClassVar[int]
     noisy: ClassVar[bool]
+    any_scene: ClassVar[bool] = False
     all_bounces: ClassVar[Mapping[str, Any]] = {}
     remedies: ClassVar[Mapping[str, str]] = {}
 
@@ -101,6 +107,13 @@ class IntegratorSettings(ABC):
     def splits_light(self) -> bool:
         """Whether direct light is summed by itself."""
         return "direct" in self.aovs or "indirect" in self.aovs
+
+    def check_points(self) -> None:
+        """Raise UsageError where paths cannot start at points, or what is asked for is not known there."""
+        raise UsageError(
+            f'integrator: "{self.integrator}" with a sensor of points; its rays start at a camera.',
+            'Take integrator="path", "path-buffer" or "gather".',
+        )
 
     def check_together(self, given: Mapping[str, Any]) -> None:  # noqa: B027 - few need it
         """Raise UsageError for options that mean nothing with others; `given` has what changes the settings."""
@@ -162,6 +175,14 @@ class PathSetSettings(IntegratorSettings):
         Meta(description='where numbers come from: a "sobol" sequence, or "random" as in the paper'),
     ] = "sobol"
 
+    def check_points(self) -> None:
+        seen = [name for name in self.aovs if name not in _POINT_AOVS]
+        if seen:
+            raise UsageError(
+                f"aovs: {', '.join(seen)} with a sensor of points, from which no surface is seen.",
+                f"Of points there are {', '.join(_POINT_AOVS)}.",
+            )
+
     @property
     def by_path_buffer(self) -> bool:
         """Are rays cast by scans of the path-buffer, along directions that all paths of a set share?"""
@@ -178,9 +199,14 @@ class PathSetSettings(IntegratorSettings):
         return False
 
     @property
+    def looks_up(self) -> bool:
+        """Do paths end by looking up a radiosity solution?"""
+        return False
+
+    @property
     def needs_solution(self) -> bool:
         """Does the engine have a radiosity solution, as a guide or to look it up?"""
-        return self.guided
+        return self.guided or self.looks_up
 
 
 @dataclass(frozen=True)
@@ -214,6 +240,11 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
+    # Of what a gather has a choice: guides are of the solution as it is looked up there; a path has no branches.
+    radiosity_lookup: ClassVar[Lookup] = "interpolated"
+    direct_light: ClassVar[DirectLight] = "traced"
+    branches: ClassVar[int] = 1
+
     max_depth: MaxDepth = 5
     guide: GuidedBy = "cosine"
     ambient: Ambient = None
@@ -230,6 +261,14 @@ class PathSettings(PathSetSettings):
     @property
     def endless(self) -> bool:
         return self.roulette is not None and self.max_depth == DEEPEST
+
+    def roulette_from(self, mirrored: bool) -> int | None:
+        """The vertex from which on paths end by chance."""
+        return self.roulette
+
+    def lookup_uniforms(self) -> dict[str, object]:
+        """Nothing is looked up."""
+        return {}
 
     def recorded(self) -> dict[str, Any]:
         """Without a guide where there is none."""
@@ -386,8 +425,16 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return self.guide == "solution" and self.cast == "bvh"
 
     @property
-    def needs_solution(self) -> bool:
+    def looks_up(self) -> bool:
         return True
+
+    def roulette_from(self, mirrored: bool) -> int | None:
+        """The vertex from which on paths end by chance: those by mirrors and glass alone, as others are short."""
+        return _MIRRORED if mirrored else None
+
+    def lookup_uniforms(self) -> dict[str, object]:
+        """Where the solution is looked up, as path/path_rays.glsl knows it."""
+        return {"lookup_depth": self.lookup_depth - 1, "lookup_distance": self.lookup_distance}
 
     def recorded(self) -> dict[str, Any]:
         """Those that decide something. What is recorded of the solution is its digest, known when it is there."""
@@ -421,6 +468,7 @@ class WhittedSettings(IntegratorSettings):
 
     default_spp = 16
     noisy = False
+    any_scene = True
     primary: ClassVar[Primary]
     remedies = _NO_LOOKUP
 

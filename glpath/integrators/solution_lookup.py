@@ -20,11 +20,9 @@ def device_radiosity(
     gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings | PathSettings
 ) -> DeviceRadiosity:
     """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
-    # Guides of paths look it up as those of a gather do.
-    lookup = settings if isinstance(settings, GatherSettings) else GatherSettings(guide=settings.guide)
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
 
-    table = lookup_table(scene, solution, lookup.radiosity_lookup, traced=lookup.direct_light == "traced")
+    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=settings.direct_light == "traced")
     return DeviceRadiosity(
         gl,
         scene.triangles,
@@ -33,8 +31,8 @@ def device_radiosity(
         table.direct_share,
         table.starts,
         scene.side_reflectance,
-        interpolated=lookup.radiosity_lookup == "interpolated",
-        all_light=table.all_light if lookup.guided else None,
+        interpolated=settings.radiosity_lookup == "interpolated",
+        all_light=table.all_light if settings.guided else None,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
-from glpath.gl.ray_bvh import RayBvh, ray_bvh_glsl
+from glpath.gl.ray_bvh import RayBvh
 from glpath.sensors.sensor import PointSensor
 
 Uniforms = dict[str, object]
@@ -60,7 +60,7 @@ class StartPoints:
                 gl,
                 vertex="gl/fullscreen.vert",
                 fragment="camera/start_points.frag",
-                generated={**scene.generated, "RAY_BVH": ray_bvh_glsl()},
+                generated={**scene.generated, **bvh.generated},
                 defines=scene.defines | self.defines,
             ),
             gl.framebuffer([eye_buffer]),

@@ -25,8 +25,6 @@ from glpath.io.models import FORMATS as MODEL_FORMATS
 from glpath.io.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
 from glpath.io.other_files import refuse_other_file
 from glpath.io.shipped.office import office, office_premesh
-from glpath.io.shipped.parlour import parlour
-from glpath.io.shipped.room import room
 from glpath.io.shipped.stacked import stacked
 from glpath.io.shipped.teapot import teapot
 from glpath.io.shipped.terrain import terrain
@@ -192,8 +190,6 @@ GENERATED: dict[str, Callable[..., Scene]] = {
     "furnace": furnace,
     "office": office,
     "office-premesh": office_premesh,
-    "parlour": parlour,
-    "room": room,
     "stacked": stacked,
     "teapot": teapot,
     "terrain": terrain,

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from glpath.film.batches import blocks
 from glpath.film.film import Film
 from glpath.gl.context import Context
-from glpath.rendering.factory import Engine, plan_of
+from glpath.integrators.engine import Engine
+from glpath.rendering.factory import plan_of
 from glpath.rendering.job import RenderJob
 from glpath.rendering.session import metadata_of
 from glpath.scene import Camera, Scene
@@ -213,5 +214,5 @@ class LiveImage:
             film = Film.empty(metadata_of(job, self._plan, scene, self.context))
             seconds = self._levels[1].seconds / reduction**2 if self._levels else STEP_SECONDS["still"]
             origin = self._traced.origin - self.scene.origin
-            self._levels[reduction] = _Level(engine, film, self.scene.camera, seconds, origin)
+            self._levels[reduction] = _Level(engine.prepare(), film, self.scene.camera, seconds, origin)
         return self._levels[reduction]

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.engine import Engine
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import CEILING
@@ -82,31 +82,6 @@ class Counts(Protocol):
         """What was counted so far."""
 
 
-class Engine(Counts, Protocol):
-    """What a render asks of an integrator. A window is (x, y, width, height) in pixels, y from the top."""
-
-    def look_at(self, window: Window) -> None:
-        """Go on with another window of the same size."""
-
-    def trace_path_set(self, index: int) -> None:
-        """Add one sample to every pixel; which, the index says alone."""
-
-    def take(self) -> NDArray[np.float64]:
-        """The sum (h, w, 3) since the last call, row 0 at the top, in multiples of one power of two."""
-
-    def take_aovs(self) -> dict[str, NDArray[Any]]:
-        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
-
-    def forget_statistics(self) -> None:
-        """Begin to count anew."""
-
-    def look_from(self, sensor: Sensor) -> None:
-        """Go on with another sensor of the same resolution."""
-
-    def close(self) -> None:
-        """Free what it has on the device, in the thread that has the context."""
-
-
 class Plan(Protocol):
     """An integrator with its options, for any scene."""
 
@@ -130,7 +105,7 @@ class Plan(Protocol):
         """
 
     def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
-        """The engine for a traceable scene, which has the sensor's camera; the plan is prepared.
+        """The engine for a traceable scene, which has the sensor's camera; it is not prepared, the plan is.
 
         sensor : relative to the scene's origin, as those that the engine looks from later, see `sensor_in`
         """
@@ -226,7 +201,6 @@ class _PathBuffer:
             self.settings,
             window,
             sensor=sensor,
-            hardware=context.info.hardware,
             timings=timings,
         )
 
@@ -252,7 +226,6 @@ def _engine_with_solution(
         window,
         sensor=sensor,
         radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
-        hardware=context.info.hardware,
         timings=timings,
     )
 
@@ -428,7 +401,6 @@ class _Whitted:
             self.settings,
             window,
             moving=scene if scene.moving_shapes else None,
-            hardware=context.info.hardware,
             timings=timings,
         )
 

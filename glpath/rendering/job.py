@@ -24,7 +24,7 @@ from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, PathSetSettings
+from glpath.integrators.settings import INTEGRATORS, IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
@@ -333,25 +333,10 @@ def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
     return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
 
 
-#: What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
-_POINT_AOVS = ("direct", "indirect", "samples")
-
-
 def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
     """Raise UsageError for an integrator that paths of this sensor cannot start by."""
-    if isinstance(sensor, CameraSensor):
-        return
-    if not isinstance(settings, PathSetSettings):
-        raise UsageError(
-            f'integrator: "{settings.integrator}" with a sensor of points; its rays start at a camera.',
-            'Take integrator="path", "path-buffer" or "gather".',
-        )
-    seen = [name for name in settings.aovs if name not in _POINT_AOVS]
-    if seen:
-        raise UsageError(
-            f"aovs: {', '.join(seen)} with a sensor of points, from which no surface is seen.",
-            f"Of points there are {', '.join(_POINT_AOVS)}.",
-        )
+    if isinstance(sensor, PointSensor):
+        settings.check_points()
 
 
 def _sensor_of(data: _CameraFile | _PointsFile, location: str) -> Sensor:

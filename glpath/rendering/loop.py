@@ -17,7 +17,8 @@ from glpath.film.film import Film
 from glpath.film.metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
-from glpath.rendering.factory import Counts, Engine
+from glpath.integrators.engine import Engine
+from glpath.rendering.factory import Counts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.progress import Progress
 from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise

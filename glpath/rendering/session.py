@@ -13,8 +13,8 @@ from glpath.film.film import Film
 from glpath.film.metadata import ID_AOVS, FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
-from glpath.integrators.settings import WhittedSettings
-from glpath.rendering.factory import Engine, Plan, plan_of, sensor_in
+from glpath.integrators.engine import Engine
+from glpath.rendering.factory import Plan, plan_of, sensor_in
 from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
@@ -121,7 +121,9 @@ class Session:
                 self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
                 with context:
                     sensor = sensor_in(self._traced, job.sensor, scene)
-                    self._engine = self._plan.engine(context, self._traced, sensor, self._tiles[0].window, timings)
+                    window = self._tiles[0].window
+                    engine = self._plan.engine(context, self._traced, sensor, window, timings)
+                    self._engine = engine.prepare()
             else:
                 with context:
                     self._go_on(self._engine, job, scene)
@@ -133,7 +135,7 @@ class Session:
         """Whether the engine can go on with this job, of the same integrator; the scene has its camera."""
         before = self._job
         same = before.sensor.kind == job.sensor.kind
-        return same and (isinstance(job.integrator, WhittedSettings) or not _differs(before, job, scene))
+        return same and (job.integrator.any_scene or not _differs(before, job, scene))
 
     def remarks(self, film: Film) -> list[str]:
         """What is to be said of a film that is done."""

@@ -4,6 +4,7 @@
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
+#include "t_buffer/eye_hit.glsl"
 #include "lights/sky.glsl"
 
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
@@ -15,7 +16,8 @@ bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
     int primitive = int(found.x) - 1;
     d = eye_direction(pixel);
     if (primitive < 0) return false;
-    s = surface_at(primitive, eye_origin(pixel), d, uintBitsToFloat(found.y));
+    vec3 origin = eye_origin(pixel);
+    s = surface_at(primitive, origin, d, eye_hit(primitive, origin, d, uintBitsToFloat(found.y)));
     front = front_hit(s.normal, d);
     return true;
 }

@@ -9,6 +9,7 @@
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
+#include "t_buffer/eye_hit.glsl"
 #include "scene/object_classic.glsl"
 #ifdef BY_BVH
 #include "scene/object_bvh.glsl"
@@ -128,7 +129,8 @@ void main()
     uvec2 seen = texel(eye_buffer, pixel).rg;
     vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
     int primitive = int(seen.x) - 1;
-    float t = uintBitsToFloat(seen.y), rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    float t = eye_hit(primitive, origin, direction, uintBitsToFloat(seen.y));
+    float rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
     vec3 L = vec3(0.0), weight = vec3(1.0);
 #ifdef COUNT_TESTS
     uint shadow_tests = 0u;

@@ -29,6 +29,7 @@ from glpath.io.export.geometry import (
 )
 from glpath.io.export.glb import Glb
 from glpath.io.export.gltf_surfaces import LightMap, Surfaces
+from glpath.io.gltf.load import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
 
@@ -75,7 +76,7 @@ class _Writer:
         for what, present in (("the sky", self.scene.sky), ("ambient light", np.any(self.scene.ambient > 0))):
             if present:
                 self.notes.add(f"{what} is left out")
-        self.file.save(path)
+        self.file.save(path, **BLACK_BACKS)
         return self.notes.texts
 
     # Geometry

@@ -32,6 +32,9 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import shown
 
+#: What `glpath export` writes into a file's extras: the backs of one-sided materials were black in the scene.
+BLACK_BACKS = {"backs": "black"}
+
 # Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
 _FLAT = 1e-9
 # Faces above which it is not asked whether a mesh is closed.
@@ -438,6 +441,9 @@ class _Shapes:
             self.high = np.maximum(self.high, (centre + extent).max(axis=0))
 
     def _note_single_sided(self) -> None:
+        extras = self.document.root.values.get("extras")  # of any type
+        if isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items():
+            return
         seen = (
             group
             for group in self.groups.values()

@@ -10,6 +10,7 @@ Source: glTF 2.0, 3.8, 3.9 and appendix B; the KHR_materials extensions; KHR_tex
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -110,16 +111,18 @@ class Surfaces:
         glossy = table.extension("KHR_materials_pbrSpecularGlossiness")
         if glossy is not None:
             return self._specular_glossiness(table, glossy, common)
-        normal = table.table("normalTexture")
+        metallic, layers = self._share(pbr, "metallicFactor", 1.0), self._layers(table)
+        if _is_diffuse(metallic, layers):
+            common["roughness"] = None
+        else:
+            surface = self._slot(pbr, "metallicRoughnessTexture", srgb=False)
+            common |= layers | {"metallic": metallic, "surface_texture": surface}
         material = Material(
             reflectance=base[:3],
             texture=texture,
-            metallic=self._share(pbr, "metallicFactor", 1.0),
-            surface_texture=self._slot(pbr, "metallicRoughnessTexture", srgb=False),
             normal_texture=self._slot(table, "normalTexture", srgb=False),
-            normal_scale=normal.number("scale", 1.0),
+            normal_scale=table.table("normalTexture").number("scale", 1.0),
             **self._emission_texture(table),
-            **self._layers(table),
             **common,
         )
         return Surface(material, self._emission(table))
@@ -209,7 +212,8 @@ class Surfaces:
         if specular is not None:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
-            self._unused(specular, "specularTexture", "specularColorTexture")
+            if fields["specular_weight"] > 0:  # which textures multiply
+                self._unused(specular, "specularTexture", "specularColorTexture")
         if ior is not None and ior.number("ior", 1.5) == 0:
             # 0 stands for a reflection that the colour alone decides.
             fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
@@ -325,6 +329,16 @@ class Surfaces:
                 "has no `source` that can be read.", "Export the file with textures of PNG, JPEG, WebP or KTX 2."
             )
         return plain
+
+
+def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
+    """Whether a surface reflects by Lambert's base alone: there is neither metal nor glass, no coat, and
+    KHR_materials_specular takes the reflection of the dielectric away, at all angles.
+
+    Its roughness then changes nothing: it is a material without microfacets. Textures multiply these factors.
+    """
+    specular = layers.get("specular_weight", 1.0)
+    return not (metallic or specular or layers.get("clearcoat") or layers.get("transmission"))
 
 
 def _of_size(*images: Float64) -> list[Float64]:

@@ -1,1 +1,1 @@
-"""Scenes that glpath brings along: files by name, and scenes that a program makes from parameters."""
+"""Shipped scenes that functions make from parameters; the others are files in `scenes`."""

@@ -13,15 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
-from glpath.io.shipped import furniture
-from glpath.io.shipped.furniture import Fineness, Part, Piece, placed
-from glpath.io.shipped.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
+from benchmarks.scenes import furniture
+from benchmarks.scenes.furniture import Fineness, Part, Piece, placed
+from benchmarks.scenes.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 
 #: The room reaches from 0 to this.
@@ -80,21 +78,12 @@ _COLOURS = {
     "lamp": (0.80, 0.78, 0.72),
 }
 
-_Detail = Annotated[
-    float,
-    Meta(
-        ge=0.25,
-        le=16,
-        description="a number from 0.25 to 16, how finely it is divided: 14,920 triangles at 1, 34,696 at 4",
-    ),
-]
-_Resolution = Annotated[
-    int, Meta(ge=1, le=8192, description="a whole number from 1 to 8192, the pixels per side of the picture")
-]
 
+def room(detail: float = 1.0) -> Scene:
+    """Furnished room with a fireplace, lit by lamps.
 
-def room(*, detail: _Detail = 1.0, resolution: _Resolution = 256) -> Scene:
-    """Furnished room with a fireplace, lit by lamps: 14,920 triangles."""
+    detail : how finely it is divided, from 0.25 to 16: 14,920 triangles at 1, 34,696 at 4
+    """
     fine = Fineness(float(np.sqrt(detail)))
     parts = [
         *_walls(fine),
@@ -113,17 +102,18 @@ def room(*, detail: _Detail = 1.0, resolution: _Resolution = 256) -> Scene:
         np.array([2.8, 1.02, 0.9]),
         np.array([0.0, 1.0, 0.0]),
         64.0,
-        (resolution, resolution),
+        (256, 256),
     )
     return _scene(parts, camera)
 
 
 def _scene(parts: Sequence[Part], camera: Camera) -> Scene:
+    """Of coordinates of 32 bits, as a model file has them."""
     names = [name for name in _COLOURS if any(part.material == name for part in parts)]
     shapes = [
         Shape(
             part.name,
-            Mesh.of_triangles(part.corners).welded(),
+            Mesh.of_triangles(part.corners.astype(np.float32)).welded(),
             names.index(part.material),
             emission=np.array(part.emission),
         )

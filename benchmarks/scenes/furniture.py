@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.io.shipped.solids import (
+from benchmarks.scenes.solids import (
     Profile,
     arc,
     block,

@@ -2,23 +2,21 @@
 
 Boards, wallpaper, plaster, a woven rug, linen and wood with normal maps and roughness; a window of two casements,
 one with its pane and one that stands open, and what is seen through it; a brass lamp, a glass vase, a mirror, a
-painting. Metres; x along the back wall, y up, z from it into the room. It ships as the program that makes it:
-`glpath export parlour -o parlour.glb` writes it as a model of some 5 MB, which renders as the scene does.
+painting. Metres; x along the back wall, y up, z from it into the room.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import ArrayLike
 
-from glpath.io.shipped import furniture, patterns
-from glpath.io.shipped.furniture import Fineness, Part, Piece, placed
-from glpath.io.shipped.patterns import Pattern
-from glpath.io.shipped.solids import Profile, arc, block, cushion, framed, moved, patch, turned
+from benchmarks.scenes import furniture, patterns
+from benchmarks.scenes.furniture import Fineness, Part, Piece, placed
+from benchmarks.scenes.patterns import Pattern
+from benchmarks.scenes.solids import Profile, arc, block, cushion, framed, moved, patch, turned
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Texture, TextureSlot
 
 #: The room reaches from 0 to this.
@@ -33,12 +31,8 @@ _RUG = (0.95, 3.55, 1.15, 2.9)
 # Of two triangles that meet, degrees up to which they are one round surface.
 _CREASE = 38.0
 
-_Resolution = Annotated[
-    int, Meta(ge=3, le=8192, description="a whole number from 3 to 8192, the pixels of a row; 4 : 3 is the picture")
-]
 
-
-def parlour(*, resolution: _Resolution = 512) -> Scene:
+def parlour() -> Scene:
     """Textured room by daylight and a lamp: normal maps, metal, glass, a mirror."""
     fine = Fineness(2.0)
     surfaces = _Surfaces()
@@ -57,7 +51,7 @@ def parlour(*, resolution: _Resolution = 512) -> Scene:
         np.array([1.35, 0.93, 0.75]),
         np.array([0.0, 1.0, 0.0]),
         48.0,
-        (resolution, 3 * resolution // 4),
+        (512, 384),
     )
     return Scene(
         name="parlour",
@@ -92,7 +86,7 @@ class _Surfaces:
         pattern = _MATERIALS[part.material].get("pattern")
         uv = None if pattern is None else _coordinates(part.corners, _PATTERNS[pattern][1])
         mesh = Mesh.of_triangles(part.corners, uv)
-        return Mesh(mesh.vertices, mesh.faces, mesh.uv, _smooth(part.corners))
+        return Mesh(mesh.vertices, mesh.faces, mesh.uv, _smooth(part.corners)).welded()
 
     def _made(self, name: str) -> Material:
         fields = {"roughness": 0.6, "two_sided": False} | _MATERIALS[name]

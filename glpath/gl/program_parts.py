@@ -1,0 +1,52 @@
+"""What a program has of the things that its shaders include: a scene, a tree of boxes, a radiosity solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import moderngl
+
+
+class Part(Protocol):
+    """Whatever is on the device and has a shader file that reads it.
+
+    uniforms, textures : by their names in GLSL
+    generated, defines : see `glpath.gl.program.load_program`
+    """
+
+    @property
+    def uniforms(self) -> Mapping[str, object]: ...
+
+    @property
+    def textures(self) -> Mapping[str, moderngl.Texture]: ...
+
+    @property
+    def generated(self) -> Mapping[str, str]: ...
+
+    @property
+    def defines(self) -> Mapping[str, object]: ...
+
+
+@dataclass
+class ProgramParts:
+    """All that a program and its pass are told, part by part; itself one."""
+
+    uniforms: dict[str, object] = field(default_factory=dict)
+    textures: dict[str, moderngl.Texture] = field(default_factory=dict)
+    generated: dict[str, str] = field(default_factory=dict)
+    defines: dict[str, object] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, *parts: Part) -> ProgramParts:
+        made = cls()
+        for part in parts:
+            made.add(part)
+        return made
+
+    def add(self, part: Part) -> None:
+        self.uniforms |= part.uniforms
+        self.textures |= part.textures
+        self.generated |= part.generated
+        self.defines |= part.defines

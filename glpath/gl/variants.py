@@ -1,0 +1,152 @@
+"""What shaders are compiled with: the variants of a program, and the numbers that are part of its text.
+
+A variant leaves out what a scene lacks, or says what a program is for. `defined` makes the defines of variants,
+`load_program` refuses what is not declared here. docs/developing.md has the table, which `.ci/variants.py` writes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Variant(NamedTuple):
+    """meaning : where it is defined
+    set_by  : the module that sets it, below glpath; "shaders" for what a shader defines itself
+    """
+
+    meaning: str
+    set_by: str
+
+
+_SCENE, _TEXTURES, _CAMERA = "gl.device_scene", "gl.texture_images", "gl.camera"
+_LIGHTS, _RAYS, _STAGES = "gl.lights", "integrators.ray_paths", "integrators.path_buffer_stages"
+_SCANS, _WHITTED, _T_BUFFER = "buffers.path_buffer", "integrators.whitted", "buffers.t_buffer"
+
+VARIANTS: dict[str, Variant] = {
+    # What a scene has.
+    "HAS_SPHERES": Variant("the scene has spheres", _SCENE),
+    "HAS_ELLIPSOIDS": Variant("the scene has ellipsoids", _SCENE),
+    "HAS_TRIANGLES": Variant("the scene has triangles", _SCENE),
+    "HAS_PLANES": Variant("the scene has endless planes", _SCENE),
+    "HAS_HIGHLIGHTS": Variant("a material has a Phong highlight", _SCENE),
+    "HAS_MIRRORS": Variant("a material is a mirror in part", _SCENE),
+    "HAS_MICROFACETS": Variant("a material has a roughness", _SCENE),
+    "HAS_BRUSHES": Variant("a rough material is anisotropic", _SCENE),
+    "HAS_GLASS": Variant("a rough material transmits", _SCENE),
+    "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _RAYS),
+    "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
+    "HAS_ALPHA": Variant("a material that is used is masked or blended", _SCENE),
+    "HAS_NORMALS": Variant("there are normals to shade with", _SCENE),
+    "HAS_VERTEX_NORMALS": Variant("of vertices", _SCENE),
+    "HAS_NORMAL_MAPS": Variant("of normal maps", _TEXTURES),
+    "HAS_VERTEX_COLOURS": Variant("vertices have colours", _SCENE),
+    "HAS_COLOURED_LIGHT": Variant("vertex colours shine", _SCENE),
+    "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
+    "HAS_ENVIRONMENT": Variant("the sky is an image", _SCENE),
+    "HAS_DIRECTIONAL_LIGHTS": Variant("there are directional lights", _SCENE),
+    "HAS_PROFILES": Variant("a point light has an IES profile", _SCENE),
+    "STREAMED": Variant("some triangles are streamed", _SCENE),
+    "HAS_TEXTURES": Variant("a material that is used has a texture", _TEXTURES),
+    "HAS_SURFACE_TEXTURES": Variant("of roughness and metal", _TEXTURES),
+    "HAS_EMISSION_TEXTURES": Variant("of emission", _TEXTURES),
+    "HAS_TRANSMISSION_TEXTURES": Variant("of transmission", _TEXTURES),
+    "HAS_UV1": Variant("a texture has the second set of coordinates", _TEXTURES),
+    "HAS_WRAPS": Variant("a texture does otherwise than repeat", _TEXTURES),
+    "HAS_BYTE_IMAGES": Variant("an image has eight bits", _TEXTURES),
+    "HAS_FLOAT_IMAGES": Variant("an image has floats", _TEXTURES),
+    "HAS_POSITIONAL_LIGHTS": Variant("light comes from places", _LIGHTS),
+    "HAS_DISTANT_LIGHTS": Variant("light comes from infinitely far", _LIGHTS),
+    "HAS_SKY": Variant("rays that hit nothing see light", _LIGHTS),
+    # Where paths start.
+    "EYE_ORTHOGRAPHIC": Variant("the camera is orthographic", _CAMERA),
+    "EYE_PANORAMA": Variant("the camera sees all around", _CAMERA),
+    "EYE_LENS": Variant("every pixel has a point of the lens of its own", _CAMERA),
+    "START_POINTS": Variant("paths start at points, not at a camera", "integrators.start_points"),
+    "START_SHADING": Variant("points have normals to shade with", "integrators.start_points"),
+    "START_VERTEX": Variant("the first vertex of a path is made here", "shaders"),
+    # Paths with rays of their own.
+    "COMPUTE": Variant("a compute shader in place of a fragment shader", _RAYS),
+    "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
+    "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),
+    "GUIDES_SHARED": Variant("elements share guides", "integrators.path_guide"),
+    "ALL_LIGHT": Variant("what is looked up has direct light in it, for guides", "integrators.path_guide"),
+    "INTERPOLATED": Variant("the solution is interpolated over an element", "gl.device_radiosity"),
+    "OWN_LIGHT_SAMPLES": Variant("paths draw light samples of their own", "gl.light_draws"),
+    "LAMP_EDGES": Variant("lamps' edges are seen apart", _RAYS),
+    # The path-buffer.
+    "PACKED": Variant("depth and triangle share a float", _SCANS),
+    "NEAREST": Variant("the first of two scans: the depth alone", _SCANS),
+    "SKIPS_NEAR": Variant("paths meet no simpler shape near their start", _SCANS),
+    "FROM_PATHS": Variant("bounds of the paths; else of the grid", _SCANS),
+    "WHOLE_SPHERE": Variant("directions are of the whole sphere, as in the paper", _STAGES),
+    "LAST_VERTEX": Variant("paths end here", _STAGES),
+    "TO_SUMS": Variant("and their light goes to the sums", _STAGES),
+    "STREAMED_CHUNK": Variant("what is drawn is a chunk of streamed triangles", "gl.geometry_stream"),
+    "OF_PATHS": Variant("records are of what paths have met; else of an eye", "gl.geometry_stream"),
+    # Shadow-buffers.
+    "FULL_CUBE": Variant("the light point sees all around", "buffers.hemicube_shadow_buffer"),
+    "SHADOW_CUBE": Variant("a cube; else a sphere", "buffers.shadow_buffer"),
+    "SHADOW_IDENTITY": Variant("the paper's rule: by the object", "buffers.shadow_buffer"),
+    "SHADOW_BUFFERS": Variant("lights have shadow-buffers; else shadow rays", _WHITTED),
+    # The ray tracer of the T-buffer.
+    "KIND_SPHERE": Variant("what is drawn is spheres", _T_BUFFER),
+    "KIND_ELLIPSOID": Variant("what is drawn is ellipsoids", _T_BUFFER),
+    "KIND_TRIANGLE": Variant("what is drawn is triangles", _T_BUFFER),
+    "KIND_PLANE": Variant("what is drawn is endless planes", _T_BUFFER),
+    "SQUARES": Variant("rectangles are drawn as points", _T_BUFFER),
+    "SECOND": Variant("the second of two passes: the lowest number at the same distance", _T_BUFFER),
+    "COUNT_TESTS": Variant("intersection tests are counted", _T_BUFFER),
+    "BY_BVH": Variant("rays that leave a surface go by a BVH", _WHITTED),
+    "LIGHT_SAMPLES": Variant("surfaces and the sky shine; how many samples a path set has", _WHITTED),
+    "REFLECTIONS": Variant("rays are reflected", _WHITTED),
+    # The film.
+    "SPLIT_LIGHT": Variant("direct light is summed by itself", "gl.sums"),
+    "AOV_SURFACE": Variant("albedo and normal; the number of their first output", "integrators.aovs"),
+    "AOV_PLACE": Variant("depth and position; the number of their first output", "integrators.aovs"),
+    "AOV_NEAREST": Variant("the nearest depth; the number of its output", "integrators.aovs"),
+    # The device.
+    "TEXELS_ARE_IMAGES": Variant("texels are read as images: llvmpipe", "gl.program"),
+}
+
+#: Numbers and words in a program's text: how large its arrays are, how texels are packed.
+VALUES: dict[str, str] = {
+    "AOV_QUANTA": "quanta of albedo and normal in 1",
+    "AOV_SURFACE_1": "the number of the second output",
+    "AOV_PLACE_1": "the number of the second output",
+    "AOV_NEAREST_1": "not used: there is one output",
+    "BOUNCES": "bounces that have numbers of a sequence",
+    "BRANCHES": "paths that a pixel's path divides into at its first vertex",
+    "BYTES_SHIFT": "the logarithm of the width of the texture of bytes",
+    "DEPTH_LEVELS": "steps of the depth in a packed float",
+    "DEPTH_SCALE": "from a distance to the depth that is tested",
+    "EYE_FORMAT": "of the texture of what the eye sees",
+    "GUIDE_LEVELS": "levels of a guide's tree",
+    "GUIDE_NODES": "nodes of a guide's tree",
+    "GUIDE_PLACES": "points on the elements of a guide",
+    "GUIDE_RAYS": "rays from a guide through each of its cells",
+    "ID_BITS": "bits of a triangle's number in a packed float",
+    "LIGHTS": "light samples of a path set",
+    "LIGHT_ROWS": "texels of a light sample",
+    "NOTHING_FOUND": "what a cell holds where nothing was found",
+    "PARTS": "parts of all lights, of each of which a vertex looks at a sample",
+    "PLACES": "places in a pixel where lamps' edges are looked for",
+    "RECTANGLES_WIDTH": "rectangles in a row of their table",
+    "SHADOW_TAPS": "cells across that a lookup asks",
+    "SQUARES_WIDTH": "squares in a row of their table",
+    "VIEWS": "directions of a scan at most",
+}
+
+
+def defined(**variants: bool) -> dict[str, object]:
+    """The defines of those variants that are true."""
+    unknown = variants.keys() - VARIANTS.keys()
+    assert not unknown, f"{sorted(unknown)}: not in the table of variants"
+    return {name: 1 for name, there in variants.items() if there}
+
+
+def check_declared(defines: dict[str, object]) -> None:
+    """Refuse what no table declares, and a variant that is told to be absent: #ifdef does not ask for its value."""
+    unknown = defines.keys() - VARIANTS.keys() - VALUES.keys()
+    assert not unknown, f"{sorted(unknown)}: neither a variant nor a value"
+    absent = [name for name, value in defines.items() if value is False or value is None]
+    assert not absent, f"{absent}: defined, and said to be absent"

@@ -1,0 +1,146 @@
+"""The frame of every integrator: it is made, prepared, traces path sets into exact sums, and is closed."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Self
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.gl.constants import DROPPED_SHIFT
+from glpath.gl.context import context_of
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.owner import Owner
+from glpath.gl.passes import Stopwatch
+from glpath.gl.sums import PixelSums, Taken
+from glpath.integrators.aovs import EyeAovs, light_aovs
+from glpath.integrators.settings import IntegratorSettings
+from glpath.sampling.points import PathSetSampler
+from glpath.sensors.sensor import Sensor
+
+Uniforms = dict[str, object]
+Window = tuple[int, int, int, int]
+
+
+class Engine(Owner, ABC):
+    """The path sets of one window of the image.
+
+    Constructors take what they are given; `prepare` makes what is needed on the device, and everything else comes
+    after it. Whoever derives from it writes `prepare` and `trace_path_set`.
+
+    Parameters
+    ----------
+    window   : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
+    sensor   : where paths start
+    timings  : measure how long stages take, which costs some time itself
+    """
+
+    _sampler: PathSetSampler  # these three are made by `prepare`
+    _sums: PixelSums
+    _aovs: EyeAovs | None
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        scene: DeviceScene,
+        settings: IntegratorSettings,
+        window: Window,
+        sensor: Sensor,
+        timings: bool,
+    ) -> None:
+        self.gl = gl
+        self.scene = scene
+        self.settings = settings
+        self.window = window
+        self.sensor: Sensor = sensor
+        self.stopwatch = Stopwatch(gl, context_of(gl).info.hardware, timings)
+        self._size = window[2:]
+        self._dropped = 0
+        self._taken_aovs: dict[str, NDArray[Any]] = {}
+
+    @abstractmethod
+    def prepare(self) -> Self:
+        """Make what it needs on the device; returns itself. Raises SceneError where there is no room for it."""
+
+    @abstractmethod
+    def trace_path_set(self, index: int) -> None:
+        """Add one sample to every pixel; which, the index says alone."""
+
+    def look_at(self, window: Window) -> None:
+        """Go on with another window of the same size."""
+        assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
+        self.window = window
+
+    def look_from(self, sensor: Sensor) -> None:
+        """Start paths at another sensor of the same resolution. Raises UsageError for one of another kind."""
+        assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
+        _check_same_kind(self._kind_of(self.sensor), self._kind_of(sensor))
+        self.sensor = sensor
+
+    def take(self) -> NDArray[np.float64]:
+        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
+
+        Multiples of one power of two, so that float64 adds them without rounding.
+        """
+        taken = self._sums.take()
+        dropped = taken.high >> DROPPED_SHIFT
+        self._dropped += int(dropped.sum())
+        self._taken_aovs = light_aovs(self.settings, self._sums, dropped)
+        self._count(taken)
+        return taken.radiance
+
+    def take_aovs(self) -> dict[str, NDArray[Any]]:
+        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
+        return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
+
+    def statistics(self) -> dict[str, object]:
+        """What was counted in the path sets taken so far.
+
+        dropped_samples : not finite, and counted as 0
+        stage_ms        : milliseconds by stage, where timed
+        """
+        counts: dict[str, object] = {"dropped_samples": self._dropped}
+        if self.stopwatch.enabled:
+            counts["stage_ms"] = dict(self.stopwatch.milliseconds)
+        return counts
+
+    def forget_statistics(self) -> None:
+        """Begin to count anew."""
+        self._dropped = 0
+        self.stopwatch.milliseconds.clear()
+
+    # What frames are made of.
+
+    def _add_aovs(self, eye: Uniforms) -> None:
+        """The surfaces that the eye sees, where the film has AOVs of them."""
+        if self._aovs is not None:
+            with self.stopwatch.stage("AOVs"):
+                self._aovs.add(eye)
+
+    def _count(self, taken: Taken) -> None:
+        """Count what else an engine's shaders count along with the sums."""
+
+    def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
+        """What programs and passes are made for."""
+        return (*sensor.kind, None)
+
+
+def _check_same_kind(made_for: tuple[object, ...], found: tuple[object, ...]) -> None:
+    """Raise UsageError for a camera of another kind (projection, whether it has a lens, whether it moves)."""
+    if made_for != found:
+        raise UsageError(
+            f"render_frames: a frame's camera is {_kind_in_words(found)}, after one that is "
+            f"{_kind_in_words(made_for)}",
+            "All frames have one kind of camera: render the others by themselves.",
+        )
+
+
+def _kind_in_words(kind: tuple[object, ...]) -> str:
+    if kind[0] == "points":
+        return "points"
+    projection, lens, moves, shutter = kind
+    told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
+    return told if shutter is None else f"{told}, with a shutter of {shutter}"
