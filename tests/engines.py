@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import glpath
 from glpath.integrators.settings import Directions, GatherSettings
 
 
@@ -21,3 +22,8 @@ def gather_by(name: Directions | str) -> GatherSettings:
 def with_depth(options: Mapping[str, Any], depth: int) -> dict[str, Any]:
     """The options with paths of so many vertices; a gather's end with a lookup there."""
     return {"lookup_depth" if options.get("integrator") == "gather" else "max_depth": depth, **options}
+
+
+def coarse(scene: Any) -> glpath.RadiositySolution:
+    """For a gather of whose solution a test says nothing: of fewer particles than it would send itself."""
+    return glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 15)

@@ -21,7 +21,7 @@ from glpath.film.metadata import AOVS, DENOISER_AOVS
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene
-from tests.engines import with_depth
+from tests.engines import coarse, with_depth
 
 #: A texture, a smooth sphere, a lamp, the black back of a card, and the sky behind.
 RESOLUTION = (40, 30)
@@ -134,6 +134,8 @@ def test_masks_have_one_number_a_pixel_and_depths_that_a_surface_has(
 ) -> None:
     scene = glpath.load_scene(CARDS).with_camera(resolution=(40, 30))
     options = {**with_depth(options, 2), "aovs": ("depth", "depth_min", "object_id", "material_id")}
+    if options["integrator"] == "gather":
+        options["radiosity"] = coarse(scene)
     film = glpath.render(scene, spp=24, **options)
     depth, least, number = (film.aov(name) for name in ("depth", "depth_min", "object_id"))
     surfaces = np.array([2.0, 5.0, FAR])

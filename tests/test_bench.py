@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,8 +28,8 @@ from glpath.compare import relative_mse
 from glpath.errors import GlpathError
 from glpath.gl.context import get_context
 from glpath.io import load_scene
-from glpath.jobs.cluster import render_on
 from glpath.rendering import factory
+from glpath.rendering import run as render_job
 
 
 @pytest.fixture
@@ -331,6 +332,13 @@ def test_jobs_by_workers_have_the_bits_of_one_process_and_their_cost_is_told(mon
 def test_films_of_workers_that_are_not_the_same_are_a_fault(monkeypatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(jobs, "_WORKERS", (1, 2))
-    other = (64, 192)
-    monkeypatch.setattr(jobs, "render_on", lambda cluster, job: render_on(cluster, replace(job, path_sets=other)))
+
+    def of_other_path_sets(_, job):
+        film = render_job(replace(job, path_sets=(64, 192)))
+        film.metadata.statistics.update(dict.fromkeys(("merge_s", "gather_s", "chunks", "worker_s"), 1.0))
+        return film
+
+    # No workers: what is wrong with their films shows whoever made them.
+    monkeypatch.setattr(jobs, "Cluster", lambda address: nullcontext(address))
+    monkeypatch.setattr(jobs, "render_on", of_other_path_sets)
     assert any("other bits" in fault for fault in jobs.bench_jobs(scale=0.01, rounds=1).faults)

@@ -14,6 +14,7 @@ from glpath.errors import GlpathError
 from glpath.film.image import luminance
 
 
+@pytest.mark.evidence
 def test_a_small_bench_without_radiance_measures_and_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(name: str, interpreter: str) -> tuple[str, str]:
         raise GlpathError(f"{name} is not installed for {interpreter}; it is needed only as a peer.")
@@ -33,9 +34,14 @@ def test_it_is_judged_by_what_radiance_finds(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(radiance_peer, "version", lambda: "5")
     monkeypatch.setattr(measure, "lamp_off", lambda: 0.001)
 
+    found: list[np.ndarray] = []
+
     def played(factor: float, seconds: float) -> None:
         def answer(scene, points, normals, settings):
-            return seconds, factor * glpath.irradiance(scene, points, normals, spp=256, seed=7).values
+            if not found:  # it is asked for the same points each time
+                found.append(glpath.irradiance(scene, points, normals, spp=256, seed=7).values)
+            assert found[0].shape[:-1] == points.shape[:-1]
+            return seconds, factor * found[0]
 
         monkeypatch.setattr(radiance_peer, "irradiance", answer)
 

@@ -65,7 +65,7 @@ def test_direct_light_and_what_the_eye_sees_are_not_touched():
     assert np.any(films[0].mean != films[1].mean)
 
 
-@pytest.mark.parametrize("sky", [False, True])
+@pytest.mark.parametrize("sky", [pytest.param(False, marks=pytest.mark.evidence), True])
 def test_a_ball_is_wrong_by_little_and_by_the_more_the_simpler_it_is(sky: bool):
     data = dense_box(2)
     data["shapes"].append(BALL)

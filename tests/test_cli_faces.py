@@ -14,40 +14,50 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from command_line import run
+from typer.testing import CliRunner
 
 import glpath
+from glpath.cli.main import app
 from glpath.io import scene_parameters, shipped_scenes
 
 SMALL = ("--resolution", "16x12", "--spp", "2", "--max-depth", "2")
 
 
-def completed(line: str, folder: Path) -> list[str]:
-    """What bash is offered for the last word of the line."""
+def asked_by_bash(line: str) -> dict[str, str]:
+    """The environment in which bash asks for what the last word of the line may be."""
     words = line.split(" ")
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(Path(glpath.__file__).parents[1]),
-        "_GLPATH_COMPLETE": "complete_bash",
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(words) - 1),
-    }
-    done = subprocess.run(
-        [sys.executable, "-m", "glpath"], env=environment, cwd=folder, capture_output=True, text=True
-    )
-    return [each.split(",")[-1] for each in done.stdout.split("\n") if each]
+    return {"_GLPATH_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
 
 
-def test_the_shell_completes_scenes_words_and_parameters(tmp_path: Path) -> None:
+def offered(text: str) -> list[str]:
+    return [each.split(",")[-1] for each in text.split("\n") if each]
+
+
+def completed(line: str) -> list[str]:
+    """What bash is offered for the last word of the line, by this process."""
+    return offered(CliRunner().invoke(app, [], prog_name="glpath", env=asked_by_bash(line)).stdout)
+
+
+def test_the_shell_completes_scenes_words_and_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").touch()
     (tmp_path / "models").mkdir()
     (tmp_path / "notes.txt").touch()
-    assert completed("glpath render off", tmp_path) == ["office", "office-premesh"]
-    assert completed("glpath render m", tmp_path) == ["mine.toml", f"models{os.sep}"]
-    assert completed("glpath validate three", tmp_path) == ["three-spheres"]
-    assert completed("glpath render office --integrator t", tmp_path) == ["t-buffer"]
-    assert completed("glpath render office --shadows ", tmp_path) == ["rays", "sphere", "cube"]
-    assert completed("glpath render stacked -D obj", tmp_path) == ["objects="]
-    assert completed("glpath info furnace -D re", tmp_path) == ["reflectance=", "resolution="]
+    assert completed("glpath render off") == ["office", "office-premesh"]
+    assert completed("glpath render m") == ["mine.toml", f"models{os.sep}"]
+    # As the shell does it.
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(Path(glpath.__file__).parents[1]),
+        **asked_by_bash("glpath render m"),
+    }
+    done = subprocess.run([sys.executable, "-m", "glpath"], env=environment, capture_output=True, text=True)
+    assert offered(done.stdout) == ["mine.toml", f"models{os.sep}"]
+    assert completed("glpath validate three") == ["three-spheres"]
+    assert completed("glpath render office --integrator t") == ["t-buffer"]
+    assert completed("glpath render office --shadows ") == ["rays", "sphere", "cube"]
+    assert completed("glpath render stacked -D obj") == ["objects="]
+    assert completed("glpath info furnace -D re") == ["reflectance=", "resolution="]
 
 
 def test_scenes_tells_their_parameters_to_people_and_programs() -> None:

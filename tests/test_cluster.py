@@ -158,6 +158,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(own_workers):
     assert not set(victims) & set(pids(own_workers))  # its nanny has started another
 
 
+@pytest.mark.evidence
 def test_a_worker_that_hangs_is_not_waited_for(own_workers, monkeypatch):
     monkeypatch.setattr(clusters, "_GATHER_S", 3.0)
     job = job_of(600, max_depth=3)
@@ -201,11 +202,12 @@ class Faulty:
 
 @pytest.mark.parametrize(("how", "reason"), [("device", "at 21"), ("bug", "at 21"), ("dies", "worker")])
 def test_a_chunk_that_fails_everywhere_is_told_of_and_the_others_are_kept(
-    own_workers, monkeypatch, caplog, how, reason
+    request, monkeypatch, caplog, how, reason
 ):
+    cluster = request.getfixturevalue("own_workers" if how == "dies" else "workers")
     monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, how))
     with pytest.raises(ChunksFailedError, match=rf"path sets 16:24 failed on every worker.*{reason}") as caught:
-        render_on(own_workers, job_of(64), chunk_seconds=0.01)
+        render_on(cluster, job_of(64), chunk_seconds=0.01)
     film = caught.value.film
     assert film.ranges == ((0, 16), (24, 64))
     assert same(film, run(job_of(16)).merge(run(job_of(40, first_path_set=24))))
@@ -256,10 +258,10 @@ def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
     assert not [task for task in render._running.values() if task.worker == "a"]
 
 
-def test_a_mistake_of_the_user_is_not_tried_again(own_workers, monkeypatch):
+def test_a_mistake_of_the_user_is_not_tried_again(workers, monkeypatch):
     monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
     with pytest.raises(UsageError, match="at 21"):
-        render_on(own_workers, job_of(64), chunk_seconds=0.01)
+        render_on(workers, job_of(64), chunk_seconds=0.01)
 
 
 def test_a_worker_of_another_version_is_refused(workers, monkeypatch):

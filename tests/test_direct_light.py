@@ -7,6 +7,7 @@ import pytest
 
 import glpath
 from glpath.film.film import Film
+from glpath.rendering.factory import solve_for_gather
 from tests.engines import engine_options, with_depth
 
 #: Every kind of light, textures, masks aside; diffuse, so that every engine has it.
@@ -61,10 +62,19 @@ def depth_1() -> Film:
     return glpath.render(LIGHTS, max_depth=1, spp=512)
 
 
+@pytest.fixture(scope="module")
+def solution() -> glpath.RadiositySolution:
+    """Of gathers: as each would make it, once."""
+    return solve_for_gather(glpath.load_scene(LIGHTS))
+
+
 @pytest.mark.parametrize("options", ENGINES.values(), ids=ENGINES)
-def test_direct_light_is_a_render_of_depth_1(options: dict[str, object], depth_1: Film) -> None:
+def test_direct_light_is_a_render_of_depth_1(
+    options: dict[str, object], depth_1: Film, solution: glpath.RadiositySolution
+) -> None:
     spp = 128 if options.get("integrator") == "t-buffer" else 512
-    film = render(LIGHTS, spp=spp, **options)
+    solved = {"radiosity": solution} if "gather" in options.values() else {}
+    film = render(LIGHTS, spp=spp, **options, **solved)
     assert_is_the_picture(film)
     direct = film.aov("direct")
     assert direct.mean(axis=(0, 1)) == pytest.approx(depth_1.mean.mean(axis=(0, 1)), rel=0.01)

@@ -21,7 +21,7 @@ from glpath.radiosity.solution import DIRECT
 from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
-from tests.engines import engine_options, with_depth
+from tests.engines import coarse, engine_options, with_depth
 
 ENGINES: list[dict[str, Any]] = [
     {"integrator": "path"},
@@ -50,6 +50,12 @@ def centre(sky: Environment, row: int, column: int) -> Float64:
     height, width = sky.image.shape[:2]
     theta, phi = np.pi * (row + 0.5) / height, 2 * np.pi * (0.5 - (column + 0.5) / width)
     return np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]) @ sky.frame
+
+
+def picture(scene: Scene, engine: dict[str, Any], depth: int, spp: int) -> glpath.Film:
+    """By paths of so many vertices; a gather's end at a coarse solution."""
+    given = {"radiosity": coarse(scene)} if engine["integrator"] == "gather" else {}
+    return glpath.render(scene, spp=spp, **with_depth({**engine, **given}, depth))
 
 
 # What is where.
@@ -93,7 +99,7 @@ def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target
     sky = Environment(noise(9, 20), np.array([0.02, 1, 0.05]), 77.0, 3.0)
     at = np.array([0, 900, 900])
     scene = replace(scene_of([LAMP], at, at + target, fov=70, size=(16, 12)), sky=sky)
-    film = glpath.render(scene, spp=1, **with_depth(engine, 2))
+    film = picture(scene, engine, 2, spp=1)
     camera = scene.camera
     traces_paths = engine.get("integrator") not in ("t-buffer", "classic")
     place = PathSetSampler(0, 1)[0].pixel if traces_paths else 0.5  # theirs begin with the centre
@@ -172,9 +178,7 @@ def test_a_number_just_below_one_is_a_direction_of_the_map():
 def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     scene = scene_of([*THINGS, LAMP], size=(16, 12))
     sky, sky_map = Sky(np.full(3, 1.5), np.full(3, 1.5)), Environment(np.full((5, 8, 3), 0.5, np.float32), scale=3)
-    a, b = (
-        glpath.render(replace(scene, sky=each), spp=200, **with_depth(engine, 3)).mean for each in (sky, sky_map)
-    )
+    a, b = (picture(replace(scene, sky=each), engine, 3, spp=200).mean for each in (sky, sky_map))
     noisy = engine.get("directions") == "sphere"
     assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1e-2)
     assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
@@ -215,7 +219,7 @@ def irradiance_of_texel(sky: Environment, row: int) -> Float64:
 def test_a_floor_under_one_bright_texel(engine: dict[str, Any]):
     sky = Environment(sun(32, 64, 9, 50, (1e4, 8e3, 5e3)), np.array([0.0, 1, 0]), 10.0, 0.5)
     scene = replace(floor_from_above(), sky=sky)
-    film = glpath.render(scene, spp=256, **with_depth(engine, 2))
+    film = picture(scene, engine, 2, spp=256)
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * irradiance_of_texel(sky, 9), rtol=0.01)
 
 
@@ -255,7 +259,7 @@ def test_a_small_slow_tracer_agrees(depth: int, engine: dict[str, Any]):
     scene = replace(scene_of([*THINGS[:-1], LAMP], size=(8, 6), lights=[POINT]), sky=sky)
     gathers = engine["integrator"] == "gather"
     truth, variance = path_trace(scene, 300, 6 if gathers else depth, seed=1)
-    film = glpath.render(scene, spp=512, **with_depth(engine, depth))
+    film = picture(scene, engine, depth, spp=512)
     assert film.mean.mean() == pytest.approx(truth.mean(), rel=0.03 if gathers else 0.02)
     if not gathers:
         z = (film.mean - truth) / np.sqrt(variance + film.variance_of_mean() + 1e-12)

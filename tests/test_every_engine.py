@@ -22,10 +22,19 @@ REFUSED = {
     ("t-buffer", "parlour"): "has glass (parlour/pane, parlour/glass)",
 }
 
+#: What takes most of a minute: the radiosity solutions of many triangles under a sky.
+SLOW = {("terrain", "gather"), ("teapot", "gather")}
+
 
 @pytest.mark.filterwarnings("ignore:The scene's ambient light:glpath.SceneWarning")
-@pytest.mark.parametrize("engine", get_args(Integrator))
-@pytest.mark.parametrize("name", shipped_scenes())
+@pytest.mark.parametrize(
+    ("name", "engine"),
+    [
+        pytest.param(name, engine, marks=pytest.mark.evidence if (name, engine) in SLOW else ())
+        for name in shipped_scenes()
+        for engine in get_args(Integrator)
+    ],
+)
 def test_every_engine_renders_every_shipped_scene_or_says_what_it_cannot(name: str, engine: Any):
     options: dict[str, Any] = {"integrator": engine, "spp": 2, "resolution": (24, 18)}
     refusal = REFUSED.get((engine, name))

@@ -540,7 +540,7 @@ def test_a_scene_is_solved_by_so_many_particles(
     assert asked == [("monte-carlo", patches, particles)]
 
 
-@pytest.mark.parametrize("scene", ["cornell-box-36", "room"])
+@pytest.mark.parametrize("scene", ["cornell-box-36", pytest.param("room", marks=pytest.mark.evidence)])
 def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(scene: str) -> None:
     """A hundredth of what a picture of a hundred sets is off; both pictures have the same paths."""
     traced = glpath.load_scene(scene).with_camera(resolution=(32, 32))
@@ -582,7 +582,10 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
     assert variance("lattice") < 0.75 * variance("pair")
 
 
-@pytest.mark.parametrize(("patches", "looked_up"), [(100, True), (100, False), (500, False)])
+@pytest.mark.parametrize(
+    ("patches", "looked_up"),
+    [pytest.param(100, True, marks=pytest.mark.evidence), (100, False), (500, False)],
+)
 def test_what_elements_do_is_estimated_without_a_reference(patches: int, looked_up: bool) -> None:
     """From a third to all of what Mitsuba's picture shows. Measured: 1e-3, 6e-5 and 8e-6."""
     options: Any = {"direct_light": "solution", "lookup_distance": 0} if looked_up else {}

@@ -126,7 +126,7 @@ def test_every_triangle_is_shown_whatever_the_seed(name: str) -> None:
         assert all((sides.lit[:, 0] | sides.lit[:, 1]).all() for sides in found)
 
 
-@pytest.mark.parametrize("name", ["parlour", *FOREIGN])
+@pytest.mark.parametrize("name", [pytest.param("parlour", marks=pytest.mark.evidence), *FOREIGN])
 def test_every_triangle_is_in_the_file(name: str, tmp_path: Path) -> None:
     scene = in_triangles(name)
     found = Surfaces.of(scene, size=512).atlas
@@ -198,7 +198,7 @@ def test_dark_sides_have_texels_but_fewer() -> None:
     assert np.sort(np.bincount(found.triangle)).tolist() == [1] * 12 + [2] * 10
 
 
-@pytest.mark.parametrize("name", ["cornell-box", "office", "room"])
+@pytest.mark.parametrize("name", ["cornell-box", "office", pytest.param("room", marks=pytest.mark.evidence)])
 def test_the_exposure_is_that_of_a_picture(name: str) -> None:
     """Of all texels it was more by 0.7 stops in the room, so that a third of the view was white."""
     baked = glpath.lightmap(name, size=512 if name == "room" else 256, spp=4)

@@ -279,7 +279,7 @@ def test_beyond_the_last_vertex_ambient_light_stands_for_the_sky_as_well() -> No
     assert paths.mean.mean() == pytest.approx(rays.mean.mean(), rel=0.003)
 
 
-@pytest.mark.parametrize("depth", [2, 3])
+@pytest.mark.parametrize("depth", [2, pytest.param(3, marks=pytest.mark.evidence)])
 def test_ambient_light_and_the_sky_are_not_both_at_the_last_vertex(depth: int) -> None:
     scene = scene_of(sky=SKY, ambient=0.4)
     own, shared = (

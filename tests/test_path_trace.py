@@ -97,8 +97,14 @@ def mean_of_the_box() -> float:
     return float(glpath.render("cornell-box-36", spp=1024, max_depth=3, resolution=(16, 16), seed=99).mean.mean())
 
 
-@pytest.mark.parametrize("sampling", ["sobol", "random"])
-@pytest.mark.parametrize("engine", ["pair", "lattice", "hemisphere", "sphere"])
+@pytest.mark.parametrize(
+    ("engine", "sampling"),
+    [
+        *((name, "sobol") for name in ("pair", "lattice", "hemisphere", "sphere")),
+        ("pair", "random"),
+        ("sphere", "random"),
+    ],
+)
 def test_the_papers_estimator_and_ours_have_one_mean(sampling: Any, engine: Any, mean_of_the_box: float) -> None:
     film = glpath.render(
         "cornell-box-36", spp=512, max_depth=3, resolution=(16, 16), sampling=sampling, **engine_options(engine)
@@ -190,7 +196,7 @@ OPEN = [
     ids=["cornell-box-36", "room with three lamps", "open, one-sided, a sphere"],
 )
 def test_a_small_slow_tracer_agrees(scene: Scene, depth: int, ambient: float) -> None:
-    truth, variance = path_trace(scene, 800, depth, ambient=ambient, seed=1)
+    truth, variance = path_trace(scene, 400, depth, ambient=ambient, seed=1)
     film = glpath.render(scene, spp=512, max_depth=depth, ambient=ambient)
     difference = film.mean - truth
     spread = np.sqrt(variance + film.variance_of_mean() + 1e-12)

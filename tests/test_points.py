@@ -79,10 +79,10 @@ def test_under_a_lamp_it_is_the_form_factor(on_floor: bool, engine: str) -> None
 @pytest.mark.parametrize(
     ("options", "off"),
     [
-        ({"max_depth": 60}, 0.003),
+        ({"max_depth": 16}, 0.003),  # 2^-17 of the light is lacking
         ({"integrator": "gather"}, 0.003),
         # All points have the error of the directions that they share.
-        ({"max_depth": 60, "integrator": "path-buffer"}, 0.006),
+        ({"max_depth": 16, "integrator": "path-buffer"}, 0.006),
         ({"integrator": gather_by("lattice")}, 0.006),
     ],
     ids=["path", "gather", "path-pair", "gather-lattice"],

@@ -29,12 +29,15 @@ def blocks(title: str, kind: str) -> str:
     return "\n".join(re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL))
 
 
-def run_commands(lines: str) -> None:
-    """Run each `glpath` of a shell block as it is typed; what installs and pytest's own are other tests'."""
+def run_commands(lines: str, *also: str) -> None:
+    """Run each `glpath` of a shell block as it is typed; what installs and pytest's own are other tests'.
+
+    also : options after what is typed, for a smaller picture
+    """
     commands = [shlex.split(line, comments=True) for line in lines.splitlines() if line.startswith("glpath ")]
     assert commands
     for command in commands:
-        result = run(*command[1:])
+        result = run(*command[1:], *also)
         assert result.exit_code == 0, f"{command}: {result.output}"
         for option, value in pairwise(command):
             assert option != "-o" or Path(value).stat().st_size > 0, value
@@ -88,7 +91,7 @@ def test_view_factors_of_an_stl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_long_render(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    run_commands(blocks("Long renders", "sh"))
+    run_commands(blocks("Long renders", "sh"), "--resolution", "96x96")
 
 
 def test_image_tests(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:

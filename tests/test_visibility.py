@@ -90,7 +90,7 @@ def brute_force(of: Occluders, emitter: Emitter, receivers: Receivers, solids: b
 random_cases = given(st.data(), occluders(), options, st.sampled_from(["areas", "clusters"]))
 
 
-@settings(max_examples=250)
+@settings(max_examples=125)
 @random_cases
 def test_every_option_finds_what_brute_force_finds(
     data: st.DataObject, of: Occluders, chosen: Options, bvh: str

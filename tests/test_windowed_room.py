@@ -71,7 +71,7 @@ def noise_of_mean(film: Film) -> float:
     return float(standard_error(film.radiance_sums.mean(axis=(1, 2, 3)), film.batch_counts))
 
 
-@pytest.mark.parametrize("ground", [0.0, 40.0])
+@pytest.mark.parametrize("ground", [pytest.param(0.0, marks=pytest.mark.evidence), 40.0])
 def test_the_gather_of_a_windowed_room_has_the_light_of_paths(ground: float) -> None:
     """Few particles and few rays meet the window: 1 to 2 % of the light is missing where that is left to chance."""
     scene = windowed_room(ground)
