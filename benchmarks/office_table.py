@@ -18,7 +18,7 @@ import numpy as np
 from glpath.io import load_scene
 from glpath.radiosity.shafts.ends import Emitter, Receivers
 from glpath.radiosity.shafts.occluders import Occluders
-from glpath.radiosity.shafts.options import PAPER, Options, Statistics
+from glpath.radiosity.shafts.options import PAPER, ShaftOptions, Statistics
 from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene import Scene
 
@@ -98,7 +98,7 @@ def in_turns(contestants: Sequence[Callable[[], Any]], rounds: int) -> tuple[lis
     return [float(s) for s in np.median(seconds, axis=0)], results
 
 
-def strategies() -> dict[str, Options]:
+def strategies() -> dict[str, ShaftOptions]:
     """The rows of the paper's table 1."""
     ratios = {f"ratio open {r}": replace(PAPER, strategy="ratio open", ratio=r) for r in (0.2, 0.4, 0.6, 0.8)}
     return {
@@ -176,7 +176,7 @@ def savings_rows(
     for name, paper in zip(OFFICES, (0.17, 0.12), strict=True):
         where = office(name, spacing, 1, True, most_lights)
 
-        def tests(options: Options, where: Office = where) -> Statistics:
+        def tests(options: ShaftOptions, where: Office = where) -> Statistics:
             return shoot(Visibility(where.occluders, options, bvh, 1), where)()
 
         none, cached = tests(plain), tests(replace(plain, coherency=True))

@@ -125,6 +125,7 @@ def test_ctrl_c_keeps_what_was_solved(tmp_path):
             "--radiosity and --method contradict",
         ),
         (["radiosity", "cornell-box-36", "-o", "s.npz", "--exposure", "1"], 2, "a .npz holds the light itself"),
+        (["radiosity", "cornell-box-36", "-o", "s.npz", "--shaft", "clumb=8"], 2, "Is clump meant?"),
     ],
 )
 def test_mistakes_are_explained_and_nothing_is_written(arguments, code, message, tmp_path, monkeypatch):

@@ -13,11 +13,11 @@ from glpath.gl.program import load_program
 from glpath.gl.variants import VALUES, VARIANTS, defined
 
 ROOT = Path(__file__).resolve().parents[1]
-variants = runpy.run_path(str(ROOT / ".ci" / "variants.py"))
+tables = runpy.run_path(str(ROOT / ".ci" / "tables.py"))
 
 
 def test_every_name_that_a_shader_asks_for_is_declared_and_every_declared_one_asked_for() -> None:
-    asked = variants["asked_for"]()
+    asked = tables["asked_for"]()
     assert set(asked) == set(VARIANTS)
 
 
@@ -51,7 +51,7 @@ def test_what_is_not_declared_is_refused() -> None:
     assert defined(HAS_SKY=False, HAS_ALPHA=True) == {"HAS_ALPHA": 1}
 
 
-def test_the_documentation_has_the_table() -> None:
-    page = (ROOT / "docs" / "developing.md").read_text()
-    begin, end = page.index(variants["BEGIN"]) + len(variants["BEGIN"]), page.index(variants["END"])
-    assert page[begin:end] == variants["table"](), "python .ci/variants.py writes it"
+@pytest.mark.parametrize(("page", "name"), tables["TABLES"])
+def test_the_documentation_has_the_tables(page: str, name: str) -> None:
+    text = (ROOT / "docs" / page).read_text()
+    assert tables["with_table"](page, name, text) == text, "python .ci/tables.py writes it"

@@ -11,9 +11,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import glpath
 from glpath.errors import UsageError
 from glpath.io import load_scene
-from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Visibility, facing, visible
+from glpath.radiosity import PAPER, Emitter, Occluders, Receivers, ShaftOptions, Visibility, facing, visible
 from glpath.radiosity.shafts.occluders import visible_by_all
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
 
@@ -23,7 +24,7 @@ places = st.one_of(grid, st.floats(-3, 3, allow_subnormal=False))
 booleans = st.booleans()
 
 options = st.builds(
-    Options,
+    ShaftOptions,
     strategy=st.sampled_from(list(STRATEGIES)),
     ratio=st.sampled_from([0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
     order=st.sampled_from(list(ORDERS)),
@@ -34,7 +35,9 @@ options = st.builds(
     keep_closed_below=st.sampled_from([0, 30]),
     longest=st.sampled_from([0, 2, 1500]),
     solids=booleans,
-    **{name: booleans for name, kind in Options.__annotations__.items() if kind == "bool" and name != "solids"},
+    **{
+        name: booleans for name, kind in ShaftOptions.__annotations__.items() if kind == "bool" and name != "solids"
+    },
 )
 
 
@@ -93,7 +96,7 @@ random_cases = given(st.data(), occluders(), options, st.sampled_from(["areas", 
 @settings(max_examples=125)
 @random_cases
 def test_every_option_finds_what_brute_force_finds(
-    data: st.DataObject, of: Occluders, chosen: Options, bvh: str
+    data: st.DataObject, of: Occluders, chosen: ShaftOptions, bvh: str
 ) -> None:
     check_against_brute_force(data, of, chosen, bvh)
 
@@ -102,12 +105,12 @@ def test_every_option_finds_what_brute_force_finds(
 @settings(max_examples=2000)
 @random_cases
 def test_every_option_finds_what_brute_force_finds_in_thousands_of_scenes(
-    data: st.DataObject, of: Occluders, chosen: Options, bvh: str
+    data: st.DataObject, of: Occluders, chosen: ShaftOptions, bvh: str
 ) -> None:
     check_against_brute_force(data, of, chosen, bvh)
 
 
-def check_against_brute_force(data: st.DataObject, of: Occluders, chosen: Options, bvh: str) -> None:
+def check_against_brute_force(data: st.DataObject, of: Occluders, chosen: ShaftOptions, bvh: str) -> None:
     assume(of.size > 0.01 or not len(of))  # of occluders that are all next to nothing, points are too far
     emitter, receivers = data.draw(ends(of))
     visibility = Visibility(of, chosen, bvh, threads=1)  # type: ignore[arg-type]
@@ -132,7 +135,7 @@ def test_all_strategies_agree_in_larger_scenes(n: int, size: float) -> None:
     expected = visible_by_all(of.polygons(False), a, b, own[:5], own)
     assert 0.02 < expected.mean() < 0.98
     for strategy, together, clump, group in product(STRATEGIES, (False, True), (0, 4), (0, 16)):
-        chosen = Options(strategy=strategy, together=together, clump=clump, group=group)
+        chosen = ShaftOptions(strategy=strategy, together=together, clump=clump, group=group)
         np.testing.assert_array_equal(visible(of, a, b, chosen), expected)
 
 
@@ -170,16 +173,16 @@ def test_the_office_has_the_papers_counts(office: tuple[Occluders, Emitter, Rece
     assert sum(s.emits for s in premesh.shapes) == 10
 
 
-@pytest.mark.parametrize("chosen", [Options(), PAPER, replace(PAPER, strategy="no shaft")])
-def test_the_office_is_seen_alike(office: tuple[Occluders, Emitter, Receivers], chosen: Options) -> None:
+@pytest.mark.parametrize("chosen", [ShaftOptions(), PAPER, replace(PAPER, strategy="no shaft")])
+def test_the_office_is_seen_alike(office: tuple[Occluders, Emitter, Receivers], chosen: ShaftOptions) -> None:
     seen, _ = Visibility(office[0], chosen).step(*office[1:])
     np.testing.assert_array_equal(seen, brute_force(*office, False))
 
 
 def test_solids_hide_the_same_without_their_backs(office: tuple[Occluders, Emitter, Receivers]) -> None:
     """Not by the same test, but in the same office: none of these rays grazes an edge."""
-    seen, counts = Visibility(office[0], Options(solids=True)).step(*office[1:])
-    _, both_sides = Visibility(office[0], Options()).step(*office[1:])
+    seen, counts = Visibility(office[0], ShaftOptions(solids=True)).step(*office[1:])
+    _, both_sides = Visibility(office[0], ShaftOptions()).step(*office[1:])
     np.testing.assert_array_equal(seen, brute_force(*office, False))
     assert counts.candidates < 0.8 * both_sides.candidates
 
@@ -187,7 +190,7 @@ def test_solids_hide_the_same_without_their_backs(office: tuple[Occluders, Emitt
 def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Occluders, Emitter, Receivers]) -> None:
     none = Visibility(office[0], replace(PAPER, strategy="no shaft")).step(*office[1:])[1]
     paper = Visibility(office[0], PAPER, "clusters").step(*office[1:])[1]
-    fine = Visibility(office[0], Options(together=False, clump=2)).step(*office[1:])[1]
+    fine = Visibility(office[0], ShaftOptions(together=False, clump=2)).step(*office[1:])[1]
     assert paper.tests < 0.6 * none.tests
     assert fine.tests < 0.3 * none.tests
     assert fine.free > 0.1 * fine.rays
@@ -195,7 +198,7 @@ def test_shafts_save_tests_and_empty_ones_all_of_them(office: tuple[Occluders, E
 
 def test_shafts_within_shafts_start_from_shorter_lists(office: tuple[Occluders, Emitter, Receivers]) -> None:
     of = office[0]
-    keep = Options(strategy="ratio open", clump=1, group=0, nested=False)
+    keep = ShaftOptions(strategy="ratio open", clump=1, group=0, nested=False)
     alone = Visibility(of, keep).step(*office[1:])[1]
     nested = Visibility(of, replace(keep, group=64, nested=True)).step(*office[1:])[1]
     assert nested.shaft_tests / nested.shafts < 0.7 * alone.shaft_tests / alone.shafts
@@ -205,7 +208,7 @@ def test_the_emitter_list_is_the_same_from_below_and_from_above(
     office: tuple[Occluders, Emitter, Receivers],
 ) -> None:
     of, emitter, _ = office
-    visibility = Visibility(of, Options(behind_emitter=False, tolerance=False))
+    visibility = Visibility(of, ShaftOptions(behind_emitter=False, tolerance=False))
     tree = visibility.tree
     nodes, flags = visibility.emitter_list(emitter)
     above, _ = visibility.emitter_list(replace(emitter, polygon=-1))
@@ -252,11 +255,11 @@ def test_points_far_beyond_the_occluders_are_refused() -> None:
 
 def test_wrong_options_are_refused() -> None:
     with pytest.raises(UsageError, match="strategy is 'open'"):
-        Options(strategy="open")  # type: ignore[arg-type]
+        ShaftOptions(strategy="open")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="ratio is 2"):
-        Options(ratio=2)
+        ShaftOptions(ratio=2)
     with pytest.raises(UsageError, match="clump is -1"):
-        Options(clump=-1)
+        ShaftOptions(clump=-1)
 
 
 def test_nobody_and_nothing() -> None:
@@ -264,3 +267,42 @@ def test_nobody_and_nothing() -> None:
     assert visible(nothing, [[0, 0, 0]], [[1, 0, 0], [2, 0, 0]]).tolist() == [[True, True]]
     assert visible(soup(3, 1, 1), np.zeros((0, 3)), [[1, 0, 0]]).shape == (0, 1)
     assert visible(soup(3, 1, 1), [[1, 0, 0]], np.zeros((0, 3))).shape == (1, 0)
+
+
+# As options of a radiosity solution.
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["paper"], ["strategy=no shaft", "order=largest first"], ["clump=8", "nested=no", "least_cut=none"]],
+    ids=" ".join,
+)
+def test_options_of_shafts_change_the_time_of_a_solution_and_nothing_else(words):
+    by_default = glpath.solve_radiosity("cornell-box-36", patches=60, method="matrix")
+    chosen = glpath.solve_radiosity(
+        "cornell-box-36", patches=60, method="matrix", shafts=ShaftOptions.of_words(words)
+    )
+    np.testing.assert_array_equal(chosen.elements, by_default.elements)
+    assert chosen.statistics["shafts"] != by_default.statistics["shafts"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["clumb=8"], "Is clump meant"),
+        (["clump"], "Write NAME=VALUE"),
+        (["clump=eight"], "must be a whole number"),
+        (["nested=maybe"], "must be yes or no"),
+        (["strategy=best"], "allowed are no shaft, keep closed"),
+        (["ratio=2"], "allowed are 0 to 1"),
+    ],
+    ids=str,
+)
+def test_an_option_of_shafts_that_there_is_not_is_answered(words, message):
+    with pytest.raises(UsageError, match=message):
+        ShaftOptions.of_words(words)
+
+
+def test_particles_know_no_shafts():
+    with pytest.raises(UsageError, match="particles are traced one by one"):
+        glpath.solve_radiosity("cornell-box-36", method="monte-carlo", shafts=ShaftOptions())

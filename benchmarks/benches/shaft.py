@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.office_table import OFFICES, Office, Row, Say, in_turns, office, shoot
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.errors import GlpathError
-from glpath.radiosity import PAPER, Emitter, Occluders, Options, Receivers, Statistics, Visibility, facing
+from glpath.radiosity import PAPER, Emitter, Occluders, Receivers, ShaftOptions, Statistics, Visibility, facing
 from glpath.system.machine import core_count
 from glpath.system.versions import versions
 
@@ -43,9 +43,9 @@ RULE = (
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 
 #: The quickest for the offices: shafts within shafts, lists of polygons only, whole clumps at a time.
-BEST = Options(solids=True)
+BEST = ShaftOptions(solids=True)
 #: A ray caster with shadow coherency and emitter lists, which the paper compares with.
-BASELINE = Options(strategy="no shaft", together=False, clump=0, group=0, nested=False)
+BASELINE = ShaftOptions(strategy="no shaft", together=False, clump=0, group=0, nested=False)
 
 
 def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Sequence[str] = OFFICES) -> list[Row]:

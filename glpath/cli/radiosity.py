@@ -36,6 +36,7 @@ from glpath.system.terminal import say
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
     from glpath.radiosity.form_factors.form_factor import Kind
+    from glpath.radiosity.shafts.options import ShaftOptions
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
     from glpath.radiosity.solvers.checks import Method
     from glpath.scene import Scene
@@ -132,6 +133,16 @@ def radiosity(
     receiver_points: Annotated[
         int, typer.Option(metavar="1|4|9|...", help="Per element.", rich_help_panel=_SOLVER)
     ] = 4,
+    shaft: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="How shafts find what stands in the way, which changes the time alone: strategy='ratio open', "
+            "order='largest first', clump=8 and others (docs/how-it-works.md has all, and when each pays); paper "
+            "is Haines and Wallace's own. Several allowed. Not of monte-carlo.",
+            rich_help_panel=_SOLVER,
+        ),
+    ] = None,
     particles: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 1_000_000,
     seed: Annotated[int, typer.Option(help="Of monte-carlo.", rich_help_panel=_SOLVER)] = 0,
     radiosity: Annotated[
@@ -199,7 +210,7 @@ def radiosity(
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
         "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
-        "seed": seed, "checkpoint": keeper,
+        "seed": seed, "checkpoint": keeper, "shafts": _shafts(shaft),
     }  # fmt: skip
     with keeper or nullcontext():
         if keeper is not None and not resume:
@@ -248,6 +259,14 @@ def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolutio
     except RadiosityInterrupted as stop:
         interrupted()
         return stop.solution
+
+
+def _shafts(words: list[str] | None) -> ShaftOptions | None:
+    if not words:
+        return None
+    from glpath.radiosity.shafts.options import ShaftOptions
+
+    return ShaftOptions.of_words(words)
 
 
 def _is_glb(path: Path) -> bool:

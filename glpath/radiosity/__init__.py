@@ -4,7 +4,7 @@ from glpath.radiosity.picture import picture_of
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Receivers, facing
 from glpath.radiosity.shafts.occluders import Occluders
-from glpath.radiosity.shafts.options import PAPER, Options, Statistics
+from glpath.radiosity.shafts.options import PAPER, ShaftOptions, Statistics
 from glpath.radiosity.shafts.shaft import Place, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.visibility import Visibility, visible
 from glpath.radiosity.solution import RadiositySolution
@@ -14,13 +14,13 @@ __all__ = [
     "PAPER",
     "Emitter",
     "Occluders",
-    "Options",
     "Place",
     "RadiosityInterrupted",
     "RadiosityProgress",
     "RadiositySolution",
     "Receivers",
     "Shaft",
+    "ShaftOptions",
     "Statistics",
     "Strategy",
     "Visibility",

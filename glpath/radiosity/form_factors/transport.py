@@ -16,7 +16,7 @@ from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Int64, Mesh
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.occluders import Occluders
-from glpath.radiosity.shafts.options import Statistics
+from glpath.radiosity.shafts.options import ShaftOptions, Statistics
 from glpath.radiosity.shafts.visibility import Visibility
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count
@@ -51,6 +51,7 @@ class Transport:
     ----------
     mesh  : patches and elements
     cache : bytes that columns may take; the oldest go first
+    shafts : how what stands in the way is found
 
     Attributes
     ----------
@@ -61,7 +62,9 @@ class Transport:
     share    : (R,) of its area
     """
 
-    def __init__(self, mesh: Mesh, options: FormFactorOptions, cache: int) -> None:
+    def __init__(
+        self, mesh: Mesh, options: FormFactorOptions, cache: int, shafts: ShaftOptions | None = None
+    ) -> None:
         scene = mesh.scene
         self.mesh = mesh
         self.cache = cache
@@ -72,7 +75,7 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            Visibility(Occluders.of_scene(scene), threads=1),  # threads share emitters here
+            Visibility(Occluders.of_scene(scene), shafts or ShaftOptions(), threads=1),  # threads share emitters
             mesh.patches,
             self.sides,
             kind=options.kind,

@@ -54,7 +54,7 @@ class SearchTree(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """`Options` for the kernels."""
+    """`ShaftOptions` for the kernels."""
 
     strategy: int
     ratio: float

@@ -29,7 +29,7 @@ from glpath.radiosity.shafts.casting import cast_groups
 from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source_of
 from glpath.radiosity.shafts.occluders import Occluders
-from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, Options, Statistics
+from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, ShaftOptions, Statistics
 from glpath.radiosity.shafts.points import Groups, group_points
 from glpath.radiosity.shafts.search import SearchTree, Settings, Work, find_emitter_list
 from glpath.system.machine import core_count
@@ -55,7 +55,7 @@ class Visibility:
     """
 
     occluders: Occluders
-    options: Options = field(default_factory=Options)
+    options: ShaftOptions = field(default_factory=ShaftOptions)
     bvh: Literal["areas", "clusters"] = "areas"
     threads: int | None = None
 
@@ -85,7 +85,7 @@ class Visibility:
         """(A, B) bool: whether nothing stands between each point of one set and each of the other.
 
         points_a, points_b : (A, 3) and (B, 3). Occluders within a share of 1e-5 of the segment from its ends don't
-        count, so that points may lie on surfaces. `Options.solids` takes points_a for the emitter.
+        count, so that points may lie on surfaces. `ShaftOptions.solids` takes points_a for the emitter.
         """
         a, b = np.array(points_a, np.float64), np.array(points_b, np.float64)
         receivers = Receivers(b, np.zeros(len(b), np.int32))
@@ -160,7 +160,7 @@ class Visibility:
 
 
 def visible(
-    occluders: Occluders, points_a: ArrayLike, points_b: ArrayLike, options: Options | None = None
+    occluders: Occluders, points_a: ArrayLike, points_b: ArrayLike, options: ShaftOptions | None = None
 ) -> NDArray[np.bool_]:
     """(A, B) bool: `Visibility.visible`, for once. For more than that make a `Visibility`, which keeps its tree."""
-    return Visibility(occluders, options or Options()).visible(points_a, points_b)
+    return Visibility(occluders, options or ShaftOptions()).visible(points_a, points_b)

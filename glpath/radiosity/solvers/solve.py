@@ -21,6 +21,7 @@ from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
 from glpath.radiosity.memory import available_bytes
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.mesh.reconstruct import resample
+from glpath.radiosity.shafts.options import ShaftOptions
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import importance, matrix, monte_carlo
 from glpath.radiosity.solvers.ahead import compile_ahead
@@ -141,6 +142,7 @@ def solve_radiosity(
     particles: int = 1_000_000,
     seed: int = 0,
     for_camera: bool = False,
+    shafts: ShaftOptions | None = None,
     on_progress: Report | None = None,
     checkpoint: SolverCheckpoint | None = None,
 ) -> RadiositySolution:
@@ -178,6 +180,8 @@ def solve_radiosity(
     for_camera : of "monte-carlo": elements are smaller, and reflected light of the sky and of punctual lights has
                  more particles, where it matters to what the scene's camera sees. For pictures from about there, of
                  scenes that are much larger than what is seen: a room under the sky
+    shafts     : of "progressive" and "matrix": how what stands in the way is found (Haines & Wallace 1991), which
+                 changes the time alone; see `glpath.radiosity.ShaftOptions`
     on_progress: called with a `RadiosityProgress` now and then
     checkpoint : where the solver's state is kept meanwhile, and from where it goes on, to the same bits; not of
                  "matrix"
@@ -202,6 +206,11 @@ def solve_radiosity(
         raise UsageError(
             'solve_radiosity: method "matrix" has nothing to keep between its beginning and its end.',
             'Take "progressive" or "monte-carlo", or leave the checkpoint out.',
+        )
+    if shafts is not None and method == "monte-carlo":
+        raise UsageError(
+            'solve_radiosity: shafts with method "monte-carlo", whose particles are traced one by one.',
+            'Take "progressive" or "matrix", or leave them out.',
         )
     triangles = path_traceable(loaded.still())
     check_solvable(triangles)
@@ -228,7 +237,9 @@ def solve_radiosity(
         if method == "monte-carlo":
             return _monte_carlo(run, mesh, particles, seed, for_camera, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
-        transport = Transport(mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache)
+        transport = Transport(
+            mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
+        )
         if method == "matrix":
             return _matrix(run, transport)
         refinement = Refinement(transport, overshoot)

@@ -1,0 +1,88 @@
+"""Write tables of the documentation that are made from the code: python .ci/tables.py [--check].
+
+The variants of shaders into docs/developing.md, the options of shafts into docs/how-it-works.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from glpath.gl.variants import VALUES, VARIANTS  # noqa: E402
+from glpath.radiosity.shafts.options import ShaftOptions  # noqa: E402
+
+_ASKED = re.compile(r"^\s*#\s*(?:ifdef|ifndef)\s+(\w+)|defined\s*\(?\s*(\w+)", re.MULTILINE)
+
+
+def asked_for() -> dict[str, set[str]]:
+    """Which shader files ask for each name."""
+    found: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "shaders").rglob("*.*")):
+        for groups in _ASKED.findall(path.read_text()):
+            found.setdefault(groups[0] or groups[1], set()).add(path.relative_to(ROOT / "shaders").as_posix())
+    return found
+
+
+def variants() -> str:
+    """Of shaders, and the values in their text."""
+    files = asked_for()
+    rows = ["| variant | meaning | set by | read by |", "|---|---|---|---|"]
+    for name, variant in VARIANTS.items():
+        read = sorted({Path(file).parent.as_posix() for file in files.get(name, ())})
+        set_by = variant.set_by if variant.set_by == "shaders" else f"`glpath.{variant.set_by}`"
+        rows.append(f"| `{name}` | {variant.meaning} | {set_by} | {', '.join(read)} |")
+    rows += ["", "| value | meaning |", "|---|---|"]
+    rows += [f"| `{name}` | {meaning} |" for name, meaning in VALUES.items()]
+    return "\n".join(rows) + "\n"
+
+
+def shaft_options() -> str:
+    """What each does and when it pays, from the docstring."""
+    rows = ["| option | default | what it does, and when it pays |", "|---|---|---|"]
+    described = re.findall(r"^(\w+) +: (.*(?:\n +.*)*)", inspect.getdoc(ShaftOptions) or "", re.MULTILINE)
+    meanings = {name: " ".join(text.split()) for name, text in described}
+    for each in fields(ShaftOptions):
+        default = {"True": "yes", "False": "no", "None": "none"}.get(str(each.default), each.default)
+        rows.append(f"| `{each.name}` | {default} | {meanings[each.name]} |")
+    return "\n".join(rows) + "\n"
+
+
+#: By the page and the words of the marks around it.
+TABLES: dict[tuple[str, str], Callable[[], str]] = {
+    ("developing.md", "variants"): variants,
+    ("how-it-works.md", "shaft options"): shaft_options,
+}
+
+
+def with_table(page: str, name: str, text: str) -> str:
+    """The text of a page with its table as it is now."""
+    begin_mark, end_mark = f"<!-- {name}: .ci/tables.py writes this table -->\n", f"<!-- end of {name} -->\n"
+    begin, end = text.index(begin_mark) + len(begin_mark), text.index(end_mark)
+    return f"{text[:begin]}{TABLES[page, name]()}{text[end:]}"
+
+
+def main() -> int:
+    """Write them, or with --check say whether they stand there already."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true")
+    check, stale = parser.parse_args().check, False
+    for page, name in TABLES:
+        path = ROOT / "docs" / page
+        text = path.read_text()
+        made = with_table(page, name, text)
+        stale |= made != text
+        if not check:
+            path.write_text(made)
+    return int(check and stale)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
