@@ -24,6 +24,7 @@ from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,11 @@ class HemicubeShadowBuffer(Owner):
             self._streamed = StreamedScan(
                 "shadow-buffer",
                 scene.stream,
-                vertex="shadow/hemicube.vert",
-                fragment="shadow/hemicube.frag",
-                generated=scene.generated,
-                defines=scene.defines | self.defines,
-                textures=scene.textures,
-                target=self._pass.target,
+                ("shadow/hemicube.vert", "shadow/hemicube.frag"),
+                ProgramParts(
+                    textures=scene.textures, generated=scene.generated, defines=scene.defines | self.defines
+                ),
+                self._pass.target,
                 depth=True,
                 clip_distances=5 if full else 4,
                 records=records,

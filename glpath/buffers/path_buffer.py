@@ -34,6 +34,7 @@ from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
+from glpath.gl.program_parts import ProgramParts
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
@@ -243,12 +244,13 @@ class PathBuffer(Owner):
                     StreamedScan(
                         name,
                         self._stream,
-                        vertex="path_buffer/path_scan.vert",
-                        fragment="path_buffer/path_scan.frag",
-                        generated=scene.generated,
-                        defines=scene.defines | self.defines | defines,
-                        textures={**textures, **self.textures},
-                        target=self._scene_passes[-1].target,
+                        ("path_buffer/path_scan.vert", "path_buffer/path_scan.frag"),
+                        ProgramParts(
+                            textures={**textures, **self.textures},
+                            generated=scene.generated,
+                            defines=scene.defines | self.defines | defines,
+                        ),
+                        self._scene_passes[-1].target,
                         blend=blend,
                         clip_distances=2,
                         records=records if number == len(stages) - 1 else None,

@@ -9,6 +9,8 @@ Cost:     48 bytes a triangle, 32 bytes an element or vertex, 64 with all light.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,29 @@ def radiosity_glsl() -> str:
     return store_glsl("radiosity", FLOATS, LAYOUT)
 
 
+class Values(Protocol):
+    """What is looked up.
+
+    values       : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
+                   triangle
+    direct_share : (N,) how much of the direct light is in them, 0 to 1
+    starts       : (T,) number of each triangle's first value
+    all_light    : as `values`, with all light
+    """
+
+    @property
+    def values(self) -> Float64: ...
+
+    @property
+    def direct_share(self) -> Float64: ...
+
+    @property
+    def starts(self) -> NDArray[np.int64]: ...
+
+    @property
+    def all_light(self) -> Float64: ...
+
+
 class DeviceRadiosity:
     """Irradiance in a texture.
 
@@ -43,13 +68,10 @@ class DeviceRadiosity:
     ----------
     corners   : (T, 3, 3) of the scene's triangles, world space
     divisions : (T,) n of each triangle
-    values    : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
-                triangle
-    direct_share : (N,) how much of the direct light is in them, 0 to 1
-    starts    : (T,) number of each triangle's first value
+    table     : see `Values`
     reflectance  : (2, T, 3) of the triangles' fronts and backs
-    interpolated : are `values` those of the vertices?
-    all_light    : as `values`, with all light, for programs with ALL_LIGHT, or None
+    interpolated : are its values those of the vertices?
+    all_light    : the values with all light as well, for programs with ALL_LIGHT
 
     Attributes
     ----------
@@ -66,21 +88,20 @@ class DeviceRadiosity:
         gl: moderngl.Context,
         corners: Float64,
         divisions: NDArray[np.int32],
-        values: Float64,
-        direct_share: Float64,
-        starts: NDArray[np.int64],
+        table: Values,
         reflectance: Float64,
         *,
         interpolated: bool,
-        all_light: Float64 | None = None,
+        all_light: bool = False,
     ) -> None:
+        values, direct_share, starts = table.values, table.direct_share, table.starts
         count, places = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        most = max(0, min(_MOST, limit // (2 if all_light is None else 4)))
+        most = max(0, min(_MOST, limit // (4 if all_light else 2)))
         elements = divisions.astype(np.int64) ** 2
         # Of a fine lattice these are twice as many as its vertices, and guides have their numbers.
-        numbered = int(elements.sum()) if all_light is not None else 0
+        numbered = int(elements.sum()) if all_light else 0
         found = max(places, numbered)
         if found > most:
             what = "vertices" if interpolated and places >= numbered else "elements"
@@ -95,12 +116,12 @@ class DeviceRadiosity:
         lattice[:, 2, 2] = _element_widths(corners, divisions)
         lattice[:, 2, 3] = np.cumsum(elements) - elements
         irradiance = _sides_in_turns(values, direct_share)
-        everything = np.zeros((0, 1, 4)) if all_light is None else _sides_in_turns(all_light, np.ones(places))
+        everything = _sides_in_turns(table.all_light, np.ones(places)) if all_light else np.zeros((0, 1, 4))
         most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
         tables = {"lattice": lattice, "radiosity": irradiance, "all_light": everything}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
-        self.divisions, self.has_all_light = divisions, all_light is not None
+        self.divisions, self.has_all_light = divisions, all_light
         self.textures = {"radiosity": texture}
         self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
         self.generated = {"RADIOSITY": radiosity_glsl()}

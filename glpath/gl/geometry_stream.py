@@ -27,6 +27,7 @@ from glpath.errors import UsageError
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Dispatch, Pass, PixelDispatch
 from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
 from glpath.gl.texel_store import WIDTH
 from glpath.scene.model import Scene, unit_normals
 
@@ -206,8 +207,9 @@ class GeometryStream(Owner):
 class StreamedScan:
     """A pass over the resident triangles, gone on with over the streamed ones.
 
-    name, vertex, fragment, defines, textures, target, state : of the `Pass` for a chunk, which clears nothing; its
-               shaders are compiled with STREAMED_CHUNK
+    name, target, state : of the `Pass` for a chunk, which clears nothing
+    shaders  : its vertex and fragment shader, compiled with STREAMED_CHUNK
+    parts    : what they include
     records  : where the triangles that `seen` names are kept, from `stream.records`; None where nobody shades them
     seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
     paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
@@ -217,13 +219,10 @@ class StreamedScan:
         self,
         name: str,
         stream: GeometryStream,
-        *,
-        vertex: str,
-        fragment: str,
-        generated: Mapping[str, str],
-        defines: Mapping[str, object],
-        textures: Mapping[str, moderngl.Texture],
+        shaders: tuple[str, str],
+        parts: ProgramParts,
         target: moderngl.Framebuffer,
+        *,
         records: moderngl.Texture | None = None,
         seen: moderngl.Texture | None = None,
         paths: tuple[int, int] | None = None,
@@ -231,10 +230,13 @@ class StreamedScan:
     ) -> None:
         self._stream = stream
         self._cull = None
+        (vertex, fragment), generated = shaders, parts.generated
         # What lets light through is not streamed, so nothing of it is asked for.
-        plain = {name: value for name, value in defines.items() if name != "HAS_ALPHA"} | {"STREAMED_CHUNK": 1}
+        plain = {name: value for name, value in parts.defines.items() if name != "HAS_ALPHA"} | {
+            "STREAMED_CHUNK": 1
+        }
         program = load_program(stream.gl, vertex=vertex, fragment=fragment, generated=generated, defines=plain)
-        self._textures = dict(textures)
+        self._textures = dict(parts.textures)
         if paths is not None:
             self._cull = Dispatch(
                 f"{name}: triangles that paths may meet",
@@ -251,7 +253,7 @@ class StreamedScan:
             program = load_program(
                 stream.gl, compute="scene/stream_record.comp", generated=generated, defines=plain | of
             )
-            self._record_textures = {**textures, "kept_records": records}
+            self._record_textures = {**parts.textures, "kept_records": records}
             if seen is not None:
                 self._record_textures["seen_buffer"] = seen
             size = paths if seen is None else seen.size

@@ -72,9 +72,7 @@ class PathBufferGather(PathBufferStages):
             "path/path_gather.frag",
             inner=settings.lookup_distance > 0,
             last=True,
-            textures=radiosity.textures,
-            generated=radiosity.generated,
-            defines=radiosity.defines,
+            parts=radiosity,
             lit=self._lit,
         )
 

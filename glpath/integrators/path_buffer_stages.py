@@ -39,6 +39,7 @@ from glpath.gl.lights import light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import Program, load_program
+from glpath.gl.program_parts import Part, ProgramParts
 from glpath.gl.uniforms import vectors
 from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.path_set_engine import PathSetEngine
@@ -341,21 +342,13 @@ class PathBufferStages(PathSetEngine):
         target = self.gl.framebuffer([position, beta, radiance, *self._pending, *direct])
         return PathStates(position, dict(zip(names[2:], light, strict=True)), target, textures)
 
-    def _program(
-        self,
-        fragment: str,
-        *,
-        vertex: str = "gl/fullscreen.vert",
-        generated: Mapping[str, str] | None = None,
-        defines: Mapping[str, object] | None = None,
-        scene: DeviceScene,
-    ) -> Program:
+    def _program(self, fragment: str, beyond: ProgramParts, scene: DeviceScene) -> Program:
         sphere = {"WHOLE_SPHERE": 1} if self.settings.directions == "sphere" else {}
         return load_program(
             self.gl,
-            vertex=vertex,
+            vertex="gl/fullscreen.vert",
             fragment=fragment,
-            generated={**scene.generated, **(generated or {})},
+            generated=scene.generated | beyond.generated,
             defines={
                 **scene.defines,
                 **self._eye_defines,
@@ -364,7 +357,7 @@ class PathBufferStages(PathSetEngine):
                 **sphere,
                 **light_defines(self.scene.scene.sky, self.lighting),
                 **self._sums.defines,
-                **(defines or {}),
+                **beyond.defines,
             },
         )
 
@@ -375,30 +368,30 @@ class PathBufferStages(PathSetEngine):
         *,
         inner: bool,
         last: bool,
-        textures: Mapping[str, moderngl.Texture] | None = None,
-        generated: Mapping[str, str] | None = None,
-        defines: Mapping[str, object] | None = None,
+        parts: Part | None = None,
         lit: bool = True,
         deep: bool = False,
     ) -> VertexPasses:
-        """The passes of a stage, as far as they are needed, with what it needs beyond the other stages.
+        """The passes of a stage, as far as they are needed.
 
+        parts : what it includes beyond the other stages
         lit  : its vertices get light from the light sample
         deep : its vertices are the second or a further one of their paths
         """
         scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
-        own = {**own, **(textures or {})}
+        beyond = ProgramParts() if parts is None else ProgramParts.of(parts)
+        own = {**own, **beyond.textures}
         going_on: InTurn[Pass] | None = None
         ending: InTurn[InTurn[Pass]] | None = None
         if inner:
-            program = self._program(fragment, generated=generated, defines=defines, scene=scene)
+            program = self._program(fragment, beyond, scene)
             going_on = self._states.each(
                 lambda read, write: Pass(name, self.gl, program, write.target, textures={**own, **read.textures})
             )
         if last:
             end = {"LAST_VERTEX": 1} | ({} if unlit else {"TO_SUMS": 1})
-            ends = self._program(fragment, generated=generated, defines={**(defines or {}), **end}, scene=scene)
+            ends = self._program(fragment, replace(beyond, defines=beyond.defines | end), scene)
             ending = self._states.each(
                 lambda read, write: self._sums.sets.each(
                     lambda sums, new_sums: Pass(

@@ -27,12 +27,10 @@ def device_radiosity(
         gl,
         scene.triangles,
         solution.divisions,
-        table.values,
-        table.direct_share,
-        table.starts,
+        table,
         scene.side_reflectance,
         interpolated=settings.radiosity_lookup == "interpolated",
-        all_light=table.all_light if settings.guided else None,
+        all_light=settings.guided,
     )
 
 

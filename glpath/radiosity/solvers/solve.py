@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -243,22 +244,28 @@ def solve_radiosity(
         if method == "matrix":
             return _matrix(run, transport)
         refinement = Refinement(transport, overshoot)
-        return _progressive(
-            run, refinement, unshot, max_steps, adaptive, threshold, ambient, per_element, checkpoint
-        )
+        wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
+        return _progressive(run, refinement, wanted, per_element, checkpoint)
+
+
+class _Wanted(NamedTuple):
+    """Of progressive refinement, as of `solve_radiosity`."""
+
+    unshot: float
+    max_steps: int
+    adaptive: int
+    threshold: float
+    ambient: bool
 
 
 def _progressive(
     run: _Run,
     refinement: Refinement,
-    until: float,
-    max_steps: int,
-    adaptive: int,
-    threshold: float,
-    ambient: bool,
+    wanted: _Wanted,
     per_element: float,
     checkpoint: SolverCheckpoint | None,
 ) -> RadiositySolution:
+    until, max_steps, adaptive, threshold, ambient = wanted
     if checkpoint is not None:
         checkpoint.begin(refinement, run.scene.digest(camera=False), run.method, run.settings)
 
