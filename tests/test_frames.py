@@ -162,6 +162,6 @@ def test_what_cannot_be_is_said(scene, tmp_path, arguments, said):
 
 
 def test_a_scene_that_knows_no_time_says_so(tmp_path):
-    done = render("room", "--frames", "0:2", "-o", tmp_path / "a.npz")
+    done = render("teapot", "--frames", "0:2", "-o", tmp_path / "a.npz")
     assert done.exit_code != 0
     assert "has no parameter `time`" in " ".join(done.output.split())
