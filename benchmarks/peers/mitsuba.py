@@ -296,7 +296,7 @@ def _made(mi: Any, value: Any, known: dict[str, Any]) -> Any:
         return _mesh(mi, value, known)
     parameters = {name: _made(mi, each, known) for name, each in value.items() if name not in ("image", "name")}
     if "image" in value:
-        image = mi.Bitmap(value["image"])
+        image = mi.Bitmap(np.array(value["image"]))  # a copy, as Mitsuba takes none that is read-only
         image.set_srgb_gamma(value["image"].dtype == np.uint8)  # as Mitsuba takes a PNG for
         parameters["bitmap"] = image
     elif "name" in value:
