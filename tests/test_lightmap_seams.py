@@ -66,18 +66,21 @@ def scene_with(mesh: trimesh.Trimesh) -> Scene:
     return scene_of({"name": "it", "mesh": mesh, "material": "grey"}, FLOOR, LAMP)
 
 
-def known(normals: np.ndarray, positions: np.ndarray) -> np.ndarray:
+#: Where light comes from.
+TOWARDS = np.array([0.5, 0.3, 0.8])
+
+
+def known(normals: np.ndarray, positions: np.ndarray, towards: np.ndarray = TOWARDS) -> np.ndarray:
     """(N, 3): light from one side, to nothing at a terminator, in stripes."""
-    towards = np.array([0.5, 0.3, 0.8]) / np.linalg.norm([0.5, 0.3, 0.8])
-    light = np.maximum(normals @ towards, 0) * (1 + 0.3 * np.sin(8 * positions[:, 0]))
+    light = np.maximum(normals @ (towards / np.linalg.norm(towards)), 0) * (1 + 0.3 * np.sin(8 * positions[:, 0]))
     return light[:, None] * [1.0, 0.8, 0.3]
 
 
-def lit(surfaces: Surfaces, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def lit(surfaces: Surfaces, noise: float = 0.0, towards: np.ndarray = TOWARDS) -> tuple[np.ndarray, np.ndarray]:
     """Pages with that light, and where they are baked."""
     scene, atlas, texels = surfaces.scene, surfaces.atlas, surfaces.texels
     samples = range(len(texels.face))
-    light = [known(texels.normals(scene, atlas, s), texels.positions(scene, atlas, s)) for s in samples]
+    light = [known(texels.normals(scene, atlas, s), texels.positions(scene, atlas, s), towards) for s in samples]
     values = np.mean(light, axis=0)
     values *= 1 + noise * np.random.default_rng(0).standard_normal((len(values), 1))
     return pages_of(atlas, texels, values, np.zeros(len(values), np.bool_))
@@ -91,7 +94,7 @@ def steps(seams: Seams, pages: np.ndarray, baked: np.ndarray) -> np.ndarray:
     return np.abs(a - b).max(axis=1) / np.maximum(0.5 * (a + b).mean(axis=1), 0.01 * mean)
 
 
-def shown(surfaces: Surfaces, seams: Seams) -> tuple[Seams, np.ndarray]:
+def shown(surfaces: Surfaces, towards: np.ndarray = TOWARDS) -> tuple[Seams, np.ndarray]:
     """Places all over "it", and the light there."""
     scene, atlas = surfaces.scene, surfaces.atlas
     faces = np.flatnonzero(scene.triangle_shape[atlas.triangle] == 0)
@@ -100,7 +103,7 @@ def shown(surfaces: Surfaces, seams: Seams) -> tuple[Seams, np.ndarray]:
     triangle, facing = atlas.triangle[some], 1 - 2 * atlas.side[some]
     normals = np.einsum("nc,ncx->nx", b, scene.shapes.vertex_normals[scene.shapes.faces[triangle]])
     normals *= facing[:, None] / np.linalg.norm(normals, axis=1)[:, None]
-    light = known(normals, np.einsum("nc,ncx->nx", b, scene.triangles[triangle]))
+    light = known(normals, np.einsum("nc,ncx->nx", b, scene.triangles[triangle]), towards)
     uv = np.einsum("nc,ncx->nx", b, atlas.uv[some])
     return Seams(np.stack([atlas.page[some]] * 2), np.stack([uv] * 2)), light
 
@@ -135,12 +138,32 @@ def test_no_step_is_seen_and_light_stays_where_it_is(mesh: Any, options: dict[st
     texels = surfaces.texels.index
     assert after[texels].mean() == pytest.approx(before[texels].mean(), rel=1e-3)
     # Where two lattices of texels meet, neither can have what the other has: that costs a little.
-    places, light = shown(surfaces, seams)
+    places, light = shown(surfaces)
     off = [(places.values(pages)[0] - light).mean(axis=1) / light.mean() for pages in (before, after)]
     was, is_ = (float(np.sqrt(np.mean(each**2))) for each in off)
     print(was, is_, np.abs(off[0]).max(), np.abs(off[1]).max(), steps(seams, after, baked).max())
     assert is_ < 1.5 * was + 0.002
-    assert abs(off[1].mean() - off[0].mean()) < 1e-3
+    # The mean moves by chance: a kink of the light that crosses a seam is drawn to one side. The test below shows
+    # that no sign is preferred.
+    assert abs(off[1].mean() - off[0].mean()) < 1e-3 + 0.05 * was
+
+
+@pytest.mark.evidence
+def test_stitching_makes_light_neither_brighter_nor_darker() -> None:
+    """The mean of what is shown, for lights from sixteen directions."""
+    surfaces = Surfaces.of(scene_with(terrain()), size=192)
+    seams = Seams.of(surfaces.scene, surfaces.atlas)
+    rng, moved = np.random.default_rng(3), []
+    for _ in range(16):
+        towards = rng.normal(size=3) * [0.6, 0.6, 0] + [0, 0, 1.5]
+        before, baked = lit(surfaces, towards=towards)
+        places, light = shown(surfaces, towards)
+        after = seams.stitched(before, baked)
+        moved.append((places.values(after)[0] - places.values(before)[0]).mean() / light.mean())
+    mean, error = np.mean(moved), np.std(moved, ddof=1) / np.sqrt(len(moved))
+    print(moved, mean, error)
+    assert abs(mean) < 1e-3
+    assert error < 5e-4
 
 
 def test_noise_at_seams_becomes_less_and_not_darker() -> None:
