@@ -12,6 +12,7 @@ import hashlib
 import re
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
@@ -29,6 +30,8 @@ GLSL_VERSION = "#version 430 core"
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
 
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
+# A line that asks the preprocessor for something, or that a rewrite may change (see `glpath.gl.llvmpipe`).
+_SPECIAL = re.compile(r"^\s*(?:#|uniform\b|(?:UINT_)?TEXELS\b)")
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
 
@@ -100,22 +103,27 @@ class Source:
         self._rewrites = rewrites
         self._seen: set[str] = set()
         self._conditions = Conditions(defines)
+        self._folder = shader_folder()
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
 
     def _flatten(self, name: str, included_from: str) -> str:
-        path = shader_folder() / name
-        if not path.is_file():
+        try:
+            text = (self._folder / name).read_text()
+        except (FileNotFoundError, IsADirectoryError):
             place = f"{included_from}: " if included_from else ""
-            raise ShaderError(f"{place}no shader file {name} in {shader_folder()}")
+            raise ShaderError(f"{place}no shader file {name} in {self._folder}") from None
         self._seen.add(name)
-        return self._lines(name, path.read_text())
+        return self._lines(name, text)
 
     def _lines(self, name: str, text: str) -> str:
         number = len(self.files)
         self.files.append(name)
         out = [f"#line 1 {number}"]
-        for i, line in enumerate(text.splitlines(), start=1):
+        for i, line, special in _runs(text):
+            if not special:
+                out.append(line)
+                continue
             self._conditions.follow(line)
             match = _INCLUDE.match(line)
             if match and not self._conditions.kept:
@@ -151,6 +159,27 @@ class Source:
             return f"shaders/{self.files[number]}:{match['line']}"
 
         return _LOCATION.sub(named, log)
+
+
+@lru_cache(maxsize=512)
+def _runs(text: str) -> tuple[tuple[int, str, bool], ...]:
+    """The text cut into its special lines and what lies between: (number of the first line, text, special).
+
+    Programs are flattened by the thousand, and few lines of a shader are special.
+    """
+    runs: list[tuple[int, str, bool]] = []
+    plain: list[str] = []
+    for i, line in enumerate(text.splitlines(), start=1):
+        if not _SPECIAL.match(line):
+            plain.append(line)
+            continue
+        if plain:
+            runs.append((i - len(plain), "\n".join(plain), False))
+            plain = []
+        runs.append((i, line, True))
+    if plain:
+        runs.append((0, "\n".join(plain), False))
+    return tuple(runs)
 
 
 class Program:
