@@ -99,7 +99,7 @@ def _path_set(index: int, height: int, width: int) -> np.ndarray:
 
 
 def pytest_collection_finish() -> None:
-    """What collecting made lives to the end; each full garbage collection would look through it for half a second."""
+    """What collecting made lives to the end: no full garbage collection need spend half a second on it."""
     gc.collect()
     gc.freeze()
 
