@@ -194,7 +194,7 @@ ENGINES: dict[str, dict[str, object]] = {
 @pytest.mark.parametrize("options", ENGINES.values(), ids=ENGINES)
 def test_aovs_are_those_of_a_slow_ray_caster(options: dict[str, object], expected: Aovs) -> None:
     if options.get("integrator") == "gather":
-        options = options | {"radiosity": glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)}
+        options = options | {"radiosity": coarse(SCENE)}
     film = glpath.render(SCENE, resolution=RESOLUTION, spp=64, aovs=AOVS, **with_depth(options, 2))
     whole = expected["shapes"].sum(axis=2) == 1
     for name in DENOISER_AOVS:
@@ -257,7 +257,7 @@ def test_aovs_are_those_of_mitsuba(name: str) -> None:
 def test_who_asks_for_aovs_gets_the_same_picture(options: dict[str, object]) -> None:
     options = {"spp": 9, "resolution": (24, 18), **with_depth(options, 3)}
     if options.get("integrator") == "gather":
-        options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
+        options["radiosity"] = coarse(SCENE)
     plain, both = glpath.render(SCENE, **options), glpath.render(SCENE, aovs=AOVS, **options)
     assert plain.radiance_sums.tobytes() == both.radiance_sums.tobytes()
     assert plain.metadata.settings == both.metadata.settings
@@ -294,7 +294,7 @@ def test_a_picture_in_tiles_has_the_aovs_of_the_picture_in_one(
 ) -> None:
     options = {"spp": 3, "resolution": (24, 18), "aovs": "all", **with_depth(options, 2)}
     if options.get("integrator") == "gather":
-        options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
+        options["radiosity"] = coarse(SCENE)
     whole = glpath.render(SCENE, **options)
     monkeypatch.setattr("glpath.rendering.tiles.MAX_PATHS", 100)
     tiled = glpath.render(SCENE, **options)

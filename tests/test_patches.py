@@ -18,7 +18,7 @@ from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
-from tests.engines import with_depth
+from tests.engines import coarse, with_depth
 
 Float64 = NDArray[np.float64]
 CAMERA = Camera(np.array([4.0, 1.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (640, 480))
@@ -210,7 +210,11 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     assert repr(scene).startswith("<Scene scene: 648 triangles, 1 shape")
     films = [
         glpath.render(scene, spp=256, **with_depth(options, 2))
-        for options in ({}, {"integrator": "path-buffer"}, {"integrator": "gather"})
+        for options in (
+            {},
+            {"integrator": "path-buffer"},
+            {"integrator": "gather", "radiosity": coarse(scene)},
+        )
     ]
     for film in films[1:]:
         assert relative_mse(film.mean, films[0].mean) < 5e-3
