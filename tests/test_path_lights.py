@@ -135,7 +135,7 @@ def test_the_lights_of_a_scene_add_up() -> None:
     """A set has one of them, chosen by power: their shares of the sets are their probabilities."""
     names = ("point", "point without falloff", "spot wider than a half space", "directional")
     some, E = [OVER_THE_FLOOR[name][0] for name in names], sum(OVER_THE_FLOOR[name][1] for name in names)
-    film = glpath.render(floor_from_above(lights=some), spp=512, max_depth=1, resolution=(2, 2))
+    film = glpath.render(floor_from_above(lights=some), spp=256, max_depth=1, resolution=(2, 2))
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * E, rtol=0.01)
 
 
@@ -158,7 +158,7 @@ def test_eye_rays_that_hit_nothing_see_the_sky() -> None:
 @pytest.mark.parametrize(("depth", "engine"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
 def test_a_floor_under_a_sky_from_horizon_to_zenith(depth: int, engine: Any) -> None:
     """E = pi (horizon + 2/3 (zenith - horizon)), by the integral over the cosine."""
-    film = glpath.render(floor_from_above(sky=SKY), spp=512, max_depth=depth, **engine_options(engine))
+    film = glpath.render(floor_from_above(sky=SKY), spp=256, max_depth=depth, **engine_options(engine))
     horizon, zenith = np.array(SKY["horizon"]), np.array(SKY["zenith"])
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO * (horizon + 2 / 3 * (zenith - horizon)), rtol=0.01)
 
