@@ -228,8 +228,8 @@ def test_a_dark_solution_leaves_what_is_traced() -> None:
     np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     # Elements of half a wall: every path ends near by.
     for engine, cast, depth in (("path", "bvh", 4), ("path-buffer", "path-buffer", 3)):
-        further = glpath.render(BOX, max_depth=depth, spp=256, resolution=size, integrator=engine)
-        near = gather(BOX, dark, spp=256, resolution=size, lookup_distance=1000, cast=cast)
+        further = glpath.render(BOX, max_depth=depth, spp=128, resolution=size, integrator=engine)
+        near = gather(BOX, dark, spp=128, resolution=size, lookup_distance=1000, cast=cast)
         assert near.mean.mean() == pytest.approx(further.mean.mean(), rel=0.01), engine
 
 
@@ -290,8 +290,8 @@ def test_light_from_infinity_is_traced_where_the_solution_is_looked_up() -> None
         plain = {"guide": "cosine", "branches": 1} if cast == "bvh" else {}
         traced = gather(scene, dark, spp=64, lookup_distance=0, cast=cast, **plain)
         np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
-    four = glpath.render(scene, max_depth=4, spp=512)
-    near = gather(scene, dark, spp=512, lookup_distance=1000)
+    four = glpath.render(scene, max_depth=4, spp=256)
+    near = gather(scene, dark, spp=256, lookup_distance=1000)
     assert near.mean.mean() == pytest.approx(four.mean.mean(), rel=0.01)
 
 
@@ -558,7 +558,7 @@ def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(sce
 
 def test_a_ball_of_many_triangles_leaves_the_walls_fine_enough() -> None:
     """Were each triangle of the ball a patch of the number that is asked for, each wall would have two."""
-    small: dict[str, Any] = {"scene": room_with_a_ball(4), "resolution": (24, 24), "spp": 256}
+    small: dict[str, Any] = {"scene": room_with_a_ball(4), "resolution": (24, 24), "spp": 128}
     path = glpath.render(**small, max_depth=16).mean
     found = glpath.render(**small, integrator="gather").mean
     assert found.mean() == pytest.approx(path.mean(), rel=7e-3)
