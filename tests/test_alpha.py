@@ -12,7 +12,7 @@ import glpath
 from glpath.errors import SceneError
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.scene.model import Float64, Light, Material, Mesh, Scene, Shape, Shapes, TextureSlot
-from tests.surfaces import BLACK, GREY, camera, lamp, level, scene_of, squares
+from tests.support.surfaces import BLACK, GREY, camera, lamp, level, scene_of, squares
 
 ENGINES: dict[str, dict[str, Any]] = {
     "rays": {"integrator": "path", "guide": "cosine"},

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from reference import numpy_ray_tracer as slow
 
 import glpath
 from benchmarks.peers import mitsuba as mitsuba_peer
@@ -21,7 +20,8 @@ from glpath.film.metadata import AOVS, DENOISER_AOVS
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene
-from tests.engines import coarse, with_depth
+from tests.reference import numpy_ray_tracer as slow
+from tests.support.engines import coarse, with_depth
 
 #: A texture, a smooth sphere, a lamp, the black back of a card, and the sky behind.
 RESOLUTION = (40, 30)

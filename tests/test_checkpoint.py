@@ -17,10 +17,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-import killing
 import numpy as np
 import pytest
-from command_line import run
 from typer.testing import Result
 
 import glpath
@@ -29,7 +27,9 @@ from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 from glpath.rendering import interrupts
 from glpath.system import files
-from tests.engines import with_depth
+from tests.support import killing
+from tests.support.command_line import run
+from tests.support.engines import with_depth
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}

@@ -10,7 +10,7 @@ import pytest
 import glpath
 from glpath.integrators.settings import Integrator
 from glpath.io import shipped_scenes
-from tests.engines import coarse
+from tests.support.engines import coarse
 
 #: What an engine says instead, by scene.
 REFUSED = {

@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import npm
 import numpy as np
 import pygltflib
 import pytest
-from command_line import run
 
 import glpath
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
@@ -42,6 +40,8 @@ from glpath.scene.model import (
     TextureSlot,
 )
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from tests.support import npm
+from tests.support.command_line import run
 
 ROTATED = np.array([[0.0, -2.0, 0.0, 3.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]])
 MIRRORED = np.array([[-1.0, 0.0, 0.0, -3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])

@@ -19,7 +19,7 @@ import glpath
 from glpath.film.film import Film
 from glpath.film.metadata import AOVS
 from glpath.gl.context import get_context
-from tests.terrain import Hills
+from tests.support.terrain import Hills
 
 #: Renderer and driver. Another one rounds otherwise.
 REFERENCE = "llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6"

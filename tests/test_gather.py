@@ -9,10 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from objects import flat
-from reference.closed_forms import furnace_radiance
-from reference.numpy_path_tracer import nearest_hits
-from rooms import room_with_a_ball
 
 import glpath
 from glpath import RadiositySolution, rendering
@@ -33,7 +29,11 @@ from glpath.radiosity.mesh import lattice
 from glpath.rendering import factory, tiles
 from glpath.sampling.points import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, path_traceable
-from tests.engines import gather_by
+from tests.reference.closed_forms import furnace_radiance
+from tests.reference.numpy_path_tracer import nearest_hits
+from tests.support.engines import gather_by
+from tests.support.objects import flat
+from tests.support.rooms import room_with_a_ball
 
 Float64 = NDArray[np.float64]
 BOX = "cornell-box-36"

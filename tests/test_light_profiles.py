@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import Gltf
 from scipy.interpolate import RegularGridInterpolator
 
 import glpath
@@ -21,6 +20,7 @@ from glpath.io.ies import read_ies
 from glpath.lights.samples import incident
 from glpath.scene.model import Float64, Light, LightProfile
 from glpath.scene.source_location import SourceLocation
+from tests.support.gltf_files import Gltf
 
 PLACE = SourceLocation("room.toml", "lights[0].profile")
 

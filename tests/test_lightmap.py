@@ -12,9 +12,7 @@ from unittest.mock import Mock
 import numpy as np
 import pygltflib
 import pytest
-from gltf_files import Gltf
 from PIL import Image
-from reference.closed_forms import polygon_irradiance
 from typer.testing import CliRunner
 
 import glpath
@@ -31,7 +29,9 @@ from glpath.film.image import read_image
 from glpath.integrators.settings import PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
-from tests.engines import engine_options
+from tests.reference.closed_forms import polygon_irradiance
+from tests.support.engines import engine_options
+from tests.support.gltf_files import Gltf
 
 pytest.importorskip("xatlas")
 

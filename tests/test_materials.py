@@ -13,7 +13,7 @@ from glpath import GlpathError, load_scene
 from glpath.io.load import scene_from_dict
 from glpath.scene.material import SMOOTH
 from glpath.scene.model import Float64, Material, Scene
-from tests.engines import coarse
+from tests.support.engines import coarse
 
 GREY = np.full(3, 0.5)
 

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from gltf_files import Gltf
-from models import FACES, MTL, gltf, obj
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -24,6 +22,8 @@ from glpath.io import scene_cameras, scene_parameters
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Material, Scene, check_scene
+from tests.support.gltf_files import Gltf
+from tests.support.models import FACES, MTL, gltf, obj
 
 CAMERA_AND_LIGHT = {
     "cameras": [

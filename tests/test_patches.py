@@ -18,7 +18,7 @@ from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
-from tests.engines import coarse, with_depth
+from tests.support.engines import coarse, with_depth
 
 Float64 = NDArray[np.float64]
 CAMERA = Camera(np.array([4.0, 1.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (640, 480))

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.numpy_path_tracer import path_trace
 
 import glpath
 from glpath.compare import relative_mse
@@ -18,7 +17,8 @@ from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.settings import PathBufferSettings
 from glpath.io import scene_from_dict
 from glpath.scene import Scene, path_traceable
-from tests.engines import engine_options
+from tests.reference.numpy_path_tracer import path_trace
+from tests.support.engines import engine_options
 
 RHO = np.array([0.8, 0.5, 0.2])
 CORNERS = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]

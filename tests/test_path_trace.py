@@ -7,14 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from objects import flat
-from reference.closed_forms import (
-    facing_plates_radiance,
-    furnace_radiance,
-    polygon_irradiance,
-    reflected_radiance,
-)
-from reference.numpy_path_tracer import nearest_hits, path_trace
 
 import glpath
 from glpath.compare import relative_mse
@@ -24,7 +16,15 @@ from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.settings import PathBufferSettings
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
-from tests.engines import engine_options
+from tests.reference.closed_forms import (
+    facing_plates_radiance,
+    furnace_radiance,
+    polygon_irradiance,
+    reflected_radiance,
+)
+from tests.reference.numpy_path_tracer import nearest_hits, path_trace
+from tests.support.engines import engine_options
+from tests.support.objects import flat
 
 Float64 = NDArray[np.float64]
 

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from objects import ball, camera, ground, rotation, scene_of
-from reference.numpy_ray_tracer import _shape_of_primitive as shape_of_primitive
-from reference.numpy_ray_tracer import _surface as surface
-from reference.numpy_ray_tracer import camera_rays, nearest
-from reference.shadow_cells import cube_directions, sphere_directions
 
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.model import Mesh, Scene, Shape
+from tests.reference.numpy_ray_tracer import _shape_of_primitive as shape_of_primitive
+from tests.reference.numpy_ray_tracer import _surface as surface
+from tests.reference.numpy_ray_tracer import camera_rays, nearest
+from tests.reference.shadow_cells import cube_directions, sphere_directions
+from tests.support.objects import ball, camera, ground, rotation, scene_of
 
 Float64 = NDArray[np.float64]
 

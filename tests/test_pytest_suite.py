@@ -13,13 +13,13 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from image_suite import GREY, LOADED, Run
 
 from glpath.compare import read_picture
 from glpath.film.image import write_png
 from glpath.pytest_plugin.places import baseline_name
+from tests.support.image_suite import GREY, LOADED, Run
 
-pytest_plugins = ["pytester", "image_suite"]
+pytest_plugins = ["pytester", "tests.support.image_suite"]
 
 ROOT = Path(__file__).parents[1]
 

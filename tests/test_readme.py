@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from command_line import run
 
 from glpath.film.image import read_image
+from tests.support.command_line import run
 
 pytest_plugins = ["pytester"]
 

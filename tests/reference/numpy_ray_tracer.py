@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Float64, Scene
-from reference.environment import sky_radiance
+from tests.reference.environment import sky_radiance
 
 Int64 = NDArray[np.int64]
 _STEP = 20_000  # rays at once
