@@ -62,7 +62,7 @@ def slow_aovs(scene: Scene) -> Aovs:
     total = {name: np.zeros((width * height, 3)) for name in (*DENOISER_AOVS, "position")}
     met, depth = np.zeros((width * height, len(scene.shapes))), np.zeros((width * height, 1))
     forward = scene.camera.frame()[2]
-    of_shape = slow._shape_of_primitive(scene)
+    of_shape = slow.shape_of_primitive(scene)
     places = (np.arange(SIDE) + 0.5) / SIDE
     for x in places:
         for y in places:
@@ -70,7 +70,7 @@ def slow_aovs(scene: Scene) -> Aovs:
             primitive, t = slow.nearest(scene, origins, directions)
             albedo, normal = slow.sky_radiance(scene, directions), np.zeros_like(directions)
             hit = primitive >= 0
-            n, uv = slow._surface(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
+            n, uv = slow.surface_of(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
             front = np.sum(n * directions[hit], axis=1) < 0
             normal[hit] = np.where(front[:, None], n, -n)
             seen = np.zeros_like(n)

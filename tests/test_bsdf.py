@@ -24,7 +24,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
 from glpath.scene import path_traceable
 from glpath.scene.model import Float64, Material
-from tests.test_materials import furnace, plane_under_the_sky
+from tests.support.uniform_sky import furnace, plane_under_the_sky
 
 LOBES = ("diffuse", "microfacets", "coat", "through", "all", "mirrored")
 GOLD = np.array([1.0, 0.8, 0.4])

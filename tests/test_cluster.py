@@ -25,7 +25,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_checkpoint import same
 from typer.testing import CliRunner
 
 import glpath
@@ -44,6 +43,7 @@ from glpath.rendering.going_on import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
 from tests.support import killing
 from tests.support.engines import with_depth
+from tests.support.films import same
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("cryptography")

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from test_path_lights import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 import glpath
 from glpath import SceneError, solve_radiosity
@@ -22,6 +21,7 @@ from glpath.scene.model import Float64, Light
 from tests.reference.environment import environment_radiance
 from tests.reference.numpy_path_tracer import path_trace
 from tests.support.engines import coarse, engine_options, with_depth
+from tests.support.lit_things import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 ENGINES: list[dict[str, Any]] = [
     {"integrator": "path"},

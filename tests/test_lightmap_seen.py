@@ -12,10 +12,10 @@ import numpy as np
 import pygltflib
 import pytest
 from scipy.ndimage import binary_dilation
-from test_export import judged
 
 import glpath
 from tests.support import babylon_js, three_js
+from tests.support.gltf_validator import judged
 
 pytest.importorskip("xatlas")
 

@@ -14,22 +14,9 @@ from glpath.io.load import scene_from_dict
 from glpath.scene.material import SMOOTH
 from glpath.scene.model import Float64, Material, Scene
 from tests.support.engines import coarse
+from tests.support.uniform_sky import furnace, plane_under_the_sky
 
 GREY = np.full(3, 0.5)
-
-
-def plane_under_the_sky(material: Material, cosine: float) -> Scene:
-    """A large square, all of the picture, seen at an angle to its normal, under a sky of radiance one."""
-    sine = np.sqrt(1.0 - cosine**2)
-    scene = scene_from_dict(
-        {
-            "camera": {"position": [50 * sine, 0, 50 * cosine], "target": [0, 0, 0], "fov": 1.0, "up": [0, 1, 0]},
-            "film": {"resolution": [16, 16]},
-            "shapes": [{"type": "quad", "corners": [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]}],
-            "sky": {"zenith": 1.0},
-        }
-    )
-    return replace(scene, materials=(material,))
 
 
 def directional_albedo(
@@ -81,19 +68,6 @@ def test_a_surface_under_a_uniform_sky_sends_back_what_a_quadrature_finds(
 def test_the_last_vertex_of_a_path_has_the_light_that_only_its_mirror_finds() -> None:
     scene = plane_under_the_sky(Material("m", np.ones(3), roughness=0.0, metallic=1.0), 0.7)
     assert glpath.render(scene, spp=1, max_depth=1).mean == pytest.approx(np.ones((16, 16, 3)), abs=2e-3)
-
-
-def furnace(material: Material, resolution: int = 32) -> Scene:
-    """A ball under a sky of radiance one."""
-    scene = scene_from_dict(
-        {
-            "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 40},
-            "film": {"resolution": [resolution, resolution]},
-            "shapes": [{"type": "sphere", "radius": 1.0, "subdivisions": 4}],
-            "sky": {"zenith": 1.0},
-        }
-    )
-    return replace(scene, materials=(material,))
 
 
 @pytest.mark.parametrize("thin", [True, False])

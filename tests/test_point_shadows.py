@@ -17,9 +17,7 @@ from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.model import Mesh, Scene, Shape
-from tests.reference.numpy_ray_tracer import _shape_of_primitive as shape_of_primitive
-from tests.reference.numpy_ray_tracer import _surface as surface
-from tests.reference.numpy_ray_tracer import camera_rays, nearest
+from tests.reference.numpy_ray_tracer import camera_rays, nearest, shape_of_primitive, surface_of
 from tests.reference.shadow_cells import cube_directions, sphere_directions
 from tests.support.objects import ball, camera, ground, rotation, scene_of
 
@@ -56,7 +54,7 @@ def seen(scene: Scene, light: Float64) -> Seen:
     primitive, t = nearest(scene, origins, d)
     pixel = np.flatnonzero(primitive >= 0)
     position = origins[pixel] + t[pixel, None] * d[pixel]
-    normal, _ = surface(scene, primitive[pixel], position)
+    normal, _ = surface_of(scene, primitive[pixel], position)
     towards = light - position
     facing = np.einsum("ij,ij->i", normal, towards) * -np.einsum("ij,ij->i", normal, d[pixel]) > 0
     pixel, position, normal, towards = pixel[facing], position[facing], normal[facing], towards[facing]

@@ -276,9 +276,9 @@ def test_intersection_tests_are_counted(gl: moderngl.Context) -> None:
         counts.append(buffer.take_tests())
     hits = 0
     for direction in np.split(camera_rays(scene)[1], 64):
-        from tests.reference.numpy_ray_tracer import _all_hits
+        from tests.reference.numpy_ray_tracer import all_hits
 
-        hits += int(np.isfinite(_all_hits(scene, np.tile(scene.camera.position, (96, 1)), direction, 0.0)).sum())
+        hits += int(np.isfinite(all_hits(scene, np.tile(scene.camera.position, (96, 1)), direction, 0.0)).sum())
     # Every hit is a test, and the tests are not many more: a rectangle is 4 / pi of its circle.
     for count in counts:
         assert 2 * hits <= count < 2 * 2.0 * hits
