@@ -52,7 +52,7 @@ def in_a_process_of_its_own(test: Callable[..., None]) -> Callable[..., None]:
         if os.environ.get(_ALONE):
             test(*given, **named)
             return
-        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", f"{__file__}::{test.__name__}"]
+        command = [sys.executable, "-m", "pytest", "-p", "no:nbmake", f"{__file__}::{test.__name__}"]
         done = subprocess.run(command, env={**os.environ, _ALONE: "1"}, capture_output=True, text=True, timeout=240)
         assert done.returncode == 0, done.stdout + done.stderr
 
