@@ -209,7 +209,7 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     scene = glpath.load_scene(net_scene(tmp_path, level=6))
     assert repr(scene).startswith("<Scene scene: 648 triangles, 1 shape")
     films = [
-        glpath.render(scene, spp=256, **with_depth(options, 2))
+        glpath.render(scene, spp=128, **with_depth(options, 2))
         for options in (
             {},
             {"integrator": "path-buffer"},
