@@ -10,6 +10,9 @@ JOBS   ?= auto
 PYTHON ?=
 export PYTHON
 
+# Images of containers set it. Every process of the tests would compile all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -95,6 +96,12 @@ def make_film() -> MakeFilm:
 def _path_set(index: int, height: int, width: int) -> np.ndarray:
     quanta = np.random.default_rng(index).integers(0, 2**36, (height, width, 3))
     return quanta * 2.0**-36
+
+
+def pytest_collection_finish() -> None:
+    """What collecting made lives to the end: no full garbage collection need spend half a second on it."""
+    gc.collect()
+    gc.freeze()
 
 
 # The same examples every time: a test suite that fails by chance is not believed. Explore with --hypothesis-seed.

@@ -12,7 +12,7 @@ from glpath.errors import SceneWarning
 from glpath.integrators import ray_paths
 from glpath.io import load_scene
 from glpath.scene import Scene
-from tests.engines import engine_options
+from tests.support.engines import engine_options
 
 
 def furnace(reflectance: float) -> Scene:

@@ -12,7 +12,7 @@ import glpath
 from glpath.errors import SceneError
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.scene.model import Float64, Light, Material, Mesh, Scene, Shape, Shapes, TextureSlot
-from tests.surfaces import BLACK, GREY, camera, lamp, level, scene_of, squares
+from tests.support.surfaces import BLACK, GREY, camera, lamp, level, scene_of, squares
 
 ENGINES: dict[str, dict[str, Any]] = {
     "rays": {"integrator": "path", "guide": "cosine"},
@@ -50,9 +50,9 @@ MASK = Material("leaf", np.full(3, 0.4), texture=TextureSlot(0), alpha="mask")
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_mask_is_the_geometry_cut_out(engine: str) -> None:
-    masked = glpath.render(canopy(MASK), spp=256, **ENGINES[engine])
+    masked = glpath.render(canopy(MASK), spp=128, **ENGINES[engine])
     plain = replace(MASK, texture=None, alpha="opaque")
-    cut = glpath.render(canopy(plain, cut_out(level(0.6, 1.2, parts=4), 4)), spp=256, **ENGINES[engine])
+    cut = glpath.render(canopy(plain, cut_out(level(0.6, 1.2, parts=4), 4)), spp=128, **ENGINES[engine])
     a, b = np.asarray(masked.mean), np.asarray(cut.mean)
     print(engine, a.mean(), b.mean(), np.abs(a - b).mean() / b.mean())
     assert a.mean() == pytest.approx(b.mean(), rel=0.02)
@@ -72,7 +72,7 @@ def test_half_of_a_blended_surface_is_half_of_its_light(engine: str) -> None:
             camera([0, 3.0, 0], pixels=16),
             lights=(Light("sun", "directional", np.full(3, 2.0), direction=np.array([0.0, -1.0, 0.0])),),
         )
-        film = glpath.render(scene, spp=512, max_depth=1, **ENGINES[engine])
+        film = glpath.render(scene, spp=256, max_depth=1, **ENGINES[engine])
         pictures.append(np.asarray(film.mean)[6:10, 6:10])
     nothing, half, all_of_it = (p.mean() for p in pictures)
     assert nothing == pytest.approx(2.0 * 0.5 / np.pi, rel=1e-3)
@@ -89,7 +89,7 @@ def mean_light(scene: Scene, **options: Any) -> Float64:
 def test_squares_of_a_mask_shade_as_a_blend_of_their_mean(engine: str) -> None:
     fine = canopy(MASK, n=32)
     veil = canopy(Material("veil", np.full(3, 0.4), alpha="blend", opacity=0.5))
-    a, b = (mean_light(s, spp=256, **ENGINES[engine])[0] for s in (fine, veil))
+    a, b = (mean_light(s, spp=128, **ENGINES[engine])[0] for s in (fine, veil))
     assert a == pytest.approx(b, rel=0.03)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from reference import numpy_ray_tracer as slow
 
 import glpath
 from benchmarks.peers import mitsuba as mitsuba_peer
@@ -21,7 +20,8 @@ from glpath.film.metadata import AOVS, DENOISER_AOVS
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene
-from tests.engines import coarse, with_depth
+from tests.reference import numpy_ray_tracer as slow
+from tests.support.engines import coarse, with_depth
 
 #: A texture, a smooth sphere, a lamp, the black back of a card, and the sky behind.
 RESOLUTION = (40, 30)
@@ -62,7 +62,7 @@ def slow_aovs(scene: Scene) -> Aovs:
     total = {name: np.zeros((width * height, 3)) for name in (*DENOISER_AOVS, "position")}
     met, depth = np.zeros((width * height, len(scene.shapes))), np.zeros((width * height, 1))
     forward = scene.camera.frame()[2]
-    of_shape = slow._shape_of_primitive(scene)
+    of_shape = slow.shape_of_primitive(scene)
     places = (np.arange(SIDE) + 0.5) / SIDE
     for x in places:
         for y in places:
@@ -70,7 +70,7 @@ def slow_aovs(scene: Scene) -> Aovs:
             primitive, t = slow.nearest(scene, origins, directions)
             albedo, normal = slow.sky_radiance(scene, directions), np.zeros_like(directions)
             hit = primitive >= 0
-            n, uv = slow._surface(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
+            n, uv = slow.surface_of(scene, primitive[hit], origins[hit] + t[hit, None] * directions[hit])
             front = np.sum(n * directions[hit], axis=1) < 0
             normal[hit] = np.where(front[:, None], n, -n)
             seen = np.zeros_like(n)
@@ -194,7 +194,7 @@ ENGINES: dict[str, dict[str, object]] = {
 @pytest.mark.parametrize("options", ENGINES.values(), ids=ENGINES)
 def test_aovs_are_those_of_a_slow_ray_caster(options: dict[str, object], expected: Aovs) -> None:
     if options.get("integrator") == "gather":
-        options = options | {"radiosity": glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)}
+        options = options | {"radiosity": coarse(SCENE)}
     film = glpath.render(SCENE, resolution=RESOLUTION, spp=64, aovs=AOVS, **with_depth(options, 2))
     whole = expected["shapes"].sum(axis=2) == 1
     for name in DENOISER_AOVS:
@@ -257,7 +257,7 @@ def test_aovs_are_those_of_mitsuba(name: str) -> None:
 def test_who_asks_for_aovs_gets_the_same_picture(options: dict[str, object]) -> None:
     options = {"spp": 9, "resolution": (24, 18), **with_depth(options, 3)}
     if options.get("integrator") == "gather":
-        options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
+        options["radiosity"] = coarse(SCENE)
     plain, both = glpath.render(SCENE, **options), glpath.render(SCENE, aovs=AOVS, **options)
     assert plain.radiance_sums.tobytes() == both.radiance_sums.tobytes()
     assert plain.metadata.settings == both.metadata.settings
@@ -294,7 +294,7 @@ def test_a_picture_in_tiles_has_the_aovs_of_the_picture_in_one(
 ) -> None:
     options = {"spp": 3, "resolution": (24, 18), "aovs": "all", **with_depth(options, 2)}
     if options.get("integrator") == "gather":
-        options["radiosity"] = glpath.solve_radiosity(SCENE, method="monte-carlo", particles=1000)
+        options["radiosity"] = coarse(SCENE)
     whole = glpath.render(SCENE, **options)
     monkeypatch.setattr("glpath.rendering.tiles.MAX_PATHS", 100)
     tiled = glpath.render(SCENE, **options)

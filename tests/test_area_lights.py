@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.compare import relative_mse
 from glpath.io import scene_from_dict
 from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene
+from tests.reference.closed_forms import polygon_irradiance
 
 RAY_TRACERS = pytest.mark.parametrize("integrator", ["classic", "t-buffer"])
 LAMP = [[1, 1, 0.3], [1, 1, -0.3], [2, 1, -0.3], [2, 1, 0.3]]

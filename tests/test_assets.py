@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import gltf, obj
-from test_model_files import CAMERA_AND_LIGHT
 from typer.testing import CliRunner
 
 import glpath
@@ -20,6 +18,8 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.io import scene_schema
 from glpath.io.description import scene_schema as described
 from glpath.scene import Scene
+from tests.support.lit_models import CAMERA_AND_LIGHT
+from tests.support.models import gltf, obj
 
 HEAD = """
 camera = { position = [2, 2, 6], target = [0, 0, 0] }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from attack import BAD, KINDS, main
+
+from tests.support.attack import BAD, KINDS, main
 
 pytestmark = pytest.mark.evidence
 

@@ -21,7 +21,7 @@ from benchmarks.references.stored import smaller, stored_reference
 from glpath.integrators.settings import PathSettings
 from glpath.io import load_scene
 
-SIDE = 64
+SIDE = 32
 NOT_THE_NEAREST = ("scene/ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
 NO_SHADOWS = ("scene/ray_bvh.glsl", "blocked = at < tmax", "blocked = false && at < tmax")
 BRIGHT = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")

@@ -21,7 +21,7 @@ from glpath.film.film import Film
 from glpath.io.export.mitsuba import MitsubaScene, described
 from glpath.scene import Scene
 from glpath.scene.model import Float64
-from tests.witnesses import Witness, lights, materials, textures
+from tests.support.witnesses import Witness, lights, materials, textures
 
 WITNESSES: dict[str, Witness] = {**materials(), **textures(), **lights()}
 STORED = Path(__file__).parent / "data" / "witnesses.npz"

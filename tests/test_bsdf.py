@@ -1,4 +1,5 @@
-"""Energy and reciprocity of every lobe, as the shader evaluates it (tests/reference/bsdf_probe.comp).
+"""Energy and reciprocity of every lobe, as the shader makes it of a material and evaluates it: the one by
+tests/reference/bsdf_read.frag, the other by bsdf_probe.comp.
 
 Two are not reciprocal by definition: what a varnish takes from under it goes by the angle to the eye alone
 [KHR_materials_clearcoat], and Phong's highlight has no cosine in it [TB IV].
@@ -19,41 +20,42 @@ from numpy.typing import NDArray
 import glpath
 import glpath.gl.program as program
 from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.passes import Pass
+from glpath.scene import path_traceable
 from glpath.scene.model import Float64, Material
-from tests.test_materials import furnace, plane_under_the_sky
+from tests.support.uniform_sky import furnace, plane_under_the_sky
 
 LOBES = ("diffuse", "microfacets", "coat", "through", "all", "mirrored")
 GOLD = np.array([1.0, 0.8, 0.4])
-PANE = -1.0
 
 
 @pytest.fixture(scope="module")
 def probe(tmp_path_factory: pytest.TempPathFactory) -> Iterator[program.Program]:
     folder = tmp_path_factory.mktemp("shaders")
     shutil.copytree(program.shader_folder(), folder, dirs_exist_ok=True)
-    shutil.copy(Path(__file__).parent / "reference" / "bsdf_probe.comp", folder)
+    for name in ("bsdf_probe.comp", "bsdf_read.frag"):
+        shutil.copy(Path(__file__).parent / "reference" / name, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "shader_folder", lambda: folder)
         yield program.load_program(get_context().gl, compute="bsdf_probe.comp")
 
 
 def as_shaded(m: Material, front: bool = True) -> NDArray[np.float32]:
-    """What `bsdf_at` makes of a material, in the order of the probe."""
-    zero = np.zeros(3)
-    if m.roughness is None:
-        values = [m.reflectance, m.specular, m.exponent, zero, 0, zero, 0, 0, 1, 1, 0, 0, zero, 0]
-    else:
-        clear = (1 - m.metallic) * m.transmission
-        f0, f90 = m.dielectric
-        across = m.roughness**2
-        along = across + (1 - across) * m.anisotropy**2
-        eta = (m.ior if front else 1 / m.ior) if not m.thin else PANE if m.is_thin_dielectric else 0.0
-        values = [
-            *(m.reflectance * (1 - m.metallic - clear), zero, 1.0),
-            *(m.reflectance * m.metallic, m.metallic, f0, f90, 1 - m.metallic, along, across),
-            *(m.clearcoat, m.clearcoat_roughness**2, m.reflectance * clear, eta),
-        ]
-    return np.concatenate([np.atleast_1d(np.asarray(v, np.float32)) for v in values])
+    """What the shader's `bsdf_at` makes of a material, in the order of the probe. Needs the folder of `probe`."""
+    gl = get_context().gl
+    with DeviceScene(gl, path_traceable(plane_under_the_sky(m, 0.9))) as device:
+        read = program.load_program(
+            gl,
+            vertex="gl/fullscreen.vert",
+            fragment="bsdf_read.frag",
+            generated=device.generated,
+            defines=device.defines,
+        )
+        target = gl.framebuffer([gl.texture((6, 1), 4, dtype="f4")])
+        known = {**device.uniforms, "from_front": int(front)}
+        Pass("what is read of a material", gl, read, target, textures=device.textures).run(known)
+        return np.frombuffer(target.read(components=4, dtype="f4"), np.float32)
 
 
 def evaluate(probe: program.Program, values: NDArray[np.float32], wo: Float64, wi: Float64) -> dict[str, Float64]:
@@ -144,7 +146,7 @@ def test_the_two_that_are_not_reciprocal_are_so_as_they_are_defined(probe: progr
 
 def albedo(probe: program.Program, values: NDArray[np.float32], cosine: float, below: bool = False) -> Float64:
     """(3,) of light from everywhere on one side that is sent to the eye at this cosine, by the midpoint rule."""
-    n = 700
+    n = 400
     z, phi = np.meshgrid((np.arange(n) + 0.5) / n, 2 * np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
     z = np.sin(0.5 * np.pi * z)  # finer at grazing incidence is not needed, where the cosine is small
     r = np.sqrt(1 - z * z)

@@ -17,10 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-import killing
-import numpy as np
 import pytest
-from command_line import run
 from typer.testing import Result
 
 import glpath
@@ -29,16 +26,13 @@ from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 from glpath.rendering import interrupts
 from glpath.system import files
-from tests.engines import with_depth
+from tests.support import killing
+from tests.support.command_line import run
+from tests.support.engines import with_depth
+from tests.support.films import same
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}
-
-
-def same(ours: Film, theirs: Film) -> bool:
-    sums = np.array_equal(ours.radiance_sums, theirs.radiance_sums)
-    aovs = all(np.array_equal(ours.aov_sums[name], theirs.aov_sums[name]) for name in theirs.aov_sums)
-    return sums and aovs and ours.ranges == theirs.ranges and (ours.batch_counts == theirs.batch_counts).all()
 
 
 def render(*arguments: object) -> Result:

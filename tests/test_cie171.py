@@ -29,7 +29,7 @@ import glpath
 from glpath.film.image import luminance
 from glpath.film.units import EFFICACY
 from glpath.scene import Environment
-from tests.test_light_profiles import ies
+from tests.support.photometry import ies
 
 Float64 = NDArray[np.float64]
 

@@ -17,7 +17,6 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 import typer
-from command_line import run
 from conftest import MakeFilm
 from typer.testing import CliRunner
 
@@ -30,6 +29,7 @@ from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
 from glpath.integrators.settings import PathSettings
 from glpath.rendering.progress import duration, percent, reporting
+from tests.support.command_line import run
 
 
 @dataclass

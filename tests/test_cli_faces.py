@@ -13,12 +13,12 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from command_line import run
 from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
 from glpath.io import scene_parameters, shipped_scenes
+from tests.support.command_line import run
 
 SMALL = ("--resolution", "16x12", "--spp", "2", "--max-depth", "2")
 

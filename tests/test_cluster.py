@@ -21,12 +21,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import killing
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_checkpoint import same
 from typer.testing import CliRunner
 
 import glpath
@@ -43,7 +41,9 @@ from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
-from tests.engines import with_depth
+from tests.support import killing
+from tests.support.engines import with_depth
+from tests.support.films import same
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("cryptography")

@@ -11,12 +11,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import killing
 import pytest
-from test_checkpoint import same
 
 import glpath
 from glpath.film.film import Film
+from tests.support import killing
+from tests.support.films import same
 
 pytest.importorskip("distributed")
 

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MakeFilm
-from rooms import with_triangles
 
 import glpath
 from glpath.compare import Noise, Picture, compare
@@ -23,6 +22,7 @@ from glpath.errors import ImageError, UsageError
 from glpath.film.batches import BATCHES
 from glpath.film.film import Film
 from glpath.scene import Scene
+from tests.support.rooms import with_triangles
 
 SIZE = 32
 SPP = 64

@@ -14,7 +14,7 @@ from benchmarks.benches.gather import bench_gather
 from benchmarks.benches.path_buffer import bench_path_buffer
 from glpath.compare import mean_ratio, relative_mse
 from glpath.film.film import read_image
-from tests.engines import engine_options
+from tests.support.engines import engine_options
 
 REFERENCE = Path(__file__).parents[1] / "benchmarks" / "references" / "cornell-box-36-depth3.npz"
 ALL_BOUNCES = REFERENCE.with_name("cornell-box-36-depth64.npz")

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MakeFilm
-from damaged import bomb
 from typer.testing import CliRunner
 
 from glpath import load_scene, read_image
@@ -19,8 +18,9 @@ from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
 from glpath.scene.model import Scene
+from tests.support.damaged import bomb
 
-PROGRAM = Path(__file__).with_name("damaged.py")
+PROGRAM = Path(__file__).parent / "support" / "damaged.py"
 
 
 def attacked(*arguments: int) -> dict[str, object]:
@@ -168,7 +168,7 @@ def test_an_index_that_names_nothing_is_an_error_with_its_line(tmp_path: Path, f
 
 
 def test_names_that_are_not_ascii_do_not_matter_in_ply_and_stl(tmp_path: Path) -> None:
-    from damaged import PLY_HEAD
+    from tests.support.damaged import PLY_HEAD
 
     rows = "0 0 0\n2 0 0\n2 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
     head = PLY_HEAD.format("ascii").replace("element vertex", "comment St\u00fchle\nelement vertex")

@@ -23,7 +23,7 @@ from glpath.film.film import Film
 from glpath.film.image import read_exr_channels, read_image
 from glpath.film.metadata import DENOISER_AOVS as AOVS
 from glpath.rendering import RenderJob
-from tests.engines import with_depth
+from tests.support.engines import with_depth
 
 pytest.importorskip("pyoidn", reason="needs the denoise extra")
 

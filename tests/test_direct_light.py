@@ -8,7 +8,7 @@ import pytest
 import glpath
 from glpath.film.film import Film
 from glpath.rendering.factory import solve_for_gather
-from tests.engines import engine_options, with_depth
+from tests.support.engines import engine_options, with_depth
 
 #: Every kind of light, textures, masks aside; diffuse, so that every engine has it.
 LIGHTS: dict[str, object] = {

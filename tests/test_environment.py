@@ -8,10 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.environment import environment_radiance
-from reference.numpy_path_tracer import path_trace
 from scipy import stats
-from test_path_lights import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 import glpath
 from glpath import SceneError, solve_radiosity
@@ -21,7 +18,10 @@ from glpath.radiosity.solution import DIRECT
 from glpath.sampling.points import PathSetSampler, uniform_sphere
 from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Float64, Light
-from tests.engines import coarse, engine_options, with_depth
+from tests.reference.environment import environment_radiance
+from tests.reference.numpy_path_tracer import path_trace
+from tests.support.engines import coarse, engine_options, with_depth
+from tests.support.lit_things import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
 ENGINES: list[dict[str, Any]] = [
     {"integrator": "path"},

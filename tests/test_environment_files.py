@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_rgbe import colours, run_lengths
 from typer.testing import CliRunner
 
 from glpath import SceneError, SceneWarning, load_scene
@@ -15,6 +14,7 @@ from glpath.cli.main import app
 from glpath.film.image import decode_srgb, write_exr, write_png
 from glpath.io import description
 from glpath.scene import Environment
+from tests.support.rgbe_files import colours, run_lengths
 
 HEAD = """
 [camera]

@@ -10,6 +10,7 @@ import pytest
 import glpath
 from glpath.integrators.settings import Integrator
 from glpath.io import shipped_scenes
+from tests.support.engines import coarse
 
 #: What an engine says instead, by scene.
 REFUSED = {
@@ -44,6 +45,8 @@ def test_every_engine_renders_every_shipped_scene_or_says_what_it_cannot(name: s
         assert refusal in error.value.message
         assert 'integrator="' in error.value.remedy
         return
+    if engine == "gather":
+        options["radiosity"] = coarse(name)
     film = glpath.render(name, **options)
     assert np.isfinite(film.mean).all()
     assert film.mean.max() > 0

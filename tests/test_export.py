@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-import subprocess
 import warnings
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import npm
 import numpy as np
 import pygltflib
 import pytest
-from command_line import run
 
 import glpath
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
@@ -42,6 +37,8 @@ from glpath.scene.model import (
     TextureSlot,
 )
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from tests.support.command_line import run
+from tests.support.gltf_validator import judged
 
 ROTATED = np.array([[0.0, -2.0, 0.0, 3.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]])
 MIRRORED = np.array([[-1.0, 0.0, 0.0, -3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
@@ -555,29 +552,6 @@ def test_extensions_are_named_where_they_are_used(tmp_path: Path) -> None:
             "anisotropy", "clearcoat", "emissive_strength", "ior", "specular", "transmission", "unlit", "volume"
         )]
     )  # fmt: skip
-
-
-VALIDATE = """
-const validator = require('gltf-validator'), fs = require('fs');
-validator.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1]))).then(
-    report => console.log(JSON.stringify(report.issues.messages.filter(each => each.severity < 2))));
-"""
-#: Tangents of normal maps and brushes are those that every reader makes by the same rule (MikkTSpace).
-ALLOWED = {"MESH_PRIMITIVE_GENERATED_TANGENT_SPACE"}
-
-
-def judged(path: Path) -> list[Any]:
-    """Errors and warnings of the Khronos validator, but for what is ALLOWED."""
-    if shutil.which("node") is None:
-        pytest.skip("needs node")
-    if npm.package("gltf-validator") is None:
-        pytest.skip("needs npm's gltf-validator: NODE_PATH=FOLDER/node_modules, or install it here")
-    environment = os.environ | {"NODE_PATH": os.pathsep.join(map(str, npm.folders()))}
-    done = subprocess.run(
-        ["node", "-e", VALIDATE, str(path)], env=environment, capture_output=True, text=True, check=True
-    )
-    found: list[Any] = [each for each in json.loads(done.stdout) if each["code"] not in ALLOWED]
-    return found
 
 
 @pytest.mark.evidence

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from command_line import run as run_command
 from scipy.ndimage import binary_erosion
 
 import glpath
@@ -28,6 +27,7 @@ from glpath.scene.centre import FARTHEST, origin_of
 from glpath.scene.model import Mesh, Shapes
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
+from tests.support.command_line import run as run_command
 
 #: UTM zones: metres to the east and to the north, by a file whose y is up, and by one whose z is.
 PLACES = ((500000.37, 30.21, 450000.11), (450000.3, 5800000.77, 37.2))

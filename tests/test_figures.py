@@ -17,27 +17,14 @@ from typer.testing import CliRunner, Result
 from benchmarks.__main__ import app
 from benchmarks.figures import style
 from benchmarks.figures.catalogue import FIGURES
-from benchmarks.figures.outcome import Outcome, as_csv, write
+from benchmarks.figures.outcome import as_csv, write
 from benchmarks.figures.style import Series
-from benchmarks.verdict import Report
 from glpath.errors import GlpathError
 from glpath.film import charts
 from glpath.film.charts import Axis
+from tests.support.figure_commands import outcome
 
 FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
-
-
-def outcome(holds: bool | None = True, **report: object) -> Outcome:
-    fields: dict[str, object] = {
-        "name": "t-buffer-0",
-        "claim": "it is fast (gain > 1)",
-        "measured": {"gain": 2.0},
-        "holds": holds,
-        "rows": [{"objects": 1, "s": 0.5}, {"objects": 2, "s": 0.25}],
-        "machine": {"renderer": "none", "cpu": "none", "cores": 1},
-        "versions": {"glpath": "0"},
-    } | report
-    return Outcome(Report(**fields), np.full((4, 6, 3), 200, np.uint8))  # type: ignore[arg-type]
 
 
 @pytest.fixture

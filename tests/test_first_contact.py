@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError
-from tests.test_light_profiles import ies
+from tests.support.photometry import ies
 
 
 @pytest.mark.parametrize("command", [["measure", "--plane", "y=0", "-o", "-"], ["info"], ["render", "-o", "a.png"]])

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference.closed_forms import (
-    corner_form_factor,
-    facing_rectangles_form_factor,
-    perpendicular_rectangles_form_factor,
-    polygon_irradiance,
-    tilted_rectangles_form_factor,
-)
-from rooms import cuboid, part, rectangle, room
 
 from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import KINDS, FormFactors, triangle_factor
 from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides, in_the_open, sub_triangles
 from glpath.radiosity.shafts.occluders import visible_by_all
+from tests.reference.closed_forms import (
+    corner_form_factor,
+    facing_rectangles_form_factor,
+    perpendicular_rectangles_form_factor,
+    polygon_irradiance,
+    tilted_rectangles_form_factor,
+)
+from tests.support.rooms import cuboid, part, rectangle, room
 
 
 def matrix(scene, size, **options):

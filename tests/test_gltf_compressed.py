@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import glb
 from PIL import Image
 
 import glpath
@@ -24,6 +23,7 @@ from glpath.errors import SceneWarning
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from tests.support.gltf_files import glb
 
 pytestmark = pytest.mark.evidence
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import TRIANGLE, Gltf
 
 from glpath.io.gltf import Model, read_gltf
 from glpath.scene.model import Mesh, Shapes
+from tests.support.gltf_files import TRIANGLE, Gltf
 
 
 def read(file: Gltf, folder: Path, **options: Any) -> Model:

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import Gltf, glb
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError
 from glpath.io.gltf.load import read_gltf
+from tests.support.gltf_files import Gltf, glb
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.image import decode_srgb
 from glpath.io.gltf import Model, read_gltf
 from glpath.io.gltf.glossiness import metal_and_roughness
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
+from tests.support.gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
 #: Red and green above blue and white.
 FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8)

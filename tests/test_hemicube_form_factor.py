@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from reference.closed_forms import facing_rectangles_form_factor, polygon_irradiance
 
 from glpath.buffers.hemicube_form_factor import HemicubeFormFactors, atlas_form_factors, scene_of_elements
 from glpath.errors import UsageError
@@ -19,6 +18,7 @@ from glpath.radiosity.form_factors.form_factor import FormFactors
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides
 from glpath.scene import Scene
+from tests.reference.closed_forms import facing_rectangles_form_factor, polygon_irradiance
 
 Float64 = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import pytest
 import glpath
 from glpath.io import load_scene
 from glpath.scene import Scene
-from tests.engines import coarse, with_depth
+from tests.support.engines import coarse, with_depth
 
 
 def ball(ior: float, roughness: float, thin: bool = False) -> Scene:

@@ -7,7 +7,6 @@ import signal
 from pathlib import Path
 from typing import Any
 
-import killing
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
@@ -22,6 +21,7 @@ from glpath.integrators.settings import DEEPEST, PathSettings
 from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.sensors.sensor import PointSensor
+from tests.support import killing
 
 BOX = "cornell-box-36"
 POINTS = [[0.0, 0.5, 0.1], [0.2, 0.3, 0.2], [-0.3, 0.5, 0.0]]

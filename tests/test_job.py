@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run as cli
 
 import glpath
 from glpath.film.batches import BLOCK
@@ -19,6 +18,7 @@ from glpath.integrators.settings import GatherSettings
 from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.rendering.job import SceneSource
+from tests.support.command_line import run as cli
 
 BOX = "cornell-box-36"
 SMALL: dict[str, Any] = {"resolution": (24, 16), "max_depth": 2}

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run as command
 
 import glpath
 from glpath.buffers.t_buffer import ClassicEye, TBuffer
@@ -33,8 +32,9 @@ from glpath.sampling.points import PathSetSampler
 from glpath.scene import check_scene, path_traceable
 from glpath.scene.model import Scene
 from glpath.scene.motion import Motion
-from tests.engines import engine_options
-from tests.gltf_files import Gltf
+from tests.support.command_line import run as command
+from tests.support.engines import coarse, engine_options
+from tests.support.gltf_files import Gltf
 
 FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]}
 #: Glows alike all over, so that what is seen of it is its silhouette.
@@ -380,7 +380,8 @@ def test_a_gather_refuses_what_moves_by_name_but_not_a_camera_that_does() -> Non
         glpath.render(scene, integrator="gather", spp=1)
     camera = MOVING["camera"] | {"motion": [{"time": 0}, {"time": 1, "position": [0.3, 1.2, 4]}]}
     still = [shape | {"motion": []} for shape in MOVING["shapes"]]
-    film = glpath.render(MOVING | {"camera": camera, "shapes": still}, integrator="gather", spp=4)
+    scene = glpath.load_scene(MOVING | {"camera": camera, "shapes": still})
+    film = glpath.render(scene, integrator="gather", radiosity=coarse(scene), spp=4)
     assert film.mean.max() > 0
 
 

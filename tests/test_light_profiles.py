@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import Gltf
 from scipy.interpolate import RegularGridInterpolator
 
 import glpath
@@ -21,30 +20,10 @@ from glpath.io.ies import read_ies
 from glpath.lights.samples import incident
 from glpath.scene.model import Float64, Light, LightProfile
 from glpath.scene.source_location import SourceLocation
+from tests.support.gltf_files import Gltf
+from tests.support.photometry import ies, written
 
 PLACE = SourceLocation("room.toml", "lights[0].profile")
-
-
-def written(numbers: object) -> str:
-    return " ".join(f"{x:.9g}" for x in np.ravel(np.asarray(numbers)))
-
-
-def ies(
-    path: Path,
-    gamma: Float64,
-    c: Float64,
-    candela: Float64,
-    *,
-    head: str = "IESNA:LM-63-2002\n[TEST] made up\n[MANUFAC] nobody\n",
-    tilt: str = "TILT=NONE",
-    factors: tuple[float, float, float] = (1, 1, 1),
-) -> Path:
-    """A file of type C; candela (C, gamma)."""
-    path.write_text(
-        f"{head}{tilt}\n1 -1 {factors[0]} {len(gamma)} {len(c)} 1 2 0 0 0\n{factors[1]} {factors[2]} 10\n"
-        f"{written(gamma)}\n{written(c)}\n" + "".join(written(row) + "\n" for row in candela)
-    )
-    return path
 
 
 def web(c: Float64, gamma: Float64) -> Float64:
@@ -352,9 +331,9 @@ def test_every_engine_finds_the_same_among_other_lamps(tmp_path: Path) -> None:
             {"type": "point", "position": [0, 2, 0], "intensity": 1},
         ],
     }
-    own = glpath.render(scene, spp=256, max_depth=5).mean
+    own = glpath.render(scene, spp=128, max_depth=5).mean
     for options in ({"integrator": "path-buffer", "max_depth": 5}, {"integrator": "gather"}):
-        found = glpath.render(scene, spp=256, **options).mean
+        found = glpath.render(scene, spp=128, **options).mean
         assert found.mean(axis=(0, 1)) == pytest.approx(own.mean(axis=(0, 1)), rel=0.03)  # noise of the mean
         lit = own > 0  # the ground, not what is beyond it
         assert np.median(np.abs(found - own)[lit] / own[lit]) < 0.05

@@ -13,7 +13,7 @@ from glpath.bake.lightmap import Surfaces
 from glpath.bake.pages import pages_of
 from glpath.bake.seams import Seams
 from glpath.scene import Scene
-from tests.test_lightmap import FLOOR, LAMP, box, scene_of
+from tests.support.lightmap_scenes import FLOOR, LAMP, box, scene_of
 
 pytest.importorskip("xatlas")
 

@@ -8,15 +8,14 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-import babylon_js
 import numpy as np
 import pygltflib
 import pytest
-import three_js
 from scipy.ndimage import binary_dilation
-from test_export import judged
 
 import glpath
+from tests.support import babylon_js, three_js
+from tests.support.gltf_validator import judged
 
 pytest.importorskip("xatlas")
 

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import pytest
 import typer
-from terrain import Hills
-from test_film_hashes import film_of
 from typer.testing import CliRunner
 
 import glpath
@@ -21,6 +19,8 @@ from glpath.gl.context import get_context
 from glpath.gl.limits import IMAGE_LIMITS, LIMITS, Found, Limit
 from glpath.gl.passes import Dispatch, Pass, PixelDispatch
 from glpath.integrators.ray_paths import RayPathEngine
+from tests.support.hashed_films import film_of
+from tests.support.terrain import Hills
 
 #: OpenGL 4.3, tables 23.53 to 23.72: the least that every device has.
 GUARANTEED = {

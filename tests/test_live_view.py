@@ -18,13 +18,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import browser
 import numpy as np
 import pytest
 from PIL import Image
 
 import glpath
 from glpath.notebook.orbit import nearer, turned
+from tests.support import browser
 
 pytestmark = browser.marks("jupyterlab")
 

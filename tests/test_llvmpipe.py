@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_film_hashes import FILMS, film_of
 
 import glpath.gl.program as program
 from glpath.gl import llvmpipe
 from glpath.gl.context import get_context
 from glpath.gl.passes import Pass
+from tests.support.hashed_films import FILMS, film_of
 
 UNIFORMS = """// a.frag: every kind of uniform, in a branch.
 struct Fields {

@@ -12,9 +12,7 @@ import sys
 import threading
 from pathlib import Path
 
-import killing
 import pytest
-from command_line import run
 
 import glpath
 from glpath.errors import GlpathError, UsageError
@@ -22,6 +20,8 @@ from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.system import locks
 from glpath.system.locks import Lock
+from tests.support import killing
+from tests.support.command_line import run
 
 # Holds frames of a file until its standard input ends, or it is killed.
 HOLDING = """

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import many_scenes
 import numpy as np
 import pytest
 
@@ -24,7 +23,8 @@ from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.settings import PathBufferSettings, PathSettings
-from tests.engines import with_depth
+from tests.support import many_scenes
+from tests.support.engines import with_depth
 
 SMALL: dict[str, Any] = {"resolution": (16, 12), "spp": 1, "max_depth": 2}
 # Names of a driver are numbers from 1 on; Mesa gives the least that is free.
@@ -52,7 +52,7 @@ def in_a_process_of_its_own(test: Callable[..., None]) -> Callable[..., None]:
         if os.environ.get(_ALONE):
             test(*given, **named)
             return
-        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", f"{__file__}::{test.__name__}"]
+        command = [sys.executable, "-m", "pytest", "-p", "no:nbmake", f"{__file__}::{test.__name__}"]
         done = subprocess.run(command, env={**os.environ, _ALONE: "1"}, capture_output=True, text=True, timeout=240)
         assert done.returncode == 0, done.stdout + done.stderr
 
@@ -140,7 +140,8 @@ def test_programs_are_bounded_and_those_in_use_stay(context, monkeypatch):
 
 _RENDERS = """
 import sys, warnings
-import many_scenes, glpath
+import glpath
+from tests.support import many_scenes
 from glpath.gl import program
 from glpath.system.machine import peak_resident_bytes
 warnings.simplefilter("ignore")
@@ -156,7 +157,7 @@ print(len(made), peak_resident_bytes() / 2**20)
 def test_300_different_scenes_in_one_process_stay_below_600_mb():
     """340 MB. Its scenes take 800 programs, some 3 MB each: 2 GB where they stay."""
     command = [sys.executable, "-c", _RENDERS, "300"]
-    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=3000)
+    done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, done.stderr
     programs, peak_mb = done.stdout.split()
     assert int(programs) > 600  # what was let go of is made anew

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from gltf_files import Gltf
-from models import FACES, MTL, gltf, obj
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -24,26 +22,9 @@ from glpath.io import scene_cameras, scene_parameters
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Material, Scene, check_scene
-
-CAMERA_AND_LIGHT = {
-    "cameras": [
-        {"type": "perspective", "name": "Wide", "perspective": {"yfov": 0.5, "aspectRatio": 2.0, "znear": 0.1}},
-        {"type": "perspective", "name": "Tall", "perspective": {"yfov": 0.5, "aspectRatio": 0.5, "znear": 0.1}},
-    ],
-    "extensionsUsed": ["KHR_lights_punctual"],
-    "extensions": {
-        "KHR_lights_punctual": {
-            "lights": [{"type": "point", "name": "Lamp", "intensity": 6, "color": [1, 0.5, 0.25]}]
-        }
-    },
-    "nodes": [
-        {"mesh": 0},
-        {"camera": 0, "translation": [0, 0, 5], "name": "Wide"},
-        {"camera": 1, "translation": [1, 0, 5], "name": "Tall"},
-        {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 3, 0], "name": "Lamp"},
-    ],
-    "scenes": [{"nodes": [0, 1, 2, 3]}],
-}
+from tests.support.gltf_files import Gltf
+from tests.support.lit_models import CAMERA_AND_LIGHT
+from tests.support.models import FACES, MTL, gltf, obj
 
 
 def quiet(given: object, **parameters: object) -> Scene:

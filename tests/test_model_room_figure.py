@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_t_buffer_figures import holds_by_its_rule
 
 from benchmarks.figures import model_room
 from glpath.io import load_scene
 from glpath.io.export.mitsuba import described
 from glpath.scene import Scene
+from tests.support.figure_reports import holds_by_its_rule
 
 
 def test_errors_leave_the_worst_pixels_out_once_and_once_not() -> None:

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import Gltf
-from models import gltf, obj
-from test_t_buffer_figures import holds_by_its_rule
 from typer.testing import CliRunner
 
 from benchmarks.__main__ import app
@@ -19,6 +16,9 @@ from benchmarks.figures import models as figure
 from benchmarks.figures.models import Shown
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, UsageError
+from tests.support.figure_reports import holds_by_its_rule
+from tests.support.gltf_files import Gltf
+from tests.support.models import gltf, obj
 
 
 @pytest.fixture

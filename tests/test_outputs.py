@@ -142,7 +142,7 @@ def test_a_solution_is_kept_where_its_file_cannot_be_written(tmp_path: Path, tem
 
 
 def test_a_figure_that_fails_in_one_file_is_kept_whole(tmp_path: Path, temporary: Path) -> None:
-    from test_figures import outcome
+    from tests.support.figure_commands import outcome
 
     made: Outcome = outcome()
     full(tmp_path, f"{made.report.name}.csv")

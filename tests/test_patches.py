@@ -18,7 +18,7 @@ from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
-from tests.engines import with_depth
+from tests.support.engines import coarse, with_depth
 
 Float64 = NDArray[np.float64]
 CAMERA = Camera(np.array([4.0, 1.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (640, 480))
@@ -209,8 +209,12 @@ def test_a_displaced_surface_of_a_scene_is_the_same_to_every_engine(tmp_path: Pa
     scene = glpath.load_scene(net_scene(tmp_path, level=6))
     assert repr(scene).startswith("<Scene scene: 648 triangles, 1 shape")
     films = [
-        glpath.render(scene, spp=256, **with_depth(options, 2))
-        for options in ({}, {"integrator": "path-buffer"}, {"integrator": "gather"})
+        glpath.render(scene, spp=128, **with_depth(options, 2))
+        for options in (
+            {},
+            {"integrator": "path-buffer"},
+            {"integrator": "gather", "radiosity": coarse(scene)},
+        )
     ]
     for film in films[1:]:
         assert relative_mse(film.mean, films[0].mean) < 5e-3

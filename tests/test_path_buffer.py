@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from reference.numpy_path_tracer import nearest_hits
 
 import glpath.buffers.path_buffer as path_buffer
 from glpath.buffers.path_buffer import PathBuffer
@@ -16,6 +15,7 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
+from tests.reference.numpy_path_tracer import nearest_hits
 
 Float64 = NDArray[np.float64]
 

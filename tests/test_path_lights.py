@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.numpy_path_tracer import path_trace
 
 import glpath
 from glpath.compare import relative_mse
@@ -16,14 +15,10 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.integrators import ray_paths
 from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.settings import PathBufferSettings
-from glpath.io import scene_from_dict
-from glpath.scene import Scene, path_traceable
-from tests.engines import engine_options
+from tests.reference.numpy_path_tracer import path_trace
+from tests.support.engines import engine_options
+from tests.support.lit_things import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of
 
-RHO = np.array([0.8, 0.5, 0.2])
-CORNERS = [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]]
-FLOOR: dict[str, Any] = {"type": "quad", "corners": CORNERS, "material": "m"}
-POINT: dict[str, Any] = {"type": "point", "position": [0.5, 2.5, 1.2], "intensity": [12.0, 10.0, 8.0]}
 SPOT: dict[str, Any] = {
     "type": "spot",
     "position": [2.5, 2.5, 2.2],
@@ -32,53 +27,7 @@ SPOT: dict[str, Any] = {
     "cone": [10, 25],
 }
 SUN: dict[str, Any] = {"type": "directional", "direction": [0.6, -0.8, -0.3], "irradiance": [1.0, 0.9, 0.8]}
-LAMP: dict[str, Any] = {
-    "type": "quad",
-    "corners": [[-1, 2.5, -0.5], [-1, 2.5, 0.5], [-2, 2.5, 0.5], [-2, 2.5, -0.5]],
-    "emission": {"radiance": [4.0, 6.0, 9.0], "two_sided": True},
-}
 SKY: dict[str, Any] = {"zenith": [0.2, 0.4, 1.0], "horizon": [0.6, 0.5, 0.4], "up": [0, 1, 0]}
-THINGS: list[dict[str, Any]] = [
-    FLOOR,
-    {"type": "quad", "corners": [[-3, 0, -3], [3, 0, -3], [3, 3, -3], [-3, 3, -3]], "material": "grey"},
-    {
-        "type": "box",
-        "min": [-1, 0, -0.5],
-        "max": [0, 1, 0.5],
-        "material": "grey",
-        "transform": [{"rotate": {"axis": [0, 1, 0], "angle": 25}}],
-    },
-    {"type": "box", "min": [0.6, 0, 0.4], "max": [1.1, 0.5, 0.9], "material": "m"},
-    {"type": "box", "min": [-1.6, 0, 0.9], "max": [-1.55, 1.4, 0.95], "material": "m"},
-    {"type": "sphere", "center": [1.2, 0.6, -1], "radius": 0.6, "subdivisions": 2, "material": "grey"},
-]
-
-
-def scene_of(
-    shapes: list[dict[str, Any]] = THINGS,
-    position: Any = (3, 4, 5),
-    target: Any = (0, 0.3, 0),
-    fov: float = 40.0,
-    size: tuple[int, int] = (16, 12),
-    up: Any = (0, 1, 0),
-    **tables: Any,
-) -> Scene:
-    return path_traceable(
-        scene_from_dict(
-            {
-                "camera": {"type": "perspective", "position": position, "target": target, "up": up, "fov": fov},
-                "film": {"resolution": list(size)},
-                "materials": {"m": {"reflectance": RHO.tolist()}, "grey": {"reflectance": 0.5}},
-                "shapes": shapes,
-                **tables,
-            }
-        )
-    )
-
-
-def floor_from_above(x: float = 0.7, **tables: Any) -> Scene:
-    """A degree of the floor about (x, 0, 0.01)."""
-    return scene_of([FLOOR], (x, 3, 0.01), (x, 0, 0.01), fov=1, size=(8, 8), up=(0, 0, 1), **tables)
 
 
 # Closed forms.
@@ -135,7 +84,7 @@ def test_the_lights_of_a_scene_add_up() -> None:
     """A set has one of them, chosen by power: their shares of the sets are their probabilities."""
     names = ("point", "point without falloff", "spot wider than a half space", "directional")
     some, E = [OVER_THE_FLOOR[name][0] for name in names], sum(OVER_THE_FLOOR[name][1] for name in names)
-    film = glpath.render(floor_from_above(lights=some), spp=512, max_depth=1, resolution=(2, 2))
+    film = glpath.render(floor_from_above(lights=some), spp=256, max_depth=1, resolution=(2, 2))
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * E, rtol=0.01)
 
 
@@ -158,7 +107,7 @@ def test_eye_rays_that_hit_nothing_see_the_sky() -> None:
 @pytest.mark.parametrize(("depth", "engine"), [(1, "pair"), (2, "pair"), (2, "hemisphere"), (2, "sphere")])
 def test_a_floor_under_a_sky_from_horizon_to_zenith(depth: int, engine: Any) -> None:
     """E = pi (horizon + 2/3 (zenith - horizon)), by the integral over the cosine."""
-    film = glpath.render(floor_from_above(sky=SKY), spp=512, max_depth=depth, **engine_options(engine))
+    film = glpath.render(floor_from_above(sky=SKY), spp=256, max_depth=depth, **engine_options(engine))
     horizon, zenith = np.array(SKY["horizon"]), np.array(SKY["zenith"])
     np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO * (horizon + 2 / 3 * (zenith - horizon)), rtol=0.01)
 

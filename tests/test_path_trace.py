@@ -7,14 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from objects import flat
-from reference.closed_forms import (
-    facing_plates_radiance,
-    furnace_radiance,
-    polygon_irradiance,
-    reflected_radiance,
-)
-from reference.numpy_path_tracer import nearest_hits, path_trace
 
 import glpath
 from glpath.compare import relative_mse
@@ -24,7 +16,15 @@ from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.settings import PathBufferSettings
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
-from tests.engines import engine_options
+from tests.reference.closed_forms import (
+    facing_plates_radiance,
+    furnace_radiance,
+    polygon_irradiance,
+    reflected_radiance,
+)
+from tests.reference.numpy_path_tracer import nearest_hits, path_trace
+from tests.support.engines import engine_options
+from tests.support.objects import flat
 
 Float64 = NDArray[np.float64]
 
@@ -107,10 +107,10 @@ def mean_of_the_box() -> float:
 )
 def test_the_papers_estimator_and_ours_have_one_mean(sampling: Any, engine: Any, mean_of_the_box: float) -> None:
     film = glpath.render(
-        "cornell-box-36", spp=512, max_depth=3, resolution=(16, 16), sampling=sampling, **engine_options(engine)
+        "cornell-box-36", spp=256, max_depth=3, resolution=(16, 16), sampling=sampling, **engine_options(engine)
     )
-    # 512 random directions that all pixels share leave 2 % in the mean of the picture.
-    assert film.mean.mean() == pytest.approx(mean_of_the_box, rel=0.05 if sampling == "random" else 0.01)
+    # 256 random directions that all pixels share leave 3 % in the mean of the picture.
+    assert film.mean.mean() == pytest.approx(mean_of_the_box, rel=0.07 if sampling == "random" else 0.01)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.8, 2.5])
@@ -132,7 +132,7 @@ def test_two_facing_plates_light_each_other(depth: int) -> None:
         rectangle(1.0, 1.0, 1.0, up=False, emission={"radiance": 0.25}, material="one-sided"),
     ]
     scene = scene_of(shapes, position=(0, 0.5, 0), target=(0, 1, 0), up=(0, 0, 1), fov=4, size=8)
-    film = glpath.render(scene, spp=1024, max_depth=depth)
+    film = glpath.render(scene, spp=512, max_depth=depth)
     _, upper = facing_plates_radiance(2, 2, 1, (1.0, 0.25), (0.5, 0.7), depth)
     assert film.mean.mean() == pytest.approx(upper, rel=0.01)
 
@@ -215,7 +215,7 @@ def test_a_convex_shape_throws_no_shadow_on_itself() -> None:
     lamp = rectangle(1.5, 4.0, 1.5, up=False, material="black", emission={"radiance": 4.0})
     ball = {"type": "sphere", "center": [0, 0, 0], "radius": 1.0, "subdivisions": 3, "material": "half"}
     scene = flat(scene_of([lamp, ball], (0, 3.0, 1.8), (0, 0.5, 0), fov=24, size=48))
-    film = glpath.render(scene, spp=256, max_depth=1)
+    film = glpath.render(scene, spp=128, max_depth=1)
     checked = 0
     tracer_index = eye_triangles(scene)
     for (row, column), triangle in np.ndenumerate(tracer_index):
@@ -254,7 +254,7 @@ def test_direct_light_around_a_contact_edge_is_the_brute_force_one() -> None:
     scene = scene_of(
         [lamp, rectangle(6, 0, 6, up=True), block], (0.01, 12, 0), (0.01, 0, 0), up=(0, 0, 1), fov=14, size=64
     )
-    film = glpath.render(scene, spp=1024, max_depth=1)
+    film = glpath.render(scene, spp=512, max_depth=1)
     row = film.mean[28:36, :, 0].mean(axis=0)
     truth = brute_force_direct(scene, 32, light_points=16)
     np.testing.assert_allclose(row, truth, atol=0.015 * truth.max())

@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from objects import ball, camera, ground, rotation, scene_of
-from reference.numpy_ray_tracer import _shape_of_primitive as shape_of_primitive
-from reference.numpy_ray_tracer import _surface as surface
-from reference.numpy_ray_tracer import camera_rays, nearest
-from reference.shadow_cells import cube_directions, sphere_directions
 
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, ShadowTest, SphereShadowBuffer
 from glpath.errors import UsageError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.model import Mesh, Scene, Shape
+from tests.reference.numpy_ray_tracer import camera_rays, nearest, shape_of_primitive, surface_of
+from tests.reference.shadow_cells import cube_directions, sphere_directions
+from tests.support.objects import ball, camera, ground, rotation, scene_of
 
 Float64 = NDArray[np.float64]
 
@@ -56,7 +54,7 @@ def seen(scene: Scene, light: Float64) -> Seen:
     primitive, t = nearest(scene, origins, d)
     pixel = np.flatnonzero(primitive >= 0)
     position = origins[pixel] + t[pixel, None] * d[pixel]
-    normal, _ = surface(scene, primitive[pixel], position)
+    normal, _ = surface_of(scene, primitive[pixel], position)
     towards = light - position
     facing = np.einsum("ij,ij->i", normal, towards) * -np.einsum("ij,ij->i", normal, d[pixel]) > 0
     pixel, position, normal, towards = pixel[facing], position[facing], normal[facing], towards[facing]

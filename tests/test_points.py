@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.film.film import Film
@@ -17,7 +16,8 @@ from glpath.lights.samples import LIGHT_KINDS
 from glpath.rendering import RenderJob, run
 from glpath.scene import path_traceable
 from glpath.sensors.sensor import PointSensor
-from tests.engines import engine_options, gather_by
+from tests.reference.closed_forms import polygon_irradiance
+from tests.support.engines import engine_options, gather_by
 
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from image_suite import GREY, LOADED, Run
 
 from glpath.compare import Picture
 from glpath.film.image import read_image, write_exr
+from tests.support.image_suite import GREY, LOADED, Run
 
-pytest_plugins = ["pytester", "image_suite"]
+pytest_plugins = ["pytester", "tests.support.image_suite"]
 
 
 def test_the_first_run_writes_the_baseline_and_the_second_compares(run: Run, suite) -> None:

@@ -13,13 +13,13 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from image_suite import GREY, LOADED, Run
 
 from glpath.compare import read_picture
 from glpath.film.image import write_png
 from glpath.pytest_plugin.places import baseline_name
+from tests.support.image_suite import GREY, LOADED, Run
 
-pytest_plugins = ["pytester", "image_suite"]
+pytest_plugins = ["pytester", "tests.support.image_suite"]
 
 ROOT = Path(__file__).parents[1]
 
@@ -264,7 +264,7 @@ def test_unused_baselines_fail_or_are_deleted(run: Run, suite, pytester: pytest.
     result.stdout.fnmatch_lines(listed)
     assert run("--glpath-unused=delete", "-k", "nothing").ret == pytest.ExitCode.NO_TESTS_COLLECTED
     assert (baselines / "test_other.exr").exists()
-    workers = ("-n", "2") if find_spec("xdist") else ()
+    workers = ("-n", "1") if find_spec("xdist") else ()
     result = run("--glpath-unused=delete", *workers)
     assert result.ret == 0
     result.stdout.fnmatch_lines([f"unused baseline deleted: baseline/{name}.exr" for name in gone])

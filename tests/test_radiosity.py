@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.closed_forms import facing_plates_radiance, polygon_irradiance
-from rooms import cuboid, part, rectangle, room, room_with_a_ball, with_triangles
 
 from glpath import RadiosityInterrupted, SceneError, UsageError, load_scene, solve_radiosity
 from glpath.radiosity import memory
@@ -18,6 +16,8 @@ from glpath.radiosity.mesh.sides import sub_triangles
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import path_traceable
+from tests.reference.closed_forms import facing_plates_radiance, polygon_irradiance
+from tests.support.rooms import cuboid, part, rectangle, room, room_with_a_ball, with_triangles
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,6 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
-from command_line import run
 
 import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
@@ -25,6 +24,7 @@ from glpath.cli.warm import _SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
 from glpath.radiosity.solvers.checks import METHODS
+from tests.support.command_line import run
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +222,7 @@ def test_another_program_reads_it(solved, tmp_path):
 
 
 def test_both_sides_of_a_two_sided_shape_are_there_and_up_is_up(tmp_path):
-    from rooms import part, rectangle, room
+    from tests.support.rooms import part, rectangle, room
 
     scene = room(
         part(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0)), 0.5, two_sided=True),

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.closed_forms import polygon_irradiance
-from rooms import cuboid, part, rectangle, room
 
 import glpath
 from glpath import SceneError, solve_radiosity
@@ -16,6 +14,8 @@ from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.scene import path_traceable
 from glpath.scene.model import Light, Scene, Sky
+from tests.reference.closed_forms import polygon_irradiance
+from tests.support.rooms import cuboid, part, rectangle, room
 
 METHODS = ["progressive", "matrix", "monte-carlo"]
 FLOOR = part(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0)), (0.5, 0.2, 0.8))

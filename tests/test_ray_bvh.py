@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from numpy.typing import NDArray
-from reference.numpy_path_tracer import nearest_hits
-from test_bvh import boxes, check, random_boxes
 
 from glpath.accel.bvh import build_bvh
 from glpath.accel.nodes import Bvh
@@ -23,6 +21,8 @@ from glpath.gl.passes import Pass
 from glpath.gl.ray_bvh import RayBvh, _item_table, _items, ray_bvh_glsl
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
+from tests.reference.numpy_path_tracer import nearest_hits
+from tests.support.box_trees import boxes, check, random_boxes
 
 Float64 = NDArray[np.float64]
 SKY = {"zenith": 1.0, "horizon": 1.0}

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import Gltf
 
 import glpath
 from glpath.errors import GlpathError, ImageError
@@ -21,6 +20,7 @@ from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
 from glpath.system import files
+from tests.support.gltf_files import Gltf
 
 SCENES = ("a.toml", "a.obj", "a.ply", "a.stl", "a.gltf", "a.glb")
 PICTURES = ("a.png", "a.jpg", "a.exr", "a.hdr", "a.npz", "a.npy")

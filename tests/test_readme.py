@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from command_line import run
 
 from glpath.film.image import read_image
+from tests.support.command_line import run
 
 pytest_plugins = ["pytester"]
 
@@ -61,8 +61,11 @@ def test_every_page_is_reached_from_the_readme() -> None:
 
 
 def test_the_first_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But of fewer samples."""
     monkeypatch.chdir(tmp_path)
-    exec(compile(blocks("First picture", "python"), "README.md", "exec"), {})
+    code = blocks("First picture", "python")
+    assert "spp=64" in code
+    exec(compile(code.replace("spp=64", "spp=4"), "README.md", "exec"), {})
     assert read_image(tmp_path / "cornell-box.png").shape == (512, 512, 3)
 
 

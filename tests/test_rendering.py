@@ -16,7 +16,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
-from tests.engines import engine_options
+from tests.support.engines import engine_options
 
 BOX = "cornell-box-36"
 

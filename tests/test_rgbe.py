@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError
 from glpath.film.image import read_image
 from glpath.film.rgbe import read_rgbe
+from tests.support.rgbe_files import colours, run_lengths
 
 HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n"
 
@@ -21,39 +22,6 @@ def pixels(height: int = 5, width: int = 40) -> NDArray[np.uint8]:
     noise = rng.integers(0, 256, (height, width, 4), np.uint8)
     held = np.repeat(noise, rng.integers(1, 300, width), axis=1)[:, :width]
     return np.where(rng.random((height, 1, 4)) < 0.5, noise, held)
-
-
-def colours(rgbe: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """By the definition, pixel by pixel."""
-    found = np.zeros((*rgbe.shape[:2], 3))
-    for at in np.ndindex(rgbe.shape[:2]):
-        *mantissas, exponent = (int(x) for x in rgbe[at])
-        if exponent:
-            found[at] = [m / 256 * 2.0 ** (exponent - 128) for m in mantissas]
-    return found
-
-
-def run_lengths(rgbe: NDArray[np.uint8]) -> bytes:
-    """Each line channel by channel, in runs of one value or of several [Radiance's color.c]."""
-    out = bytearray()
-    for line in rgbe:
-        out += bytes([2, 2, len(line) >> 8, len(line) & 255])
-        for channel in line.T:
-            at = 0
-            while at < len(channel):
-                same = 1
-                while same < 127 and at + same < len(channel) and channel[at + same] == channel[at]:
-                    same += 1
-                if same > 2:
-                    out += bytes([128 + same, channel[at]])
-                    at += same
-                    continue
-                several = channel[at : at + 128]
-                equal = np.flatnonzero((several[2:] == several[1:-1]) & (several[1:-1] == several[:-2]))
-                several = several[: max(1, int(equal[0]))] if len(equal) else several
-                out += bytes([len(several), *several])
-                at += len(several)
-    return bytes(out)
 
 
 def repeats(rgbe: NDArray[np.uint8]) -> bytes:

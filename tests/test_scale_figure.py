@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_t_buffer_figures import holds_by_its_rule
 from typer.testing import CliRunner
 
 from benchmarks.__main__ import app
@@ -16,6 +15,7 @@ from benchmarks.figures import scale as figure
 from benchmarks.figures.scale import FINENESS, balls, crossing, exponent, scenes
 from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import GlpathError
+from tests.support.figure_reports import holds_by_its_rule
 
 
 @pytest.mark.parametrize("fineness", [0, 3])

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_film_hashes import film_hash, film_of
 
 from glpath.compare import Picture, compare, relative_mse
 from glpath.film.film import Film
+from tests.support.hashed_films import film_hash, film_of
 
 pytestmark = pytest.mark.evidence
 

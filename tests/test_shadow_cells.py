@@ -11,13 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from reference.shadow_cells import (
-    cube_cell,
-    cube_directions,
-    sphere_cell,
-    sphere_direction,
-    sphere_directions,
-)
 
 import glpath.gl.program as program
 from glpath.buffers import light_bounds
@@ -35,6 +28,13 @@ from glpath.buffers.sphere_bounds import (
 from glpath.gl.context import get_context
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
+from tests.reference.shadow_cells import (
+    cube_cell,
+    cube_directions,
+    sphere_cell,
+    sphere_direction,
+    sphere_directions,
+)
 
 Float64 = NDArray[np.float64]
 

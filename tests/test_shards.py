@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
 from conftest import MakeFilm
-from killing import SMALL
 
 import glpath
 from glpath.film.film import Film, read_image
 from glpath.jobs.shards import merge_shards
+from tests.support.command_line import run
+from tests.support.killing import SMALL
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
 from typer.testing import CliRunner
 
 import glpath
@@ -20,6 +19,7 @@ from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.material import Material
 from glpath.system.files import shipped_folder
+from tests.support.command_line import run
 
 MADE: dict[str, Callable[[], Scene]] = {"room": room, "parlour": parlour}
 SCENES = shipped_folder("scenes")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from killing import SMALL
 from typer.testing import CliRunner, Result
 
 import glpath
@@ -18,7 +17,8 @@ from glpath.film.batches import BATCHES, BLOCK
 from glpath.film.film import Film, FilmMetadata
 from glpath.film.noise import error_bound
 from glpath.rendering.stopping import StopRules, looks_at_noise
-from tests.engines import with_depth
+from tests.support.engines import with_depth
+from tests.support.killing import SMALL
 
 BOX = "cornell-box-36"
 TINY: dict[str, Any] = {"resolution": (20, 16), "max_depth": 2}

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from terrain import Hills
 
 import glpath
 from glpath.cli.scene_summary import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.io.export import export
-from tests.engines import engine_options
+from tests.support.engines import engine_options
+from tests.support.terrain import Hills
 
 GRASS = {"grass": {"reflectance": [0.3, 0.6, 0.3]}, "clay": {"reflectance": [0.7, 0.2, 0.2]}}
 SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
@@ -296,7 +296,7 @@ def test_twenty_million_triangles_take_256_mebibytes():
     found = []
     for tiles in (1, 25):  # of 32,768 triangles
         run = subprocess.run(
-            [sys.executable, "-m", "tests.terrain", str(tiles), "256"],
+            [sys.executable, "-m", "tests.support.terrain", str(tiles), "256"],
             capture_output=True,
             text=True,
             check=True,

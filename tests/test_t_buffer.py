@@ -10,8 +10,6 @@ import moderngl
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from objects import ball, camera, ground, rotation, scene_of
-from reference.numpy_ray_tracer import camera_rays, nearest
 
 import glpath.gl.program as program
 from glpath.buffers import t_buffer
@@ -21,6 +19,8 @@ from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.model import Scene
+from tests.reference.numpy_ray_tracer import camera_rays, nearest
+from tests.support.objects import ball, camera, ground, rotation, scene_of
 
 Seen = tuple[NDArray[np.int32], NDArray[np.float32]]
 
@@ -276,9 +276,9 @@ def test_intersection_tests_are_counted(gl: moderngl.Context) -> None:
         counts.append(buffer.take_tests())
     hits = 0
     for direction in np.split(camera_rays(scene)[1], 64):
-        from reference.numpy_ray_tracer import _all_hits
+        from tests.reference.numpy_ray_tracer import all_hits
 
-        hits += int(np.isfinite(_all_hits(scene, np.tile(scene.camera.position, (96, 1)), direction, 0.0)).sum())
+        hits += int(np.isfinite(all_hits(scene, np.tile(scene.camera.position, (96, 1)), direction, 0.0)).sum())
     # Every hit is a test, and the tests are not many more: a rectangle is 4 / pi of its circle.
     for count in counts:
         assert 2 * hits <= count < 2 * 2.0 * hits

@@ -182,7 +182,7 @@ def test_the_count_in_numpy_is_that_of_every_ray_against_every_sphere(objects: i
     scene = whitted_frame.stacked(objects, (40, 30))
     found = SphereRays.of(scene)
     origins, directions = numpy_ray_tracer.camera_rays(scene)
-    all_t = numpy_ray_tracer._all_hits(scene, origins, directions, 0.0)
+    all_t = numpy_ray_tracer.all_hits(scene, origins, directions, 0.0)
     assert found.hits == np.isfinite(all_t).sum()
     assert found.primary_tests == all_t.size
     nearest, t = numpy_ray_tracer.nearest(scene, origins, directions)
@@ -192,7 +192,7 @@ def test_the_count_in_numpy_is_that_of_every_ray_against_every_sphere(objects: i
     normal = position - scene.spheres[nearest, :, 3]
     lit = (nearest >= 0) & (np.sum(normal * to_light, axis=1) > 0)
     assert found.shadow_rays == lit.sum()
-    at = numpy_ray_tracer._all_hits(scene, position[lit], to_light[lit], 0.0) < 1
+    at = numpy_ray_tracer.all_hits(scene, position[lit], to_light[lit], 0.0) < 1
     at[np.arange(lit.sum()), nearest[lit]] = False
     tests = np.where(at.any(axis=1), at.argmax(axis=1) + 1, objects)
     assert found.shadow_tests == pytest.approx(tests.sum())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import operator
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -16,22 +15,7 @@ from benchmarks.__main__ import app
 from benchmarks.figures.catalogue import FIGURES
 from benchmarks.figures.t_buffer_curves import COUNTS, counts, fit
 from benchmarks.figures.whitted_frame import differing
-
-RELATIONS = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
-
-
-def holds_by_its_rule(report) -> bool:
-    """`holds` worked out anew from the JSON alone: the rule is what stands in the claim's last brackets."""
-    measured = report["measured"]
-    rule = report["claim"].removesuffix(")").rsplit("(", 1)[1]
-    verdicts = []
-    for condition in rule.split(", "):
-        left, relation, right = condition.split()
-        bound = measured[right] if right in measured else float(right)
-        # What could not be measured, null in JSON, keeps no condition.
-        found = float("nan") if measured[left] is None else measured[left]
-        verdicts.append(RELATIONS[relation](found, bound))
-    return all(verdicts)
+from tests.support.figure_reports import holds_by_its_rule
 
 
 @pytest.mark.parametrize("name", [name for name in FIGURES if name.startswith("t-buffer")])

@@ -31,7 +31,7 @@ NAMES = (
 
 HASHES = """
 import json, sys
-from tests.test_film_hashes import film_hash, film_of
+from tests.support.hashed_films import film_hash, film_of
 print(json.dumps({name: film_hash(film_of(name)) for name in sys.argv[1:]}))
 """
 

@@ -17,7 +17,7 @@ from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.mesh.sides import Sides
 from glpath.scene.appearance import Appearance, texture_at
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
-from tests.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
+from tests.support.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
 
 WHITE = Material("white", np.ones(3))
 #: Half the height of the quad that fills the picture seen from 1 away at 90 degrees.

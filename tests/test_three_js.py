@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import three_js
 
 import glpath
 from glpath.errors import SceneWarning
 from glpath.radiosity.picture import EyeHits
 from glpath.scene.model import Camera, Light, Material, Scene, Shape, Texture, TextureSlot
-from tests.surfaces import quad, scene_of
+from tests.support import three_js
+from tests.support.surfaces import quad, scene_of
 
 pytestmark = three_js.marks()
 

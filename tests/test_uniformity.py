@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.closed_forms import polygon_irradiance
 
 import glpath
 from glpath.rendering.uniformity import spread_of
+from tests.reference.closed_forms import polygon_irradiance
 
 COUNTS = np.full(8, 32)
 X, Y = np.meshgrid(np.linspace(-1, 1, 24), np.linspace(-1, 1, 24))

@@ -14,8 +14,8 @@ import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import EFFICACY
-from tests.gltf_files import Gltf
-from tests.test_light_profiles import ies
+from tests.support.gltf_files import Gltf
+from tests.support.photometry import ies
 
 FLOOR = {"type": "quad", "corners": [[-4, 0, 4], [4, 0, 4], [4, 0, -4], [-4, 0, -4]], "material": "black"}
 LAMP = {"type": "point", "position": [0, 2, 0]}

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from objects import ball, camera, ground, rotation, scene_of
-from reference import numpy_ray_tracer
 
 import glpath
 from glpath.compare import relative_mse
@@ -16,6 +14,8 @@ from glpath.gl import passes
 from glpath.rendering import tiles
 from glpath.sampling.points import pixel_place
 from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture, TextureSlot
+from tests.reference import numpy_ray_tracer
+from tests.support.objects import ball, camera, ground, rotation, scene_of
 
 
 def unit(*v: float) -> Float64:

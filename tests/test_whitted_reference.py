@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from objects import ball, camera, ground, scene_of
 
 import glpath
 from glpath.compare import relative_mse
 from glpath.scene.model import Float64, Light, Material, Scene
+from tests.support.objects import ball, camera, ground, scene_of
 
 SPP = 64
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rooms import cuboid, part, room
 from scipy.spatial.transform import Rotation
 
 import glpath
@@ -23,6 +22,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
+from tests.support.rooms import cuboid, part, room
 
 SKY = 10.0
 

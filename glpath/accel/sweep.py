@@ -3,7 +3,7 @@
 Top down by the surface area heuristic, over all places between two items in the order of their centroids along each
 axis; one item a leaf.
 
-Cost:     some 80 microseconds an item.
+Cost:     some 50 microseconds an item.
 Source:   MacDonald & Booth 1990, Heuristics for ray tracing using space subdivision.
 """
 
@@ -33,13 +33,14 @@ def sweep_bvh(lower: Float64, upper: Float64) -> Bvh:
     size = 0
     while pending:
         begin, end = pending.pop()
-        items = order[begin:end]
-        nodes[size] = boxes[items].min(axis=0)
         first[size], skip[size] = begin, size + 2 * (end - begin) - 1
         if end - begin == 1:
+            nodes[size] = boxes[order[begin]]
             count[size] = 1
         else:
-            middle = _sweep(order, begin, end, boxes, centroid)
+            nodes[size] = np.minimum.reduce(boxes[order[begin:end]])
+            split = _sweep if end - begin > 2 else _part
+            middle = split(order, begin, end, boxes, centroid)
             pending += [(middle, end), (begin, middle)]
         size += 1
     return Bvh(nodes[:, :3], -nodes[:, 3:], skip, first, count, order)
@@ -62,7 +63,18 @@ def _sweep(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centr
     return begin + place + 1
 
 
+def _part(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centroid: Float64) -> int:
+    """As `_sweep`, of two items, half of all ranges: the cost is the same along all axes."""
+    a, b = order[begin:end]
+    apart = centroid[b] - centroid[a]
+    axis = 0 if _half_area(boxes[order[begin:end]]).any() else int(np.argmax(np.abs(apart)))
+    if apart[axis] < 0:
+        order[begin], order[begin + 1] = b, a
+    return begin + 1
+
+
 def _half_area(boxes: Float64) -> Float64:
     """Of boxes (..., 6), a lower corner and minus the upper one."""
-    x, y, z = np.moveaxis(-boxes[..., 3:] - boxes[..., :3], -1, 0)
+    extent = -boxes[..., 3:] - boxes[..., :3]
+    x, y, z = extent[..., 0], extent[..., 1], extent[..., 2]
     return np.asarray(x * y + y * z + z * x)

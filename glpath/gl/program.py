@@ -9,9 +9,11 @@ which stands where the file says `#include <NAME>` for NAME in the `generated` m
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
@@ -29,6 +31,8 @@ GLSL_VERSION = "#version 430 core"
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
 
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
+# A line that asks the preprocessor for something, or that a rewrite may change (see `glpath.gl.llvmpipe`).
+_SPECIAL = re.compile(r"^\s*(?:#|uniform\b|(?:UINT_)?TEXELS\b)")
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
 
@@ -100,22 +104,31 @@ class Source:
         self._rewrites = rewrites
         self._seen: set[str] = set()
         self._conditions = Conditions(defines)
+        self._folder = shader_folder()
+        #: The files that were read, and as they were then.
+        self.read: dict[Path, tuple[int, int]] = {}
         head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
         self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
 
     def _flatten(self, name: str, included_from: str) -> str:
-        path = shader_folder() / name
-        if not path.is_file():
+        path = self._folder / name
+        try:
+            self.read[path] = _stamp(path)
+            text = path.read_text()
+        except (FileNotFoundError, IsADirectoryError):
             place = f"{included_from}: " if included_from else ""
-            raise ShaderError(f"{place}no shader file {name} in {shader_folder()}")
+            raise ShaderError(f"{place}no shader file {name} in {self._folder}") from None
         self._seen.add(name)
-        return self._lines(name, path.read_text())
+        return self._lines(name, text)
 
     def _lines(self, name: str, text: str) -> str:
         number = len(self.files)
         self.files.append(name)
         out = [f"#line 1 {number}"]
-        for i, line in enumerate(text.splitlines(), start=1):
+        for i, line, special in _runs(text):
+            if not special:
+                out.append(line)
+                continue
             self._conditions.follow(line)
             match = _INCLUDE.match(line)
             if match and not self._conditions.kept:
@@ -151,6 +164,30 @@ class Source:
             return f"shaders/{self.files[number]}:{match['line']}"
 
         return _LOCATION.sub(named, log)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    """What is another one once a file was written anew."""
+    status = os.stat(path)
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=512)
+def _runs(text: str) -> tuple[tuple[int, str, bool], ...]:
+    """The text cut into its special lines, which are few, and what lies between: (first line, text, special)."""
+    runs: list[tuple[int, str, bool]] = []
+    plain: list[str] = []
+    for i, line in enumerate(text.splitlines(), start=1):
+        if not _SPECIAL.match(line):
+            plain.append(line)
+            continue
+        if plain:
+            runs.append((i - len(plain), "\n".join(plain), False))
+            plain = []
+        runs.append((i, line, True))
+    if plain:
+        runs.append((0, "\n".join(plain), False))
+    return tuple(runs)
 
 
 class Program:
@@ -234,12 +271,46 @@ def load_program(
     given = dict(defines or {})
     check_declared(given)
     generated = {"CONSTANTS": constants_glsl(), **(generated or {})}
+    inputs: int | None = None
     if llvmpipe.is_spoken(gl):
         inputs = int(gl.info["GL_MAX_FRAGMENT_INPUT_COMPONENTS"]) if vertex == llvmpipe.FULLSCREEN else 0
-        sources = _for_llvmpipe(stages, generated, given, inputs)
-    else:
-        sources = {stage: Source(name, generated, given) for stage, name in stages.items()}
+    sources = _flattened(stages, generated, given, inputs)
     return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
+
+
+#: Flattened shaders by all that they follow from but their files, those that were asked for last.
+_sources: OrderedDict[Hashable, dict[str, Source]] = OrderedDict()
+_MAX_SOURCES = 128
+
+
+def _flattened(
+    stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object], inputs: int | None
+) -> dict[str, Source]:
+    """The shaders of a program by stage; a render of the same scene asks for the same again.
+
+    inputs : see `_for_llvmpipe`; None where its dialect is not spoken
+    """
+    # In their order, which is that of the lines.
+    texts = tuple((name, str(value)) for name, value in defines.items())
+    key = (shader_folder(), inputs, tuple(stages.items()), tuple(generated.items()), texts)
+    sources = _sources.get(key)
+    if sources is None or not all(_is_fresh(source) for source in sources.values()):
+        if inputs is None:
+            sources = {stage: Source(name, generated, defines) for stage, name in stages.items()}
+        else:
+            sources = _for_llvmpipe(stages, generated, defines, inputs)
+        _sources[key] = sources
+        if len(_sources) > _MAX_SOURCES:
+            _sources.popitem(last=False)
+    _sources.move_to_end(key)
+    return sources
+
+
+def _is_fresh(source: Source) -> bool:
+    try:
+        return all(_stamp(path) == stamp for path, stamp in source.read.items())
+    except FileNotFoundError:
+        return False
 
 
 def _for_llvmpipe(

@@ -140,8 +140,9 @@ class Option:
         return _shown(value) if value is not None else str(((meta and meta.extra) or {}).get("unset", ""))
 
 
-def settings_fields(kind: type[IntegratorSettings]) -> dict[str, Setting]:
-    """The fields of an integrator's settings, by name."""
+@functools.cache
+def settings_fields(kind: type[IntegratorSettings]) -> Mapping[str, Setting]:
+    """The fields of an integrator's settings, by name. Each render asks for them many times."""
     hints = get_type_hints(kind, include_extras=True)
     found = {}
     for field in fields(kind):
@@ -155,7 +156,7 @@ def settings_fields(kind: type[IntegratorSettings]) -> dict[str, Setting]:
             optional = len(members) < len(get_args(declared))
             declared = members[0] if len(members) == 1 else Union[tuple(members)]  # noqa: UP007
         found[field.name] = Setting(field.name, declared, optional, field.default, meta)
-    return found
+    return types.MappingProxyType(found)
 
 
 def options() -> dict[str, Option]:

@@ -10,6 +10,7 @@ accumulation of path sets, each of which has one time [PB 3.3; Haeberli & Akeley
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -81,6 +82,10 @@ class Camera:
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
         """Unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
+        return self._frame
+
+    @cached_property
+    def _frame(self) -> tuple[Float64, Float64, Float64]:
         forward = self.target - self.position
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, self.up)

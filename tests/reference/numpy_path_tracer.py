@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Scene
-from reference.environment import sky_radiance
+from tests.reference.environment import sky_radiance
 
 Float64 = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Float64, Scene
-from reference.environment import sky_radiance
+from tests.reference.environment import sky_radiance
 
 Int64 = NDArray[np.int64]
 _STEP = 20_000  # rays at once
@@ -36,7 +36,7 @@ def nearest(scene: Scene, origins: Float64, directions: Float64, tmin: float = 0
     primitive, t = np.full(len(origins), -1), np.full(len(origins), np.inf)
     for first in range(0, len(origins), _STEP):
         rays = slice(first, first + _STEP)
-        all_t = _all_hits(scene, origins[rays], directions[rays], tmin)
+        all_t = all_hits(scene, origins[rays], directions[rays], tmin)
         if not all_t.shape[1]:
             continue
         best = np.argmin(all_t, axis=1)
@@ -45,7 +45,7 @@ def nearest(scene: Scene, origins: Float64, directions: Float64, tmin: float = 0
     return primitive, t
 
 
-def _all_hits(scene: Scene, o: Float64, d: Float64, tmin: float) -> Float64:
+def all_hits(scene: Scene, o: Float64, d: Float64, tmin: float) -> Float64:
     """(N, primitives) t beyond tmin, inf where missed."""
     columns = []
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,10 +86,10 @@ def trace(scene: Scene, origins: Float64, directions: Float64, max_depth: int, t
         return L
     d, primitive = directions[hit], primitive[hit]
     position = origins[hit] + t[hit, None] * d
-    n, uv = _surface(scene, primitive, position)
+    n, uv = surface_of(scene, primitive, position)
     front = np.sum(n * d, axis=1) < 0
     n = np.where(front[:, None], n, -n)
-    shape_of = _shape_of_primitive(scene)[primitive]
+    shape_of = shape_of_primitive(scene)[primitive]
     material_of = np.array([s.material for s in scene.shapes])[shape_of]
     lit = front | np.array([m.two_sided for m in scene.materials])[material_of]
 
@@ -155,7 +155,7 @@ def texture_colour(scene: Scene, texture: int, uv: Float64) -> Float64:
     return colour
 
 
-def _surface(scene: Scene, primitive: Int64, position: Float64) -> tuple[Float64, Float64]:
+def surface_of(scene: Scene, primitive: Int64, position: Float64) -> tuple[Float64, Float64]:
     """Unit normals out of the front (N, 3), and texture coordinates (N, 2)."""
     n, uv = np.empty_like(position), np.zeros((len(position), 2))
     S, T = len(scene.spheres), len(scene.triangles)
@@ -183,7 +183,7 @@ def _surface(scene: Scene, primitive: Int64, position: Float64) -> tuple[Float64
     return n / np.linalg.norm(n, axis=1, keepdims=True), uv
 
 
-def _shape_of_primitive(scene: Scene) -> Int64:
+def shape_of_primitive(scene: Scene) -> Int64:
     first = {"sphere": 0, "triangle": len(scene.spheres), "plane": len(scene.spheres) + len(scene.triangles)}
     of = np.zeros(len(scene.spheres) + len(scene.triangles) + len(scene.planes), np.int64)
     for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):

@@ -14,10 +14,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
-import browser
-import npm
 import pytest
-import three_js
+
+from tests.support import browser, npm, three_js
 
 PACKAGES = ("babylonjs", "babylonjs-loaders")
 

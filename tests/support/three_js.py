@@ -10,7 +10,7 @@
     def test_it(three, tmp_path):
         seen = three.picture(tmp_path / "a.glb", 64, 48)      # (48, 64, 3) float32
 
-`python tests/three_js.py a.glb 256 192 a.png` is the same for the eye.
+`python -m tests.support.three_js a.glb 256 192 a.png` is the same for the eye.
 
 What is shown is WebGL's frame as floats: no tone mapping, no sRGB, nothing clipped, so that light is in the scene's
 units (three.js takes KHR_lights_punctual one to one, as we do). Pixels are means of `samples` x `samples` places.
@@ -32,10 +32,10 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-import browser
-import npm
 import numpy as np
 import pytest
+
+from tests.support import browser, npm
 
 # WebGL without a graphics card.
 ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")

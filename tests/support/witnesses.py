@@ -17,7 +17,7 @@ from glpath.scene import Environment, Scene, Sky
 from glpath.scene.model import Light, Material, Mesh, Shape, Shapes, Texture, TextureSlot
 from glpath.scene.tessellate import unit_sphere
 from glpath.scene.triangulate import path_traceable
-from tests.surfaces import quad
+from tests.support.surfaces import quad
 
 #: Vertices of a path: of light that is left after as many, no more than a thousandth.
 THROUGH = 24

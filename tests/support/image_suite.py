@@ -20,15 +20,10 @@ from glpath.accel.bvh import build_bvh
 
 Run = Callable[..., pytest.RunResult]
 
-# Where glpath is installed pytest finds the plugin by itself.
-LOADED = (
-    ()
-    if any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11"))
-    else (
-        "-p",
-        "glpath.pytest_plugin",
-    )
-)
+# Without nbmake, which takes a second to load. Where glpath is installed pytest finds the plugin by itself.
+LOADED = ("-p", "no:nbmake")
+if not any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11")):
+    LOADED += ("-p", "glpath.pytest_plugin")
 
 GREY = """
 import numpy as np

@@ -1,6 +1,6 @@
 """Attacks glpath as strangers and misfortune do, and counts what became of it.
 
-    python tests/attack.py [KIND ...]      all, or some of: scenes, environments, disks, kills, threads
+    python tests/support/attack.py [KIND ...]      all, or some of: scenes, environments, disks, kills, threads
 
 Prints JSON: by kind, how many inputs were `tried`, were `fine` or had a clear `error`; and what must be none: a
 `traceback`, a `crash` (a signal, or another exit code than documented), a `hang`, a film that was `lost` (on disk
@@ -317,7 +317,7 @@ def environments() -> Iterator[tuple[str, dict[str, str | None], dict[str, Any]]
 
 
 def run_environments() -> Iterator[tuple[str, str]]:
-    root = str(Path(__file__).resolve().parent.parent)
+    root = str(Path(__file__).resolve().parents[2])
     with tempfile.TemporaryDirectory() as folder:
         for i, (name, changes, more) in enumerate(environments()):
             environment = {**os.environ, "PYTHONPATH": root} | changes

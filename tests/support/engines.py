@@ -7,6 +7,7 @@ from typing import Any
 
 import glpath
 from glpath.integrators.settings import Directions, GatherSettings
+from glpath.scene import path_traceable
 
 
 def engine_options(name: str) -> dict[str, Any]:
@@ -24,6 +25,16 @@ def with_depth(options: Mapping[str, Any], depth: int) -> dict[str, Any]:
     return {"lookup_depth" if options.get("integrator") == "gather" else "max_depth": depth, **options}
 
 
+_coarse: dict[str, glpath.RadiositySolution] = {}
+
+
 def coarse(scene: Any) -> glpath.RadiositySolution:
-    """For a gather of whose solution a test says nothing: of fewer particles than it would send itself."""
-    return glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 15)
+    """For a gather of whose solution a test says nothing: of fewer particles than it would send itself.
+
+    A scene is solved once in a process, as a sky's light takes as long for few patches as for many.
+    """
+    solved = path_traceable(glpath.load_scene(scene) if not isinstance(scene, glpath.Scene) else scene)
+    key = solved.digest(camera=False)
+    if key not in _coarse:
+        _coarse[key] = glpath.solve_radiosity(solved, method="monte-carlo", patches=100, particles=1 << 15)
+    return _coarse[key]

@@ -1,6 +1,6 @@
 """Damaged and hostile files through every reader: always a GlpathError or a well-formed result.
 
-    python tests/damaged.py [ROUNDS [EVERY]]     prints, as JSON, what became of them
+    python tests/support/damaged.py [ROUNDS [EVERY]]     prints, as JSON, what became of them
 
 Each file is made whole, then damaged: cut off, bits flipped, blocks zeroed, repeated, left out; and, where
 the format has parts, by what somebody who knows it would do. ROUNDS multiplies the blind damages, EVERY leaves out

@@ -1,6 +1,6 @@
 """A stretch of hills in tiles, made when it is asked for: geometry of any size.
 
-`python -m tests.terrain TILES MIB` renders it and prints what memory that took.
+`python -m tests.support.terrain TILES MIB` renders it and prints what memory that took.
 """
 
 from __future__ import annotations

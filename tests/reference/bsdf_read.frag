@@ -1,0 +1,43 @@
+// bsdf_read.frag: what shaders/scene/surface.glsl makes of a scene's first shape, for the tests: the numbers that
+// bsdf_probe.comp takes, in its order, four a pixel.
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/surface.glsl"
+
+uniform int from_front;
+out vec4 four;
+
+float parameters[24];
+
+void put(int i, vec3 colour)
+{
+    parameters[i] = colour.r;
+    parameters[i + 1] = colour.g;
+    parameters[i + 2] = colour.b;
+}
+
+void main()
+{
+    Bsdf b = bsdf_at(surface_of_shape(0, vec3(0.0), vec3(0.0, 0.0, 1.0)), from_front != 0);
+    for (int i = 0; i < 24; i++) parameters[i] = 0.0;
+    put(0, b.diffuse);
+    put(3, b.specular);
+    parameters[6] = b.exponent;
+    parameters[16] = parameters[17] = 1.0;
+#ifdef HAS_MICROFACETS
+    put(7, b.metal);
+    parameters[10] = b.metallic;
+    put(11, b.dielectric);
+    parameters[14] = b.grazing;
+    parameters[15] = b.layered;
+    parameters[16] = b.alpha.x;
+    parameters[17] = b.alpha.y;
+    parameters[18] = b.coat;
+    parameters[19] = b.coat_alpha;
+    put(20, b.transmission);
+    parameters[23] = b.eta;
+#endif
+    int i = 4 * int(gl_FragCoord.x);
+    four = vec4(parameters[i], parameters[i + 1], parameters[i + 2], parameters[i + 3]);
+}
