@@ -1,4 +1,4 @@
-"""OBJ with its MTL, PLY and STL as models: a shape for each material, with textures and colours [trimesh]."""
+"""Files of meshes as models, OBJ with its MTL: a shape for each material, with textures and colours [trimesh]."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
 def read_mesh_model(path: Path, location: SourceLocation) -> Model:
-    """The model of an OBJ, PLY or STL file; `location` is where it is named. Raises SceneError as `read_mesh`.
+    """The model of a file of `meshes.FORMATS`; `location` is where it is named. Raises SceneError as `read_mesh`.
 
     Warns of triangles without area.
     """

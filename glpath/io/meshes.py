@@ -1,4 +1,4 @@
-"""Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
+"""Meshes: inline vertices and faces, and files of `FORMATS` [trimesh].
 
 trimesh takes most of a second to import, so it is imported when the first mesh file is read.
 Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
@@ -32,6 +32,8 @@ from glpath.scene.tessellate import split_faces
 from glpath.system.files import read_bytes
 
 FORMATS = (".obj", ".ply", ".stl")
+#: The same for a reader.
+NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
