@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.film.aovs import AOVS
 from glpath.film.film import Film
-from glpath.film.metadata import AOVS
 from glpath.gl.context import get_context
 from tests.terrain import Hills
 

@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.metadata import ID_AOVS, SHAPES, add_aov
+from glpath.film.aovs import AOV_KINDS, GROUPS, ID_AOVS, SHAPES, add_aov
 from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
@@ -32,12 +32,6 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# By what is summed together: the AOVs, and the names of the sums in shaders/film/aov.glsl.
-_GROUPS = {
-    "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
-    "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
-    "AOV_NEAREST": (("depth_min",), ("sum_nearest",)),
-}
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
 # they are (`shaders/film/aov.glsl`).
 _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
@@ -79,14 +73,14 @@ class Seen:
 class EyeAovs:
     """The AOVs of one window of the image, of those that are of surfaces.
 
-    names : out of `film_metadata.AOVS`
+    names : out of `film.aovs.AOVS`
     """
 
     def __init__(self, names: Iterable[str], seen: Seen) -> None:
         scene, gl = seen.scene, seen.scene.gl
         self._gl, self._names, self._size = gl, set(names), seen.buffer.size
-        groups = {name: of for name, of in _GROUPS.items() if not self._names.isdisjoint(of[0])}
-        sums = [name for _, of in groups.values() for name in of]
+        groups = {name: group for name, group in GROUPS.items() if not self._names.isdisjoint(group.aovs)}
+        sums = [name for group in groups.values() for name in group.sums]
         # From the scene alone, so that films by several cameras, and crops, have one quantum.
         reach = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
         self._place_quanta = 2.0 ** min(_PLACE_BITS - int(np.ceil(np.log2(reach))), 120)
@@ -102,8 +96,8 @@ class EyeAovs:
         self._pass: InTurn[Pass] | None = None
         if groups:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
-            outputs = {group: sums.index(of[1][0]) for group, of in groups.items()}
-            outputs |= {f"{group}_1": first + 1 for group, first in outputs.items()}
+            outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
+            outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
             defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
             program = load_program(
                 gl,
@@ -130,7 +124,7 @@ class EyeAovs:
     @classmethod
     def of(cls, names: Iterable[str], seen: Seen) -> EyeAovs | None:
         """None where none of the AOVs is of surfaces."""
-        surfaces = {name for aovs, _ in _GROUPS.values() for name in aovs} | set(ID_AOVS)
+        surfaces = {name for group in GROUPS.values() for name in group.aovs} | set(ID_AOVS)
         asked = surfaces.intersection(names)
         return cls(asked, seen) if asked else None
 
@@ -162,8 +156,12 @@ class EyeAovs:
 
     def _begin(self) -> None:
         height, width = self._size[::-1]
-        numbers = {"albedo": 3, "normal": 3, "depth": 2, "depth_min": 1, "position": 4}
-        self._taken = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
+        self._taken = {
+            name: np.zeros((height, width, AOV_KINDS[name].numbers))
+            for group in GROUPS.values()
+            for name in group.aovs
+            if name in self._names
+        }
         self._taken_shapes = []
 
     def _collect(self) -> None:
