@@ -41,6 +41,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_NORMALS": Variant("there are normals to shade with", _SCENE),
     "HAS_VERTEX_NORMALS": Variant("of vertices", _SCENE),
     "HAS_NORMAL_MAPS": Variant("of normal maps", _TEXTURES),
+    "HAS_UV": Variant("vertices have texture coordinates, or a texture or tangents need some", _SCENE),
     "HAS_VERTEX_COLOURS": Variant("vertices have colours", _SCENE),
     "HAS_COLOURED_LIGHT": Variant("vertex colours shine", _SCENE),
     "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
