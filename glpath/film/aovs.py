@@ -14,6 +14,8 @@ Help texts, EXR layers, the film's sums and the shaders' defines are made from `
                 `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
 "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
                 scene far from the origin an .exr has them relative to its header's `position_origin`
+"uv"          : (H, W, 2) float64, the first texture coordinates, v upwards: the mean of the samples that
+                meet a surface, 0 where there are none. At a seam of a texture the mean is of unrelated values
 "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
                 one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
                 objects with it, see `cryptomatte`
@@ -42,6 +44,7 @@ Aov = Literal[
     "depth",
     "depth_min",
     "position",
+    "uv",
     "object_id",
     "material_id",
     "direct",
@@ -84,6 +87,7 @@ AOV_KINDS: dict[str, AovKind] = {
     "depth": AovKind(2, "Z", "hits", FAR),
     "depth_min": AovKind(1, "Z", "", note="of the nearest surface, no mean"),
     "position": AovKind(4, "XYZ", "hits"),
+    "uv": AovKind(3, "XY", "hits", note="texture coordinates"),
     "object_id": AovKind(letters="X", note="one number per pixel, with their Cryptomatte"),
     "material_id": AovKind(letters="X", note="likewise"),
     "direct": AovKind(3, note="light that has met one surface"),
@@ -113,6 +117,7 @@ class Group:
 GROUPS: dict[str, Group] = {
     "AOV_SURFACE": Group(("albedo", "normal"), ("sum_first", "sum_second"), "albedo and normal"),
     "AOV_PLACE": Group(("depth", "position"), ("sum_low", "sum_high"), "depth and position"),
+    "AOV_UV": Group(("uv",), ("sum_uv_low", "sum_uv_high"), "texture coordinates"),
     "AOV_NEAREST": Group(("depth_min",), ("sum_nearest",), "the nearest depth"),
 }
 

@@ -39,6 +39,8 @@ _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
 _PLACE_BITS = 36
 #: In extents of the scene about the origin of the world.
 FARTHEST = 1024
+# Texture coordinates of a tiled floor reach this far.
+_UV_EXTENT = 2.0**12
 # Path sets whose shapes are read back together.
 _SETS_READ = 8
 
@@ -89,6 +91,8 @@ class EyeAovs:
             **sky_uniforms(scene.scene.sky),
             "place_quanta": self._place_quanta,
             "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
+            "uv_quanta": 2.0**_PLACE_BITS / _UV_EXTENT,
+            "uv_extent": _UV_EXTENT,
         }
         components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
         self._sums = PingPong(*({name: self._texture(n) for name, n in components.items()} for _ in range(2)))
@@ -174,14 +178,13 @@ class EyeAovs:
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
         if "sum_low" in sums:
-            low, high = sums["sum_low"].astype(np.int64), sums["sum_high"]
-            hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
-            depth = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
-            # The upper word has the sign.
-            upper = np.concatenate([high[..., :3].view(np.int32), depth], axis=2)
-            place = ((upper << 32) + low) / self._place_quanta
+            place, hits = _joined(sums["sum_low"], sums["sum_high"])
+            place = place / self._place_quanta
             self._add("position", np.concatenate([place[..., :3], hits], axis=2))
             self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
+        if "sum_uv_low" in sums:
+            uv, hits = _joined(sums["sum_uv_low"], sums["sum_uv_high"])
+            self._add("uv", np.concatenate([uv[..., :2] * _UV_EXTENT / 2.0**_PLACE_BITS, hits], axis=2))
         if "sum_nearest" in sums:
             self._add("depth_min", sums["sum_nearest"].astype(np.float64))
         self._empty()
@@ -224,3 +227,12 @@ class EyeAovs:
     def _read(self, texture: moderngl.Texture) -> NDArray[np.uint32]:
         width, height = self._size
         return np.frombuffer(texture.read(), np.uint32).reshape(height, width, -1)[::-1]
+
+
+def _joined(low: NDArray[np.uint32], high: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Sums (h, w, 4) of whole numbers from their two words, and (h, w, 1) how many were added (`add_exactly`)."""
+    hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
+    last = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
+    # The upper word has the sign; the last number has none.
+    upper = np.concatenate([high[..., :3].view(np.int32), last], axis=2)
+    return (upper << 32) + low.astype(np.int64), hits
