@@ -56,7 +56,10 @@ def test_light_on_open_ground_and_walls_over_the_zenith_s(number: int) -> None:
 def test_an_illuminance_is_that_of_open_ground(number: int) -> None:
     made = glpath.load_scene(scene(cie_type=number, illuminance=20_000.0, sun=SUN.tolist())).sky
     assert made is not None
-    assert made.radiance(UP)[0] * quadrature(number, UP) == pytest.approx(20_000, rel=3e-3)
+    # Around the zenith, as the nearest texels are 0.35 degrees from it.
+    turns = np.arange(16) * np.pi / 8
+    near = np.stack([0.006 * np.cos(turns), 0.006 * np.sin(turns), np.full(16, np.sqrt(1 - 0.006**2))], axis=1)
+    assert made.radiance(near)[:, 0].mean() * quadrature(number, UP) == pytest.approx(20_000, rel=1e-3)
     # All of it comes from above.
     assert not made.radiance([0.3, 0.1, -0.5]).any()
 
