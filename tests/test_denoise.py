@@ -18,10 +18,10 @@ from glpath import compare
 from glpath.cli.main import app
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError, UsageError
+from glpath.film.aovs import DENOISER_AOVS as AOVS
 from glpath.film.denoise import denoised
 from glpath.film.film import Film
 from glpath.film.image import read_exr_channels, read_image
-from glpath.film.metadata import DENOISER_AOVS as AOVS
 from glpath.rendering import RenderJob
 from tests.support.engines import with_depth
 

@@ -38,8 +38,8 @@ from benchmarks.benches.gather import DEPTH, SCENE, gather_engine, guiding_secon
 from benchmarks.peers.mitsuba import time_aovs
 from benchmarks.references.kept import Reference
 from benchmarks.verdict import Condition, Report, faults, judge, machine
+from glpath.film.aovs import DENOISER_AOVS
 from glpath.film.denoise import denoised, require_denoiser
-from glpath.film.metadata import DENOISER_AOVS
 from glpath.gl.context import get_context
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.io import load_scene

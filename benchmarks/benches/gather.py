@@ -44,7 +44,7 @@ from benchmarks.benches.equal_error import (
     warm_up,
 )
 from benchmarks.verdict import Condition, Report, faults, judge, machine
-from glpath.film.metadata import Aov
+from glpath.film.aovs import Aov
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine

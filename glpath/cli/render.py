@@ -50,7 +50,7 @@ from glpath.cli.values import check_choice
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
 from glpath.errors import UsageError
-from glpath.film.metadata import DENOISER_AOVS
+from glpath.film.aovs import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.rendering.options import default_spp_text
 from glpath.rendering.progress import MODES

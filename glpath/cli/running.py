@@ -13,7 +13,7 @@ from glpath.cli.signals import hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
-from glpath.film.metadata import DENOISER_AOVS
+from glpath.film.aovs import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS
 from glpath.rendering.options import MAX_SPP
 from glpath.rendering.progress import Progress, reporting

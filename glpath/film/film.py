@@ -27,22 +27,21 @@ from numpy.typing import DTypeLike, NDArray
 from glpath.errors import ImageError, UsageError
 from glpath.film import denoise as open_image_denoise
 from glpath.film import image
+from glpath.film.aovs import (
+    AOV_KINDS,
+    AOVS,
+    DENOISER_AOVS,
+    FAR,
+    ID_AOVS,
+    SHAPES,
+    add_aov,
+    least_depths,
+)
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.film.image import tonemap as tonemapped
-from glpath.film.metadata import (
-    AOVS,
-    DENOISER_AOVS,
-    ID_AOVS,
-    SHAPES,
-    FilmMetadata,
-    add_aov,
-    differences,
-    joined,
-    least_depths,
-    merged_values,
-)
+from glpath.film.metadata import FilmMetadata, differences, joined, merged_values
 from glpath.film.noise import MIN_BATCHES, error_bound
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
 from glpath.system.files import is_stream
@@ -55,9 +54,6 @@ Float64 = NDArray[np.float64]
 
 WRITABLE = (".png", ".exr", ".npz")
 
-
-#: The depth where no sample of a pixel has met anything, as Blender has it: far, and a number that filters keep.
-FAR = 1e10
 
 # Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
@@ -143,31 +139,7 @@ class Film:
         return _mean(self.radiance_sums, self.batch_counts)
 
     def aov(self, name: str) -> NDArray[Any]:
-        """An AOV of the film, row 0 at the top; antialiased as `mean` is. Of what the eye sees first, mirrors and
-        glass too:
-
-        "albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, cut at 1:
-                        linear Rec. 709, 0 to 1
-        "normal"      : (H, W, 3) float64, to shade with, in the world's frame, on the side that is seen; unit
-                        before averaging, 0 for the sky
-        "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
-                        samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
-                        own extent (of an endless plane) counts as so far
-        "depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
-                        `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
-        "position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
-                        scene far from the origin an .exr has them relative to its header's `position_origin`
-        "object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
-                        one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
-                        objects with it, see `cryptomatte`
-        "material_id" : the same of materials
-
-        Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
-
-        "direct"      : emission and sky that are seen, and light that has met one surface on its way from there
-        "indirect"    : all else, ambient light too. Both together are `mean`
-
-        "samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
+        """An AOV of the film, row 0 at the top, antialiased as `mean` is; `glpath.film.aovs` describes each.
 
         Raises UsageError for one that was not rendered, or a film of no path set.
         """
@@ -192,14 +164,13 @@ class Film:
         sums = self.aov_sums[name]
         if name == "depth_min":
             return np.minimum(least_depths(sums[..., 0]), FAR)
-        if name in ("depth", "position"):
-            value, hits = sums[..., :-1], sums[..., -1:]
-            mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
-            if name == "depth":
-                return np.asarray(mean[..., 0])
-            origin = self.metadata.position_origin
-            return mean if origin is None else np.where(hits > 0, mean + origin, 0.0)
-        return np.asarray(sums / self.path_sets)
+        kind = AOV_KINDS[name]
+        if kind.over == "samples":
+            return np.asarray(sums / self.path_sets)
+        value, hits = sums[..., :-1], sums[..., -1:]
+        origin = self.metadata.position_origin if name == "position" else None
+        mean = np.where(hits > 0, value / np.maximum(hits, 1) + (0.0 if origin is None else origin), kind.empty)
+        return np.asarray(mean[..., 0] if mean.shape[2] == 1 else mean)
 
     def _layer(self, name: str) -> NDArray[Any]:
         """An AOV as a file of 32-bit numbers holds it."""

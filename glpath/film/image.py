@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
+from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
@@ -222,11 +223,6 @@ def write_exr(
         OpenEXR.File(header, written).write(str(temporary))
 
 
-# What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
-_LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "depth_min": "Z"}
-_LETTERS |= dict.fromkeys(("object_id", "material_id", "samples"), "X")
-
-
 def layer_channels(name: str) -> list[str]:
     """The channels of a layer in an EXR: NAME.R, .G, .B of colours, .X, .Y, .Z of vectors, depth.Z, .X of a number.
 
@@ -234,7 +230,8 @@ def layer_channels(name: str) -> list[str]:
     of whole numbers, as Blender and Cycles write theirs: all up to 2**24 are exact, and readers that know one type
     of channel only take them too.
     """
-    return [f"{name}.{letter}" for letter in _LETTERS.get(name, "RGB")]
+    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # Cryptomattes have layers, too
+    return [f"{name}.{letter}" for letter in letters]
 
 
 def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

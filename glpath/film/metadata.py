@@ -6,50 +6,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
-from typing import Any, Literal, get_args
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Literal
 
 from glpath.errors import UsageError
+from glpath.film.aovs import AOVS, ID_AOVS, sums_of
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
-
-#: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
-Aov = Literal[
-    "albedo",
-    "normal",
-    "depth",
-    "depth_min",
-    "position",
-    "object_id",
-    "material_id",
-    "direct",
-    "indirect",
-    "samples",
-]
-AOVS: tuple[Aov, ...] = get_args(Aov)
-#: Those that a denoiser goes by.
-DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
-#: Those made from counts of the shapes that samples have met.
-ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
-
-#: Which sums a film has for its AOVs, and how many numbers of each a pixel has: for "depth" and "position" also how
-#: many samples have met a surface. Indirect light is what direct light lacks of the picture.
-_SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
-    "albedo": (3, ("albedo",)),
-    "normal": (3, ("normal",)),
-    "depth": (2, ("depth",)),
-    "depth_min": (1, ("depth_min",)),
-    "position": (4, ("position",)),
-    "direct": (3, ("direct", "indirect")),
-    "dropped": (1, ("samples",)),
-}
-#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was met.
-_GREATEST = ("depth_min",)
-_INFINITY = np.uint32(0x7F800000)
-#: The counts of shapes, by the same name as of a sum.
-SHAPES = "shapes"
 
 #: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
 SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
@@ -82,16 +44,6 @@ _DECIDES = {
 _NAMES = ("shape_names", "material_names", "shape_materials")
 # Of an image, in pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
-
-
-def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
-    """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
-    (np.maximum if name in _GREATEST else np.add)(held, more, out=held)
-
-
-def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depths by what a film holds of "depth_min"; infinite where nothing was met."""
-    return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -168,7 +120,7 @@ class FilmMetadata:
     @property
     def aov_sums(self) -> dict[str, int]:
         """The sums that the AOVs are made of, and how many numbers of each a pixel has."""
-        return {name: channels for name, (channels, of) in _SUMS.items() if not set(of).isdisjoint(self.aovs)}
+        return sums_of(self.aovs)
 
     @property
     def counts_shapes(self) -> bool:

@@ -125,6 +125,8 @@ class DeviceScene(Owner):
         smooth = bool(np.any(scene.shapes.vertex_normals))
         self.defines |= defined(
             HAS_VERTEX_COLOURS=coloured,
+            HAS_UV=bool(np.any(scene.shapes.vertex_uv))
+            or not {"HAS_TEXTURES", "HAS_BRUSHES"}.isdisjoint(self.defines),
             HAS_NORMALS=smooth,
             HAS_VERTEX_NORMALS=smooth,
             HAS_TRIANGLE_DENSITIES=len(densities) > 0,

@@ -31,7 +31,7 @@ from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
     "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
-    "uv": {"BOTH": "of a vertex, where the scene has textures: u, v; of the second set"},
+    "uv": {"BOTH": "of a vertex, where the scene has texture coordinates: u, v; of the second set"},
     "colour": {"LINEAR": "of a vertex, where the scene has such: linear Rec. 709 and alpha"},
     "facet": {"PLANE": "of a triangle: unit normal out of the front, and its dot product with any of its points"},
     "sphere": {"BALL": "centre; radius, negative where the front is inside"},
@@ -204,7 +204,7 @@ def float_tables(
     return {
         "vertex": _texel(shapes.vertices.astype(np.float32)),
         "shading": _texel(shapes.vertex_normals if "HAS_VERTEX_NORMALS" in has else none),
-        "uv": _texel(_both_uv(scene) if "HAS_TEXTURES" in has or "HAS_BRUSHES" in has else none),
+        "uv": _texel(_both_uv(scene) if "HAS_UV" in has else none),
         "colour": _texel(shapes.vertex_colours if "HAS_VERTEX_COLOURS" in has else none),
         "facet": facets(scene),
         "sphere": _spheres(scene, numbers),

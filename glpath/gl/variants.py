@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from glpath.film.aovs import GROUPS
+
 
 class Variant(NamedTuple):
     """meaning : where it is defined
@@ -39,6 +41,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_NORMALS": Variant("there are normals to shade with", _SCENE),
     "HAS_VERTEX_NORMALS": Variant("of vertices", _SCENE),
     "HAS_NORMAL_MAPS": Variant("of normal maps", _TEXTURES),
+    "HAS_UV": Variant("vertices have texture coordinates, or a texture or tangents need some", _SCENE),
     "HAS_VERTEX_COLOURS": Variant("vertices have colours", _SCENE),
     "HAS_COLOURED_LIGHT": Variant("vertex colours shine", _SCENE),
     "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
@@ -101,9 +104,10 @@ VARIANTS: dict[str, Variant] = {
     "REFLECTIONS": Variant("rays are reflected", _WHITTED),
     # The film.
     "SPLIT_LIGHT": Variant("direct light is summed by itself", "gl.sums"),
-    "AOV_SURFACE": Variant("albedo and normal; the number of their first output", "integrators.aovs"),
-    "AOV_PLACE": Variant("depth and position; the number of their first output", "integrators.aovs"),
-    "AOV_NEAREST": Variant("the nearest depth; the number of its output", "integrators.aovs"),
+    **{
+        name: Variant(f"{group.meaning}; the number of their first output", "film.aovs")
+        for name, group in GROUPS.items()
+    },
     # The device.
     "TEXELS_ARE_IMAGES": Variant("texels are read as images: llvmpipe", "gl.program"),
 }
@@ -111,9 +115,7 @@ VARIANTS: dict[str, Variant] = {
 #: Numbers and words in a program's text: how large its arrays are, how texels are packed.
 VALUES: dict[str, str] = {
     "AOV_QUANTA": "quanta of albedo and normal in 1",
-    "AOV_SURFACE_1": "the number of the second output",
-    "AOV_PLACE_1": "the number of the second output",
-    "AOV_NEAREST_1": "not used: there is one output",
+    **{f"{name}_1": "the number of the second output" for name, group in GROUPS.items() if len(group.sums) > 1},
     "BOUNCES": "bounces that have numbers of a sequence",
     "BRANCHES": "paths that a pixel's path divides into at its first vertex",
     "BYTES_SHIFT": "the logarithm of the width of the texture of bytes",

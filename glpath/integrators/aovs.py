@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.metadata import ID_AOVS, SHAPES, add_aov
+from glpath.film.aovs import AOV_KINDS, GROUPS, ID_AOVS, SHAPES, add_aov
 from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import sky_uniforms
@@ -32,12 +32,6 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# By what is summed together: the AOVs, and the names of the sums in shaders/film/aov.glsl.
-_GROUPS = {
-    "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
-    "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
-    "AOV_NEAREST": (("depth_min",), ("sum_nearest",)),
-}
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
 # they are (`shaders/film/aov.glsl`).
 _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
@@ -45,6 +39,8 @@ _QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
 _PLACE_BITS = 36
 #: In extents of the scene about the origin of the world.
 FARTHEST = 1024
+# Texture coordinates of a tiled floor reach this far.
+_UV_EXTENT = 2.0**12
 # Path sets whose shapes are read back together.
 _SETS_READ = 8
 
@@ -79,14 +75,14 @@ class Seen:
 class EyeAovs:
     """The AOVs of one window of the image, of those that are of surfaces.
 
-    names : out of `film_metadata.AOVS`
+    names : out of `film.aovs.AOVS`
     """
 
     def __init__(self, names: Iterable[str], seen: Seen) -> None:
         scene, gl = seen.scene, seen.scene.gl
         self._gl, self._names, self._size = gl, set(names), seen.buffer.size
-        groups = {name: of for name, of in _GROUPS.items() if not self._names.isdisjoint(of[0])}
-        sums = [name for _, of in groups.values() for name in of]
+        groups = {name: group for name, group in GROUPS.items() if not self._names.isdisjoint(group.aovs)}
+        sums = [name for group in groups.values() for name in group.sums]
         # From the scene alone, so that films by several cameras, and crops, have one quantum.
         reach = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
         self._place_quanta = 2.0 ** min(_PLACE_BITS - int(np.ceil(np.log2(reach))), 120)
@@ -95,6 +91,8 @@ class EyeAovs:
             **sky_uniforms(scene.scene.sky),
             "place_quanta": self._place_quanta,
             "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
+            "uv_quanta": 2.0**_PLACE_BITS / _UV_EXTENT,
+            "uv_extent": _UV_EXTENT,
         }
         components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
         self._sums = PingPong(*({name: self._texture(n) for name, n in components.items()} for _ in range(2)))
@@ -102,8 +100,8 @@ class EyeAovs:
         self._pass: InTurn[Pass] | None = None
         if groups:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
-            outputs = {group: sums.index(of[1][0]) for group, of in groups.items()}
-            outputs |= {f"{group}_1": first + 1 for group, first in outputs.items()}
+            outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
+            outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
             defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
             program = load_program(
                 gl,
@@ -130,7 +128,7 @@ class EyeAovs:
     @classmethod
     def of(cls, names: Iterable[str], seen: Seen) -> EyeAovs | None:
         """None where none of the AOVs is of surfaces."""
-        surfaces = {name for aovs, _ in _GROUPS.values() for name in aovs} | set(ID_AOVS)
+        surfaces = {name for group in GROUPS.values() for name in group.aovs} | set(ID_AOVS)
         asked = surfaces.intersection(names)
         return cls(asked, seen) if asked else None
 
@@ -162,8 +160,12 @@ class EyeAovs:
 
     def _begin(self) -> None:
         height, width = self._size[::-1]
-        numbers = {"albedo": 3, "normal": 3, "depth": 2, "depth_min": 1, "position": 4}
-        self._taken = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
+        self._taken = {
+            name: np.zeros((height, width, AOV_KINDS[name].numbers))
+            for group in GROUPS.values()
+            for name in group.aovs
+            if name in self._names
+        }
         self._taken_shapes = []
 
     def _collect(self) -> None:
@@ -176,14 +178,13 @@ class EyeAovs:
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
         if "sum_low" in sums:
-            low, high = sums["sum_low"].astype(np.int64), sums["sum_high"]
-            hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
-            depth = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
-            # The upper word has the sign.
-            upper = np.concatenate([high[..., :3].view(np.int32), depth], axis=2)
-            place = ((upper << 32) + low) / self._place_quanta
+            place, hits = _joined(sums["sum_low"], sums["sum_high"])
+            place = place / self._place_quanta
             self._add("position", np.concatenate([place[..., :3], hits], axis=2))
             self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
+        if "sum_uv_low" in sums:
+            uv, hits = _joined(sums["sum_uv_low"], sums["sum_uv_high"])
+            self._add("uv", np.concatenate([uv[..., :2] * _UV_EXTENT / 2.0**_PLACE_BITS, hits], axis=2))
         if "sum_nearest" in sums:
             self._add("depth_min", sums["sum_nearest"].astype(np.float64))
         self._empty()
@@ -226,3 +227,12 @@ class EyeAovs:
     def _read(self, texture: moderngl.Texture) -> NDArray[np.uint32]:
         width, height = self._size
         return np.frombuffer(texture.read(), np.uint32).reshape(height, width, -1)[::-1]
+
+
+def _joined(low: NDArray[np.uint32], high: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Sums (h, w, 4) of whole numbers from their two words, and (h, w, 1) how many were added (`add_exactly`)."""
+    hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
+    last = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
+    # The upper word has the sign; the last number has none.
+    upper = np.concatenate([high[..., :3].view(np.int32), last], axis=2)
+    return (upper << 32) + low.astype(np.int64), hits

@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
-from glpath.film.metadata import Aov
+from glpath.film.aovs import Aov, described
 from glpath.sampling.points import Sampling
 from glpath.scene.model import Scene
 
@@ -83,10 +83,7 @@ class IntegratorSettings(ABC):
     aovs: Annotated[
         tuple[Aov, ...],
         Meta(
-            description="what the film holds as well, for a denoiser or a compositor: of the surfaces that the eye "
-            'sees, "albedo", "normal", "depth", "depth_min" (of the nearest, no mean), "position", "object_id" and '
-            '"material_id" (one number a pixel; with their Cryptomatte); of the light, "direct" and "indirect"; '
-            'how many "samples"; or "all"',
+            description=f"what the film holds as well, for a denoiser or a compositor: {described()}; or all",
             extra={"flag": "--aov"},
         ),
     ] = ()

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.buffers.shadow_buffer import CubeShadowBuffer, PointShadowBuffer, SphereShadowBuffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
 from glpath.errors import SceneError
-from glpath.film.metadata import SHAPES, add_aov
+from glpath.film.aovs import SHAPES, add_aov
 from glpath.gl.camera import ahead_of, camera_defines, eye_uniforms
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene

@@ -44,8 +44,8 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, or of a model: glTF (.glb, .gltf), OBJ with its MTL, PLY or STL. A path
-                 has a folder or such a suffix; `./furnace` is always a file;
+                 the path of a TOML file, or of a model: glTF (.glb, .gltf), OBJ with its MTL, or one of
+                 `glpath.io.meshes.FORMATS`. A path has a folder or such a suffix; `./furnace` is always a file;
                  the name of a shipped scene (`shipped_scenes()`);
                  a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
                  and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;

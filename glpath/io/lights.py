@@ -17,6 +17,7 @@ from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
 from glpath.io.ies import read_ies
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
+from glpath.scene.cie_sky import cie_sky, has_sun
 from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Shape, Sky
 from glpath.scene.source_location import SourceLocation
 
@@ -243,6 +244,9 @@ def sky(
         return None
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, location.field("up"), "up = [0, 1, 0]")
+    if given.type == "cie":
+        return _cie_sky(given, up, factor, location)
+    _check_names(given, ("cie_type", "sun", "illuminance"), location, 'Of a sky with type = "cie" there is one.')
     others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
     found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
     if not isinstance(given.file, UnsetType) and not found:
@@ -260,6 +264,43 @@ def sky(
     zenith = light(given.zenith, location.field("zenith"))
     horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, location.field("horizon"))
     return Sky(factor * zenith, factor * horizon, up)
+
+
+def _cie_sky(given: description.Sky, up: Float64, factor: float, location: SourceLocation) -> Environment:
+    """A sky of the CIE. Raises SceneError."""
+    _check_names(given, ("horizon", "file", "scale", "rotation"), location, "A sky of the CIE has none.")
+    if isinstance(given.cie_type, UnsetType):
+        raise location.error(
+            "is a sky of the CIE without `cie_type`.", "For example: cie_type = 1, the overcast sky."
+        )
+    amounts = [each for each in (given.zenith, given.illuminance) if not isinstance(each, UnsetType)]
+    if len(amounts) != 1:
+        raise location.error(
+            f"has {'both `zenith` and' if amounts else 'neither `zenith` nor'} `illuminance`, but a sky of the CIE "
+            "has one of them.",
+            "For example: illuminance = 10000.",
+        )
+    if not isinstance(given.zenith, UnsetType | int | float):
+        raise location.field("zenith").error("is a colour, but skies of the CIE are white.", "Give one number.")
+    zenith, illuminance = (
+        None if isinstance(each, UnsetType) else factor * float(each) for each in (given.zenith, given.illuminance)
+    )
+    sun = None if isinstance(given.sun, UnsetType) else unit(given.sun, location.field("sun"), "sun = [1, 1, 0]")
+    if sun is None and has_sun(given.cie_type):
+        raise location.error(
+            f"is the sky {given.cie_type} of the CIE, which depends on the sun, without `sun`.",
+            "For example: sun = [1, 1, 0], towards it.",
+        )
+    if sun is not None and sun @ up < 0:
+        raise location.field("sun").error("lies below the horizon.", "Its elevation must be from 0 to 90 degrees.")
+    return cie_sky(given.cie_type, up, sun, zenith=zenith, illuminance=illuminance)
+
+
+def _check_names(given: description.Sky, names: tuple[str, ...], location: SourceLocation, remedy: str) -> None:
+    """Raise SceneError for the first of the fields that a sky of this kind has not."""
+    for name in names:
+        if not isinstance(getattr(given, name), UnsetType):
+            raise location.error(f"has `{name}`, which is not a field of such a sky.", remedy)
 
 
 def _environment(path: Path, scale: float, rotation: float, up: Float64, location: SourceLocation) -> Environment:

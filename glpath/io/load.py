@@ -110,7 +110,7 @@ def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation
         if isinstance(each, dict) and "profile" in each and "direction" not in each:
             here = location.field("lights").item(index).field("direction")
             raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
-    if isinstance(sky, dict) and "up" not in sky and ("file" in sky or "horizon" in sky):
+    if isinstance(sky, dict) and "up" not in sky and not {"file", "horizon", "type"}.isdisjoint(sky):
         raise needs(location.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
 
 

@@ -1,4 +1,4 @@
-"""OBJ with its MTL, PLY and STL as models: a shape for each material, with textures and colours [trimesh]."""
+"""Files of meshes as models, OBJ with its MTL: a shape for each material, with textures and colours [trimesh]."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import with_area, without_area
 
+_UNUSED = "Colours, of some vertices only or beside materials, textures or their coordinates."
+_UNUSED_OF = {".off": "Colours. Those of PLY files are read."}
 _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
 def read_mesh_model(path: Path, location: SourceLocation) -> Model:
-    """The model of an OBJ, PLY or STL file; `location` is where it is named. Raises SceneError as `read_mesh`.
+    """The model of a file of `meshes.FORMATS`; `location` is where it is named. Raises SceneError as `read_mesh`.
 
     Warns of triangles without area.
     """
@@ -72,7 +74,7 @@ class _Reader:
             mesh = with_area(mesh, IDENTITY, name, self.location)
             shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
         if self.file.coloured and not uses_colours:
-            self.notes["Colours, of some vertices only or beside materials, textures or their coordinates."] = None
+            self.notes[_UNUSED_OF.get(self.path.suffix.lower(), _UNUSED)] = None
         return Model(
             source=str(self.path),
             name=self.path.stem,

@@ -1,4 +1,4 @@
-"""Meshes: inline vertices and faces, and OBJ, PLY and STL files [trimesh].
+"""Meshes: inline vertices and faces, and files of `FORMATS` [trimesh].
 
 trimesh takes most of a second to import, so it is imported when the first mesh file is read.
 Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
@@ -31,7 +31,9 @@ from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import split_faces
 from glpath.system.files import read_bytes
 
-FORMATS = (".obj", ".ply", ".stl")
+FORMATS = (".obj", ".ply", ".stl", ".off")
+#: The same for a reader.
+NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
@@ -290,17 +292,34 @@ def _parse(path: Path, colours: bool) -> MeshFile:
         for array in (mesh.vertices, mesh.faces):
             if np.ndim(array) != 2 or np.shape(array)[1] != 3:
                 raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
-    coloured = (
-        plain.coloured
-        if plain is not None
-        else suffix == ".ply" and _RED.search(content.partition(b"end_header")[0]) is not None
-    )
+    coloured = False
+    if plain is not None:
+        coloured = plain.coloured
+    elif suffix == ".ply":
+        coloured = _RED.search(content.partition(b"end_header")[0]) is not None
+    elif suffix == ".off":
+        coloured = _checked_off(content)
     single = False
     if suffix == ".stl":  # binary, which may begin as one of text does
         single = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
     elif suffix == ".ply":  # of text as well, which trimesh takes at its word
         single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
     return MeshFile(meshes, plain, texture, coloured, single)
+
+
+def _checked_off(content: bytes) -> bool:
+    """Whether an OFF file has colours: of vertices, by the keyword COFF, or of faces, after the corners.
+
+    trimesh reads neither, and takes as many faces as there are of a file that is cut off: ValueError.
+    """
+    lines = [line for line in (raw.partition(b"#")[0].split() for raw in content.splitlines()) if line]
+    keyword = lines[0].pop(0).upper()
+    body = lines if lines[0] else lines[1:]
+    vertices, faces = int(body[0][0]), int(body[0][1])
+    found = body[1 + vertices :][:faces]
+    if len(found) < faces:
+        raise ValueError(f"it announces {faces} faces and has {len(found)}")
+    return b"C" in keyword or any(len(face) > 1 + int(face[0]) for face in found)
 
 
 def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
@@ -320,8 +339,8 @@ def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
         dropped.add("a texture")
     if file.obj is not None and (file.obj.materials or file.obj.libraries):
         dropped.add("materials")
-    if file.obj is not None and file.obj.coloured:
-        dropped.add("vertex colours")
+    if file.coloured and not dropped & {"vertex colours", "face colours"}:
+        dropped.add("colours" if file.obj is None else "vertex colours")
     if dropped:
         warn(
             f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "

@@ -9,8 +9,9 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import ContextError, UsageError, warn
+from glpath.film.aovs import ID_AOVS
 from glpath.film.film import Film
-from glpath.film.metadata import ID_AOVS, FilmMetadata, joined, merged_values
+from glpath.film.metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine

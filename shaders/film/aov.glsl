@@ -1,6 +1,6 @@
 // aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
 // Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; whoever includes it has seen(); AOV_QUANTA: of colours and normals,
-//         per unit; AOV_SURFACE, AOV_PLACE, AOV_NEAREST: what is summed, and where its first output is; _1 its second
+//         per unit; AOV_SURFACE, AOV_PLACE, AOV_UV, AOV_NEAREST: what is summed, and where its first output is; _1 its second
 // Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
 // Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
 //
@@ -11,14 +11,20 @@
 //     normal: unit, to shade with, on the side that is seen; 0 where nothing is
 //   AOV_PLACE    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
 //                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were met
+//   AOV_UV       uv_low  the lower words of u and v, as AOV_PLACE has its numbers
+//                uv_high the upper ones, and how many surfaces were hit
 //   AOV_NEAREST  nearest  the least depth: bits of infinity less its bits, so that the greatest is kept; 0 for none
 uniform float place_quanta;  // per scene unit
 uniform float place_extent;  // of which no coordinate is more
+uniform float uv_quanta;     // per unit
+uniform float uv_extent;
 
 UINT_TEXELS(rgba32ui, sum_first);
 UINT_TEXELS(rgba32ui, sum_second);
 UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
+UINT_TEXELS(rgba32ui, sum_uv_low);
+UINT_TEXELS(rgba32ui, sum_uv_high);
 UINT_TEXELS(r32ui, sum_nearest);
 #ifdef AOV_SURFACE
 layout(location = AOV_SURFACE) out uvec4 first;
@@ -27,6 +33,10 @@ layout(location = AOV_SURFACE_1) out uvec4 second;
 #ifdef AOV_PLACE
 layout(location = AOV_PLACE) out uvec4 low;
 layout(location = AOV_PLACE_1) out uvec4 high;
+#endif
+#ifdef AOV_UV
+layout(location = AOV_UV) out uvec4 uv_low;
+layout(location = AOV_UV_1) out uvec4 uv_high;
 #endif
 #ifdef AOV_NEAREST
 layout(location = AOV_NEAREST) out uint nearest;
@@ -79,14 +89,11 @@ void keep_nearest(ivec2 pixel, bool hit, vec3 position)
 }
 #endif
 
-#ifdef AOV_PLACE
-void add_place(ivec2 pixel, bool hit, vec3 position)
+#if defined(AOV_PLACE) || defined(AOV_UV)
+// Add whole numbers of quanta in two words each, and one hit above the lower HITS_SHIFT bits of the last upper word.
+void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_unit, float extent)
 {
-    low = texel(sum_low, pixel);
-    high = texel(sum_high, pixel);
-    if (!hit || !is_finite(position)) return;
-    vec4 place = vec4(position, depth_of(position));
-    vec4 scaled = floor(clamp(place, -place_extent, place_extent) * place_quanta + 0.5);
+    vec4 scaled = floor(clamp(value, -extent, extent) * per_unit + 0.5);
     bvec4 negative = lessThan(scaled, vec4(0.0));
     scaled = abs(scaled);
     vec4 upper = floor(scaled * (1.0 / 4294967296.0));
@@ -98,10 +105,28 @@ void add_place(ivec2 pixel, bool hit, vec3 position)
     uvec4 one = uvec4(negative);
     words += one;
     upper_words += one * uvec4(equal(words, uvec4(0u)));
-    uvec4 before = low;
-    low += words;
-    high += upper_words + uvec4(lessThan(low, before));
-    high.w += 1u << HITS_SHIFT;
+    uvec4 before = lower;
+    lower += words;
+    higher += upper_words + uvec4(lessThan(lower, before));
+    higher.w += 1u << HITS_SHIFT;
+}
+#endif
+
+#ifdef AOV_PLACE
+void add_place(ivec2 pixel, bool hit, vec3 position)
+{
+    low = texel(sum_low, pixel);
+    high = texel(sum_high, pixel);
+    if (hit && is_finite(position)) add_exactly(low, high, vec4(position, depth_of(position)), place_quanta, place_extent);
+}
+#endif
+
+#ifdef AOV_UV
+void add_uv(ivec2 pixel, bool hit, vec2 uv)
+{
+    uv_low = texel(sum_uv_low, pixel);
+    uv_high = texel(sum_uv_high, pixel);
+    if (hit && is_finite(vec3(uv, 0.0))) add_exactly(uv_low, uv_high, vec4(uv, 0.0, 0.0), uv_quanta, uv_extent);
 }
 #endif
 
@@ -117,6 +142,9 @@ void main()
 #endif
 #ifdef AOV_PLACE
     add_place(pixel, hit, s.position);
+#endif
+#ifdef AOV_UV
+    add_uv(pixel, hit, s.uv);
 #endif
 #ifdef AOV_NEAREST
     keep_nearest(pixel, hit, s.position);

@@ -4,6 +4,7 @@
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES; see also texture.glsl
 //         HAS_BRUSHES             microfacets that are rougher one way
+//         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
 //         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light points of different densities
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
@@ -83,7 +84,7 @@ int normal_slot(int material) { return int(slots_texel(material, SLOTS_FIRST).z)
 // What the vertices of a triangle bring, by the weights of its corners; ab, ac: its edges from the first.
 void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 {
-#if defined(HAS_TEXTURES) || defined(HAS_BRUSHES)
+#ifdef HAS_UV
     vec4 uv_a = uv_texel(int(face.x), UV_BOTH), uv_b = uv_texel(int(face.y), UV_BOTH), uv_c = uv_texel(int(face.z), UV_BOTH);
     s.uv = weight.x * uv_a.xy + weight.y * uv_b.xy + weight.z * uv_c.xy;
 #ifdef HAS_UV1
@@ -176,7 +177,7 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     uvec4 face = face_texel(triangle, FACE_CORNERS);
     Surface s = surface_of_shape(int(face.w), position, plane.xyz);
     s.triangle = triangle;
-#if defined(HAS_TEXTURES) || defined(HAS_NORMALS) || defined(HAS_VERTEX_COLOURS) || defined(HAS_BRUSHES)
+#if defined(HAS_UV) || defined(HAS_NORMALS) || defined(HAS_VERTEX_COLOURS)
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);

@@ -126,7 +126,7 @@ READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "picture.jpg": (read, compare, size),
     "job.json": (lambda path: repr(RenderJob.load(path)),),
     **dict.fromkeys(
-        ("mesh.obj", "ascii.ply", "binary.ply", "ascii.stl", "binary.stl"),
+        ("mesh.obj", "ascii.ply", "binary.ply", "ascii.stl", "binary.stl", "mesh.off"),
         (lambda path: check_scene(glpath.load_scene(path)),),
     ),
 }
@@ -134,7 +134,7 @@ READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
 # What the command line does with them; {} is the file.
 COMMANDS = {
     "film.npz": ("diff {} {}", "diff --stat {} {}"),
-    "solution.npz": ("bake cornell-box-36 -o OUT.glb -q --radiosity {}",),
+    "solution.npz": ("render cornell-box-36 --integrator gather --spp 1 -o OUT.png -q --radiosity {}",),
     "baseline.exr": ("diff --mode stat {} {}",),
     "picture.png": ("diff --json {} {}",),
     "job.json": ("render --job {} -o OUT.gif",),
@@ -179,6 +179,7 @@ def make(folder: Path) -> None:
     faces = "3 0 1 2\n3 0 2 3\n"
     rows = "".join("{:g} {:g} {:g}\n".format(*row) for row in vertices)
     (folder / "ascii.ply").write_text(PLY_HEAD.format("ascii") + rows + faces)
+    (folder / "mesh.off").write_text(f"OFF\n4 2 0\n{rows}{faces}")
     packed = b"".join(b"\x03" + np.array(f, "<i4").tobytes() for f in ([0, 1, 2], [0, 2, 3]))
     (folder / "binary.ply").write_bytes(
         PLY_HEAD.format("binary_little_endian").encode() + vertices.tobytes() + packed

@@ -122,8 +122,48 @@ AnyLight = PointLight | SpotLight | DirectionalLight
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith; or an environment map."""
+    """What rays see that hit nothing: a blend from horizon to zenith, an environment map, or a sky of the CIE."""
 
+    type: (
+        Annotated[
+            Literal["cie"],
+            Meta(
+                description="cie: one of the fifteen general skies of ISO 15469, given by `cie_type`, with "
+                "`zenith` or `illuminance`, and `sun`. The ground is black, and the sun itself is no part of it."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    cie_type: (
+        Annotated[
+            int,
+            Meta(
+                ge=1, le=15, description="Of a sky of the CIE: 1 overcast, 5 uniform, 12 clear, 13 clear, polluted."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    sun: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of a sky of the CIE: towards the sun, of any length, not below the horizon; types "
+                "1, 3 and 5 do without."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    illuminance: (
+        Annotated[
+            float,
+            Meta(
+                ge=0,
+                description="Of a sky of the CIE, in place of `zenith`: of a horizontal surface in the open, "
+                "lx where photometric, or W m^-2.",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     zenith: (
         Annotated[
             float | Vector,

@@ -8,6 +8,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from glpath.film.units import Unit
 from glpath.io.description.vector import Vector
+from glpath.io.meshes import NAMES
 
 Row = tuple[float, float, float, float]
 
@@ -195,9 +196,7 @@ class Mesh(Shape, tag="mesh", kw_only=True):
         | UnsetType
     ) = UNSET
     file: (
-        Annotated[
-            str, Meta(description="OBJ, PLY or STL file; a relative path starts at the folder of the scene file.")
-        ]
+        Annotated[str, Meta(description=f"{NAMES} file; a relative path starts at the folder of the scene file.")]
         | UnsetType
     ) = UNSET
     uv: (
@@ -307,8 +306,7 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
     file: Annotated[
         str,
         Meta(
-            description="glTF (.glb, .gltf), OBJ, PLY or STL file; a relative path starts at the folder of the "
-            "scene file."
+            description=f"glTF (.glb, .gltf), {NAMES} file; a relative path starts at the folder of the scene file."
         ),
     ]
     name: (

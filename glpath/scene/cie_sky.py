@@ -1,0 +1,116 @@
+"""The fifteen skies of the CIE general sky, from overcast to clear and turbid, as environment maps.
+
+A sky's luminance relative to that of the zenith is the product of a gradation, from the zenith to the horizon, and
+an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is black: add a
+plane.
+
+Cost:     an environment map of 512 x 256 texels.
+Poor at:  colours, which the standard does not know: all skies are white.
+Source:   ISO 15469:2004 (CIE S 011), table 1 and equations 1 to 6; Darula & Kittler 2002, CIE general sky standard
+          defining luminance distributions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.scene.sky import Environment
+
+Float64 = NDArray[np.float64]
+
+_WIDTH, _HEIGHT = 512, 256
+
+
+class _Parameters(NamedTuple):
+    """a, b of the gradation; c, d, e of the indicatrix."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+
+
+#: From 1, the CIE standard overcast sky, through 5, a uniform one, and 12, the CIE standard clear sky, to 15.
+CIE_SKIES: dict[int, _Parameters] = {
+    1: _Parameters(4.0, -0.70, 0.0, -1.0, 0.00),
+    2: _Parameters(4.0, -0.70, 2.0, -1.5, 0.15),
+    3: _Parameters(1.1, -0.80, 0.0, -1.0, 0.00),
+    4: _Parameters(1.1, -0.80, 2.0, -1.5, 0.15),
+    5: _Parameters(0.0, -1.00, 0.0, -1.0, 0.00),
+    6: _Parameters(0.0, -1.00, 2.0, -1.5, 0.15),
+    7: _Parameters(0.0, -1.00, 5.0, -2.5, 0.30),
+    8: _Parameters(0.0, -1.00, 10.0, -3.0, 0.45),
+    9: _Parameters(-1.0, -0.55, 2.0, -1.5, 0.15),
+    10: _Parameters(-1.0, -0.55, 5.0, -2.5, 0.30),
+    11: _Parameters(-1.0, -0.55, 10.0, -3.0, 0.45),
+    12: _Parameters(-1.0, -0.32, 10.0, -3.0, 0.45),
+    13: _Parameters(-1.0, -0.32, 16.0, -3.0, 0.30),
+    14: _Parameters(-1.0, -0.15, 16.0, -3.0, 0.30),
+    15: _Parameters(-1.0, -0.15, 24.0, -2.8, 0.15),
+}
+
+
+def has_sun(number: int) -> bool:
+    """Whether the luminance of sky `number` depends on where the sun is."""
+    return CIE_SKIES[number].c != 0
+
+
+def relative_luminance(number: int, height: ArrayLike, to_sun: ArrayLike, sun_height: float) -> Float64:
+    """(...) luminance of sky `number` over that of its zenith.
+
+    height     : (...) sine of the elevation, at least 0
+    to_sun     : (...) cosine of the angle to the sun
+    sun_height : sine of the sun's elevation
+    """
+    sky = CIE_SKIES[number]
+
+    def gradation(sine: ArrayLike) -> Float64:
+        sine = np.asarray(sine, np.float64)
+        return 1.0 + sky.a * np.where(sine > 0, np.exp(sky.b / np.maximum(sine, 1e-9)), 0.0)
+
+    def indicatrix(cosine: ArrayLike) -> Float64:
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        falloff = np.exp(sky.d * angle) - np.exp(sky.d * np.pi / 2)
+        return np.asarray(1.0 + sky.c * falloff + sky.e * np.square(cosine))
+
+    return indicatrix(to_sun) * gradation(height) / (indicatrix(sun_height) * gradation(1.0))
+
+
+def cie_sky(
+    number: int, up: Float64, sun: Float64 | None, *, zenith: float | None = None, illuminance: float | None = None
+) -> Environment:
+    """Sky `number` with a zenith's radiance, or with an irradiance of what lies under the open sky.
+
+    number      : 1 to 15
+    up          : (3,) unit
+    sun         : (3,) unit, towards the sun, not below the horizon; None where the sky has none (`has_sun`)
+    zenith      : W sr^-1 m^-2, or cd m^-2
+    illuminance : W m^-2, or lx, in place of it: that of the map, so it has no error of the raster
+    """
+    rows = (np.arange(_HEIGHT) + 0.5) * (np.pi / _HEIGHT)
+    turns = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH) * 2 * np.pi
+    middle, left, up = Environment(np.zeros((1, 1, 3), np.float32), up).frame
+    sine, cosine = np.sin(rows)[:, None, None], np.cos(rows)[:, None, None]
+    around = np.cos(turns)[:, None] * middle + np.sin(turns)[:, None] * left
+    directions = sine * around + cosine * up
+    sun = up if sun is None else sun
+    seen = relative_luminance(number, directions @ up, directions @ sun, float(sun @ up))
+    seen[rows > np.pi / 2] = 0.0
+    if zenith is None:
+        assert illuminance is not None, "one of both"
+        # The open sky's, of relative luminance, over the upper hemisphere.
+        zenith = illuminance / _horizontal(seen, rows)
+    return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
+
+
+def _horizontal(seen: Float64, rows: Float64) -> float:
+    """The irradiance of a horizontal surface, of radiance (h, w) in rows at angles (h,) from the zenith."""
+    step = np.pi / len(rows)
+    above = rows < np.pi / 2
+    # The integral of sin cos over each row.
+    weights = 0.5 * (np.sin(rows + step / 2) ** 2 - np.sin(rows - step / 2) ** 2)
+    return float(2 * np.pi * (weights * above) @ seen.mean(axis=1))
