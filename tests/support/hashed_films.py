@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 import glpath
-from glpath.film.film import Film
 from glpath.film.aovs import AOVS
+from glpath.film.film import Film
 from tests.support.terrain import Hills
 
 SMALL = {"resolution": (48, 36), "spp": 4}
