@@ -377,7 +377,7 @@ def test_a_full_disk_is_told_once_and_rendering_goes_on(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+    checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
     film = glpath.render(BOX, spp=8, on_step=checkpoint, **SMALL)
     whole = (tmp_path / "a.npz").read_bytes()
     monkeypatch.setattr(files.os, call, full)
@@ -433,7 +433,7 @@ def test_a_render_without_its_last_checkpoint_ends_with_3(tmp_path: Path, monkey
 
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
-    checkpoint = Checkpoint(folder / "a.npz", path_sets=4)
+    checkpoint = Checkpoint(folder / "a.npz", steps=4)
 
     def lose(film: Film) -> None:
         if film.path_sets < 12:
@@ -448,7 +448,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
 def test_a_folder_that_becomes_read_only_leaves_the_old_checkpoint(tmp_path: Path) -> None:
-    checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+    checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
     film = glpath.render(BOX, spp=8, on_step=checkpoint, **SMALL)
     tmp_path.chmod(0o500)
     try:
@@ -467,7 +467,7 @@ def test_a_disk_that_is_really_full(tmp_path: Path) -> None:
         pytest.skip("needs the right to mount")
     try:
         # Two films have no room at once: the second cannot replace the first.
-        checkpoint = Checkpoint(folder / "a.npz", path_sets=1)
+        checkpoint = Checkpoint(folder / "a.npz", steps=1)
         film = glpath.render(BOX, spp=8, resolution=(64, 48), max_depth=1, on_step=checkpoint)
         glpath.render(BOX, spp=16, resolution=(64, 48), max_depth=1, film=film, on_step=checkpoint)
         assert "No space left on device" in str(checkpoint.failure)
@@ -551,7 +551,7 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
 
     def some(first: int, count: int) -> dict[str, float]:
         for i in range(first, first + count):
-            checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+            checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
             engine = ("path", "path-buffer")[i % 2]
             glpath.render(
                 BOX, spp=2, seed=i, max_depth=2, integrator=engine, resolution=(32, 24), on_step=checkpoint
