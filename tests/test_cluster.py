@@ -37,8 +37,7 @@ from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
 from glpath.jobs import connection as clusters_connection
 from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
-from glpath.jobs.cluster import render_on
-from glpath.jobs.connection import Cluster
+from glpath.jobs.cluster import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.rendering.factory import plan_of
 from glpath.rendering.going_on import AnotherRenderError
@@ -62,6 +61,11 @@ def workers():
 def own_workers():
     with Cluster("local:2") as cluster:
         yield cluster
+
+
+def render_on(cluster: Cluster, job: RenderJob, chunk_seconds: float = 5.0, **options: Any) -> Film:
+    cluster.chunk_seconds = chunk_seconds
+    return run(job, cluster=cluster, **options)
 
 
 def job_of(spp: int, **options: Any) -> RenderJob:

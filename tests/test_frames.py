@@ -150,7 +150,7 @@ def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
         (("--frames", "0:2", "-o", "a_{:.0}.png"), "has no place for the number of a frame"),
         (("--frames", "0:2", "-o", "a.mp4"), "a movie is made of .png frames"),
         (("--frames", "0:2", "-o", "-"), "-o - beside --frames"),
-        (("--frames", "0:2", "--noise", 0.1), "--noise beside --frames"),
+        (("--frames", "0:2", "--crop", "0,0,4,4"), "--crop beside --frames"),
         (("--frames", "0:2", "-D", "time=soon"), "-D time=soon beside --frames: expected seconds"),
     ],
 )

@@ -49,7 +49,7 @@ def foggy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("foggy")
 def test_a_new_option_is_a_parameter_and_a_line_of_the_help() -> None:
-    @with_options
+    @with_options()
     def call(scene: str, **options: Any) -> None:
         """Do it.
 

@@ -14,12 +14,13 @@ from glpath.cli.picture import Picture
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
 from glpath.film.metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
-from glpath.rendering.progress import duration, percent
 from glpath.system.files import save_all, write_bytes
 from glpath.system.machine import peak_resident_bytes
+from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
+    from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.film.metadata import FilmMetadata
     from glpath.jobs.checkpoint import Checkpoint
@@ -44,18 +45,14 @@ class Outcome:
 
     out     : files of the picture
     picture : how the film becomes one
-    stats   : where statistics go; None: nowhere
+    run     : where statistics go, and what is told on standard error
     spp     : path sets that were asked for; None where others end it
-    as_json, quiet, verbose : what is told on standard error
     """
 
     out: Sequence[Path]
     picture: Picture
-    stats: Path | None
+    run: RunRequest
     spp: int | None
-    as_json: bool
-    quiet: bool
-    verbose: bool
 
     def leave(self, film: Film, failure: GlpathError | None, keeper: Checkpoint | None, before: int) -> None:
         """Write and tell of all that there is. Returns where all was done.
@@ -69,8 +66,8 @@ class Outcome:
         complete = film.metadata.stop_rule in RULES
         if keeper is not None and by_scheduler() and not complete:
             end = leave_for_later(keeper, film)
-            if self.stats is not None:
-                write_stats(self.stats, film, keeper, before, [])
+            if self.run.stats is not None:
+                write_stats(self.run.stats, film, keeper, before, [])
             raise end
         written: list[Path] = []
         stops: float | None = None
@@ -87,17 +84,17 @@ class Outcome:
         ended_early = arrived()
         if keeper is not None and keeper.path not in written and film.path_sets:
             settle(keeper, film, failure)
-        if self.stats is not None and film.path_sets:
+        if self.run.stats is not None and film.path_sets:
             try:
-                write_stats(self.stats, film, keeper, before, written)
+                write_stats(self.run.stats, film, keeper, before, written)
             except ImageError as error:
                 failure = failure or error
-        if self.as_json:
+        if self.run.progress == "json":
             say_json(_as_event(film, written, ended_early, self.picture.denoise), err=True)
-        elif not self.quiet:
+        elif not self.run.quiet:
             if before and before == film.path_sets and complete:
                 say(f"all {before} path sets were in {keeper.path if keeper else 'the film'} already", err=True)
-            for line in _summary(film, written, stops, self.verbose, self.picture.denoise):
+            for line in _summary(film, written, stops, self.run.verbose, self.picture.denoise):
                 say(line, err=True)
         if failure is not None:
             raise failure

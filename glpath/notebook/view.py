@@ -58,7 +58,7 @@ _SCRIPT = Path(__file__).with_name("canvas.js")
 _FOCUSED = "\n.renderview-view:focus-visible { outline: 2px solid var(--jp-brand-color1, #1976d2); }\n"
 
 
-@with_options
+@with_options(run=False)
 def view(
     scene: AnyScene,
     *,

@@ -17,20 +17,18 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Unpack, get_args
 
 import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings
+from glpath.integrators.settings import INTEGRATORS, IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
 from glpath.rendering.options import (
-    MAX_FIRST_PATH_SET,
-    MAX_SPP,
     check_count,
     check_word,
     checked,
@@ -40,6 +38,7 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
+from glpath.rendering.stopping import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
 from glpath.scene.camera import Projection
 from glpath.scene.source_location import SourceLocation
@@ -117,7 +116,7 @@ class RenderJob:
     path_sets: tuple[int, int]
 
     @classmethod
-    @with_options
+    @with_options(run=False)
     def of(
         cls,
         scene: AnyScene,
@@ -130,7 +129,7 @@ class RenderJob:
         camera: Mapping[str, Any] | Camera | None = None,
         parameters: Mapping[str, object] | None = None,
         sensor: PointSensor | None = None,
-        **options: Any,
+        **options: Unpack[IntegratorKeywords],
     ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 

@@ -1,4 +1,4 @@
-"""Progress of what is computed in stages: a bar on a terminal, lines elsewhere, or JSON."""
+"""How far work is, on a stream: a bar on a terminal, lines elsewhere, or JSON; whatever it is that works."""
 
 from __future__ import annotations
 
@@ -8,96 +8,153 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, TextIO, TypeVar
 
-from glpath.rendering.progress import duration
 from glpath.system.terminal import clean, clean_console
 
 _Progress = TypeVar("_Progress")
-# Seconds between two lines.
-_LINE_INTERVAL = 5.0
+
+#: Of the command line; a notebook may show something else by "auto".
+MODES = ("auto", "bar", "lines", "json", "none")
+
+# Seconds between two lines: five at first, then a twentieth of the time that went by, and at most two minutes. So
+# neither short work nor long fills a log, and continuous integration, which ends what is silent for long, hears it.
+_SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
+
+# Seconds between two JSON objects.
+_JSON_INTERVAL = 0.1
 
 
 @dataclass(frozen=True)
-class Told:
-    """What is said of a progress.
+class ProgressEvent:
+    """What is reported of a progress.
 
     done, total : of the stage, for a bar, which pulses where total is None
-    detail      : beside the bar; and, after `head`, in a line
-    event       : the same as numbers
+    count       : done of total in words, beside the bar
+    detail      : what else is known, beside the bar
+    line        : the beginning of a line; "" where there is nothing to tell but the stage
+    line_detail : its end, after the time
+    values      : the same as numbers
+    renderer    : who works, where that is to be told
     """
 
     stage: str
     elapsed_s: float
     done: float
     total: float | None
-    detail: str
-    head: str
-    event: dict[str, Any]
+    values: dict[str, Any]
+    count: str = ""
+    detail: str = ""
+    line: str = ""
+    line_detail: str = ""
+    renderer: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the stage is done."""
+        return self.total is not None and self.done >= self.total
 
 
 def reporting(
-    mode: str, stream: TextIO, tell: Callable[[_Progress], Told]
+    mode: str, stream: TextIO, event_of: Callable[[_Progress], ProgressEvent]
 ) -> AbstractContextManager[Callable[[_Progress], None] | None]:
-    """The reporter of a mode out of `glpath.rendering.progress.MODES`; auto is a bar on a terminal, else lines."""
+    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines; of none, None."""
     if mode == "auto":
         mode = "bar" if clean_console(stream).is_terminal else "lines"
     if mode == "none":
         return nullcontext()
-    shown = {"bar": _bar, "lines": _lines, "json": _json}[mode](stream)
-    return _telling(shown, tell)
+    return _reporting({"bar": _bar, "lines": _lines, "json": _json}[mode](stream), event_of)
 
 
 @contextmanager
-def _telling(
-    shown: AbstractContextManager[Callable[[Told], None]], tell: Callable[[_Progress], Told]
+def _reporting(
+    shown: AbstractContextManager[Callable[[ProgressEvent], None]], event_of: Callable[[_Progress], ProgressEvent]
 ) -> Iterator[Callable[[_Progress], None]]:
     with shown as show:
-        yield lambda progress: show(tell(progress))
+        yield lambda progress: show(event_of(progress))
 
 
 @contextmanager
-def _bar(stream: TextIO) -> Iterator[Callable[[Told], None]]:
+def _bar(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
     from rich import progress as rich_progress
 
+    console = clean_console(stream, highlight=False)
     columns = (
         rich_progress.TextColumn("{task.description}", markup=False),
         rich_progress.BarColumn(bar_width=None),
+        rich_progress.TextColumn("{task.fields[count]}", markup=False),
         rich_progress.TimeElapsedColumn(),
         rich_progress.TextColumn("{task.fields[detail]}", markup=False),
     )
-    with rich_progress.Progress(*columns, console=clean_console(stream, highlight=False), transient=True) as bar:
-        task = bar.add_task("starting", total=None, detail="")
+    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None, count="", detail="")
+        renderer = ""
 
-        def show(told: Told) -> None:
-            bar.update(task, description=told.stage, completed=told.done, total=told.total, detail=told.detail)
+        def show(event: ProgressEvent) -> None:
+            nonlocal renderer
+            if event.renderer != renderer:
+                renderer = event.renderer
+                console.print(f"rendering on {renderer}", markup=False)
+            bar.update(
+                task,
+                description=event.stage,
+                completed=event.done,
+                total=event.total,
+                count=event.count,
+                detail=event.detail,
+            )
 
         yield show
 
 
 @contextmanager
-def _lines(stream: TextIO) -> Iterator[Callable[[Told], None]]:
-    """One when a stage begins, and every few seconds."""
-    stage, after = "", 0.0
+def _lines(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+    """One when a stage begins or ends, and now and then."""
+    renderer = stage = ""
+    after = 0.0
 
-    def show(told: Told) -> None:
-        nonlocal stage, after
-        if told.stage == stage and told.elapsed_s < after:
+    def show(event: ProgressEvent) -> None:
+        nonlocal renderer, stage, after
+        now = event.elapsed_s
+        if event.renderer != renderer:
+            renderer = event.renderer
+            print(clean(f"rendering on {renderer}"), file=stream, flush=True)
+        new = event.stage != stage
+        if not new and now < after and not event.ended:
             return
-        stage, after = told.stage, told.elapsed_s + _LINE_INTERVAL
-        text = f"{told.head}{told.detail} after {duration(told.elapsed_s)}" if told.detail else told.stage
+        text = event.line or ("" if new else event.stage)
+        text = f"{text} after {duration(now)}{event.line_detail}" if text else event.stage
         print(clean(text), file=stream, flush=True)
+        stage, after = event.stage, now + min(max(_SOONEST, _SHARE * now), _LATEST)
 
     yield show
 
 
 @contextmanager
-def _json(stream: TextIO) -> Iterator[Callable[[Told], None]]:
-    def show(told: Told) -> None:
-        event = {
-            "event": "progress",
-            "stage": told.stage,
-            **told.event,
-            "elapsed_s": round(told.elapsed_s, 3),
-        }
-        print(json.dumps(event), file=stream, flush=True)
+def _json(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+    stage, after = "", 0.0
+
+    def show(event: ProgressEvent) -> None:
+        nonlocal stage, after
+        if event.stage == stage and event.elapsed_s < after and not event.ended:
+            return
+        stage, after = event.stage, event.elapsed_s + _JSON_INTERVAL
+        told = {"event": "progress", "stage": stage, **event.values, "elapsed_s": round(event.elapsed_s, 3)}
+        print(json.dumps(told), file=stream, flush=True)
 
     yield show
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+def percent(share: float) -> str:
+    """A share of 1 in percent, with two digits that count."""
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
