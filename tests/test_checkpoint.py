@@ -186,8 +186,8 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--checkpoint", "often"], "expected a time such as 60s or 5m, or path sets such as 100i"),
-        (["--checkpoint", "0i"], "at least one path set"),
+        (["--checkpoint", "often"], "expected a time such as 60s or 5m, or steps such as 100i"),
+        (["--checkpoint", "0i"], "at least one step"),
         (["--checkpoint", "0s"], "expected a time such as"),
         (["--time-limit", "-3"], "--time-limit -3: expected a time above 0"),
         (["--noise", "0"], "--noise 0: must be above 0"),
@@ -195,7 +195,7 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
         (["--sample-range", "0:8", "--spp", "8"], "--spp beside --sample-range"),
         (["--hang-limit", "soon"], "--hang-limit soon"),
         (["--turntable", "3", "--checkpoint", "1i"], "--checkpoint beside --turntable"),
-        (["--turntable", "3", "--noise", "0.1"], "--noise beside --turntable"),
+        (["--turntable", "3", "--stats", "s.json"], "--stats beside --turntable"),
     ],
 )
 def test_what_cannot_be_asked_for_is_named(tmp_path: Path, options: list[str], words: str) -> None:

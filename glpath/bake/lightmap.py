@@ -142,13 +142,15 @@ class Surfaces:
 class _Glimpse:
     """A film of texels as a notebook shows it while it converges: their light on the first page, not in rows."""
 
+    before_shown: Callable[[], None] | None = None
+
     def __init__(self, surfaces: Surfaces, film: Film) -> None:
-        self.surfaces, self.film = surfaces, film
+        self.surfaces, self.film, self.path_sets = surfaces, film, film.path_sets
 
     def __repr__(self) -> str:
         return f"{self.film.path_sets} path sets of {self.surfaces.scene.name}'s lightmap"
 
-    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+    def shown(self) -> dict[str, object]:
         texels, (width, height) = self.surfaces.texels, self.surfaces.atlas.size
         light = np.zeros((height, width, 3))
         rendered = np.flatnonzero(~self.surfaces.inside)
@@ -333,7 +335,7 @@ def lightmap(
         first_path_set=first_path_set,
         **chosen,
     )
-    return bake.run(run_options)
+    return bake.lightmap(bake.film(run_options))
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,10 +384,6 @@ class Bake:
             **options,
         )
         return cls(surfaces, job, seen, denoise)
-
-    def run(self, options: RunOptions) -> Lightmap:
-        """Of the film that its job makes, see `film`."""
-        return self.lightmap(self.film(options))
 
     def film(self, options: RunOptions) -> Film:
         """Of the texels. Raises what `glpath.rendering.run` raises."""

@@ -94,9 +94,7 @@ class Cluster(Connection):
         if clock.ended_before():
             return clock.film
         plan = prepare(job, plan, scene, plan.traceable(scene), clock)
-        # What a render holds stays here: its film, and whom to tell.
-        device = RunOptions(options.backend, options.device, options.require_gpu, timings=options.timings)
-        shared = Shared(uuid.uuid4().hex, job, scene, plan, device, this_version())
+        shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
         for text in plan.remarks(clock.film):
             warn(text)

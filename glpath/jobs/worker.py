@@ -27,7 +27,7 @@ class Shared:
     job   : all of it
     scene : with the job's camera
     plan  : prepared: a radiosity solution is made before, by who asks, and is the same for all
-    options : of which the device and `timings` are a worker's
+    options : `RunOptions.for_workers`
     version : of glpath, which has to be the worker's
     """
 

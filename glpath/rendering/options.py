@@ -332,7 +332,7 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         signature = inspect.signature(function)
         explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
         of_run = [(f.name, f.default, f.type) for f in fields(RunOptions)] if run else []
-        of_all = [(o.name, o.default, _annotation(o)) for o in options().values()] if integrators else []
+        of_all = [(o.name, o.default, annotation_of(o)) for o in options().values()] if integrators else []
         further = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
             for name, default, annotation in (*of_run, *of_all)
@@ -364,7 +364,7 @@ def run_options_text() -> str:
     return inspect.cleandoc(RunOptions.__doc__ or "").partition("\n\n")[2]
 
 
-def _annotation(option: Option) -> Any:
+def annotation_of(option: Option) -> Any:
     """What the parameter takes: more than what the field then holds."""
     kind: Any = option.first.type
     if kind == Rgb:

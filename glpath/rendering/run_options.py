@@ -2,7 +2,8 @@
 
 A `RenderJob` says what a film holds, `RunOptions` how it comes about. They are keyword arguments of `render`,
 `render_frames`, `run`, `irradiance` and `lightmap` (`RunKeywords`), the command line makes them of its options
-(`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field here, and whoever heeds it.
+(`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field of both classes here, an option
+there, and whoever heeds it.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 from glpath.errors import UsageError
 from glpath.rendering.stopping import MAX_SPP
+from glpath.system.interactive import in_notebook
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
+    from glpath.gl.context import Context
     from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.scene import Scene
@@ -90,6 +93,17 @@ class RunOptions:
         names = {field.name for field in fields(cls)}
         others = {name: value for name, value in keywords.items() if name not in names}
         return cls(**{name: value for name, value in keywords.items() if name in names}), others
+
+    def context(self) -> Context:
+        """The device. Raises ContextError."""
+        from glpath.gl.context import open_context  # whoever only asks for options gets no OpenGL
+
+        return open_context(self.backend, self.device, self.require_gpu, probe_first=in_notebook())
+
+    def for_workers(self) -> RunOptions:
+        """What holds for a part of a render elsewhere: all but what its end, its film and its reports are."""
+        here = ("time_limit", "noise", "film", "on_step", "progress", "on_progress", "cluster")
+        return RunOptions(**{name: value for name, value in vars(self).items() if name not in here})
 
     def spp(self, asked: int | None) -> int | None:
         """Path sets of a job that is run so: as asked; without an end where a rule ends it; None: by default."""

@@ -10,7 +10,7 @@ from typing import Any
 from glpath.errors import ContextError, UsageError, warn
 from glpath.film.film import Film
 from glpath.film.metadata import ID_AOVS, FilmMetadata, joined, merged_values
-from glpath.gl.context import Context, open_context
+from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Plan, plan_of, sensor_in
@@ -22,7 +22,6 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
-from glpath.system.interactive import in_notebook
 from glpath.system.machine import return_memory
 from glpath.system.versions import versions
 
@@ -55,9 +54,7 @@ class Session:
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
         self._timings = options.timings
-        self._context = context or open_context(
-            options.backend, options.device, options.require_gpu, probe_first=in_notebook()
-        )
+        self._context = context or options.context()
 
     def __enter__(self) -> Session:
         return self
