@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
-from glpath.cli.run_request import OF_FILMS, OF_RENDERS
+from glpath.cli.run_request import OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
 from glpath.cli.typed import as_typed
 from glpath.integrators.settings import (
     INTEGRATORS,
@@ -326,8 +326,9 @@ def test_every_command_has_an_option_once_and_heeds_it() -> None:
         offered[name] = {parameter.name for parameter in command.params} & set(OF_RENDERS)
     assert offered["render"] == set(OF_RENDERS)
     assert offered["measure"] == offered["lightmap"] == set(OF_FILMS)
-    assert offered["radiosity"] == {"checkpoint", "resume", "hang_limit", "progress", "quiet"}
-    assert offered["viewfactors"] == {"resume", "progress", "quiet"}
+    assert offered["radiosity"] == set(OF_SOLVERS) >= {"checkpoint", "resume", "hang_limit", "progress", "quiet"}
+    assert offered["viewfactors"] == set(OF_MATRICES) >= {"resume", "progress", "quiet"}
+    assert not {"device", "cluster", "noise"} & set(OF_SOLVERS)
 
 
 def test_a_camera_is_given_whole_or_by_what_changes() -> None:

@@ -14,7 +14,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import with_options
-from glpath.cli.run_request import RunRequest
+from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, interrupted, result_of
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
@@ -66,8 +66,7 @@ def register(app: typer.Typer) -> None:
         everyday="scene out method patches size splits adaptive unshot particles seed radiosity exposure check "
         "checkpoint resume parameters quiet",
     )
-    run = ("checkpoint", "resume", "hang_limit", "progress", "quiet")
-    app.command(epilog=codes + later, **help)(with_options(radiosity, run))
+    app.command(epilog=codes + later, **help)(with_options(radiosity, OF_SOLVERS))
 
 
 def radiosity(

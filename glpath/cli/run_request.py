@@ -185,9 +185,13 @@ class RunRequest:
         )
 
 
-#: Of commands that render, and of those that render no pictures.
+#: Of commands that render; of those that render no pictures; of a solver, which needs no device; and of the matrix
+#: of view factors, whose rows are kept as often as that takes no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
 OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("stats", "verbose"))
+_OF_DEVICES = ("backend", "device", "require_gpu", "time_limit", "noise", "cluster")
+OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
+OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit"))
 
 
 def declared(name: str) -> tuple[Any, Any]:

@@ -13,7 +13,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import with_options
-from glpath.cli.run_request import RunRequest
+from glpath.cli.run_request import OF_MATRICES, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.values import check_choice
@@ -38,11 +38,14 @@ def register(app: typer.Typer) -> None:
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and going on"),
     )
-    epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (go on with --resume)."
+    epilog = (
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it again), "
+        "130 interrupted (go on with --resume)."
+    )
     texts = {
         "resume": "Keep rows that are done in FILE.part (of the first), and go on from there after an interruption."
     }
-    app.command(epilog=epilog, **help)(with_options(viewfactors, ("resume", "progress", "quiet"), texts=texts))
+    app.command(epilog=epilog, **help)(with_options(viewfactors, OF_MATRICES, texts=texts))
 
 
 def viewfactors(
