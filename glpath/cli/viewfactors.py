@@ -39,8 +39,8 @@ def register(app: typer.Typer) -> None:
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and going on"),
     )
     epilog = (
-        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it again), "
-        "130 interrupted (go on with --resume)."
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
+        "again), 130 interrupted (go on with --resume)."
     )
     texts = {
         "resume": "Keep rows that are done in FILE.part (of the first), and go on from there after an interruption."
