@@ -343,6 +343,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "backend": "egl",
         "device": 1,
         "require_gpu": True,
+        "threads": None,
         "timings": False,
         "time_limit": None,
         "noise": None,

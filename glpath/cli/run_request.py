@@ -19,6 +19,7 @@ from glpath.cli.signals import go_on_later
 from glpath.cli.values import check_choice, interval, seconds
 from glpath.errors import UsageError
 from glpath.rendering.run_options import RunOptions
+from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 
 _MACHINE, _LONG, _OUTPUT = "Machine", "Long renders", "What is printed"
@@ -45,6 +46,15 @@ class RunRequest:
         bool,
         typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE),
     ] = False
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Compute with so many threads at most, in software on the processor; default one for each core.",
+            rich_help_panel=_MACHINE,
+        ),
+    ] = None
     checkpoint: Annotated[
         str | None,
         typer.Option(
@@ -137,6 +147,8 @@ class RunRequest:
         if self.noise is not None and not 0 < self.noise < math.inf:
             raise UsageError(f"--noise {self.noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
         _ = self.interval, self.silence, self.options()
+        if self.threads is not None:
+            limit_threads(self.threads)
         if self.keeps:
             go_on_later()
         if self.verbose:
@@ -178,6 +190,7 @@ class RunRequest:
             backend=self.backend,
             device=self.device,
             require_gpu=self.require_gpu,
+            threads=self.threads,
             time_limit=None if self.time_limit is None else seconds("--time-limit", self.time_limit),
             noise=self.noise,
             timings=self.verbose or self.stats is not None,

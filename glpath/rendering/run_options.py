@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 from glpath.errors import UsageError
 from glpath.rendering.stopping import MAX_SPP
 from glpath.system.interactive import in_notebook
+from glpath.system.machine import limit_threads
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
@@ -38,6 +39,7 @@ class RunKeywords(TypedDict, total=False):
     backend: str
     device: int | None
     require_gpu: bool
+    threads: int | None
     time_limit: float | None
     noise: float | None
     film: Film | None
@@ -53,6 +55,8 @@ class RunOptions:
     """Options of a run.
 
     backend, device, require_gpu : see `glpath.gl.context.open_context`
+    threads        : that this process computes with at most, from now on: one for each core. What renders in
+                     software has those of the first render
     time_limit     : end after so many seconds, those of `film` included, and at least one path set
     noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
                      channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
@@ -73,6 +77,7 @@ class RunOptions:
     backend: str = "auto"
     device: int | None = None
     require_gpu: bool = False
+    threads: int | None = None
     time_limit: float | None = None
     noise: float | None = None
     film: Film | None = None
@@ -86,6 +91,8 @@ class RunOptions:
         for name, value in (("time_limit", self.time_limit), ("noise", self.noise)):
             if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
                 raise UsageError(f"{name}: {value!r} where a number above 0 is needed")
+        if self.threads is not None and not (isinstance(self.threads, int) and self.threads >= 1):
+            raise UsageError(f"threads: {self.threads!r} where a whole number from 1 is needed")
 
     @classmethod
     def taken_from(cls, keywords: Mapping[str, Any]) -> tuple[RunOptions, dict[str, Any]]:
@@ -95,9 +102,11 @@ class RunOptions:
         return cls(**{name: value for name, value in keywords.items() if name in names}), others
 
     def context(self) -> Context:
-        """The device. Raises ContextError."""
+        """The device, for as many threads. Raises ContextError."""
         from glpath.gl.context import open_context  # whoever only asks for options gets no OpenGL
 
+        if self.threads is not None:
+            limit_threads(self.threads)
         return open_context(self.backend, self.device, self.require_gpu, probe_first=in_notebook())
 
     def for_workers(self) -> RunOptions:
