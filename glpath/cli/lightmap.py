@@ -12,9 +12,8 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
-from glpath.cli.outcome import conclude, last_words
 from glpath.cli.run_request import OF_FILMS, RunRequest
-from glpath.cli.running import film_of
+from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
@@ -186,29 +185,29 @@ def lightmap(
         asked = {name: value for name, value in given.items() if value is not None}
         bake = Bake.of(loaded, say=announce, **asked)
 
-        film, failure = film_of(bake.film, run, keeper, begun)
+        outcome = outcome_of(bake.film, run, keeper, begun)
+        film = outcome.film
         made: list[Lightmap] = []
-        written: list[Path] = []
+        files: list[Path] = []
         told_stops: list[float] = []
 
         def save(path: Path) -> None:
             made.append(bake.lightmap(film))  # here, as the film is kept where this fails
             kind = cast("Materials", materials)
             told_stops.append(made[0].exposure_stops(stops))
-            written.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
+            files.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
 
-        def write() -> GlpathError | None:
+        def write() -> tuple[list[Path], GlpathError | None]:
             kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-            return save_all({out: save}, {"film.npz": film.save}, kept)[1]
+            return files, save_all({out: save}, {"film.npz": film.save}, kept)[1]
 
-        conclude(film, failure, keeper, write)
-    if run.talks:
-        words_of_it = _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
-        for line in (*words_of_it, f"  {light_of(loaded)}"):
-            say(line, err=True)
-        for path in written:
-            say(f"wrote {path}", err=True)
-    last_words(keeper, f"light of {film.path_sets} path sets is in {out}")
+        def lines(written: list[Path]) -> Iterator[str]:
+            if written:
+                yield from _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
+                yield f"  {light_of(loaded)}"
+            yield from (f"wrote {path}" for path in written)
+
+        outcome.leave(write, lines, lambda _: f"light of {film.path_sets} path sets is in {out}")
 
 
 def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[str]:

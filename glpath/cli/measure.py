@@ -12,9 +12,8 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import option_values, with_options
-from glpath.cli.outcome import conclude, last_words
 from glpath.cli.run_request import OF_FILMS, RunRequest
-from glpath.cli.running import film_of
+from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, vector
@@ -24,7 +23,6 @@ from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, is_stream, save_all
 from glpath.system.reporting import duration
-from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
@@ -222,10 +220,10 @@ def measure(
         ).film
 
     with checkpointed(out, run, films=False) as (keeper, begun):
-        film, failure = film_of(start, run, keeper, begun)
+        outcome = outcome_of(start, run, keeper, begun)
         from glpath.rendering.points import Irradiance
 
-        found = Irradiance(film, len(at.points))
+        found = Irradiance(outcome.film, len(at.points))
         saves: dict[Path, Save] = {}
         for path in out:
             save: Any = save_npz if path.suffix.lower() == ".npz" else save_csv
@@ -235,16 +233,19 @@ def measure(
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
             saves[path] = partial(save, at=at, found=found, **more)
         rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
-        conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
-    if run.talks:
-        for line in (*_summary(found), f"  {light_of(loaded)}"):
-            say(line, err=True)
-        if at.grid is not None:
-            say(f"  {at.grid.described(loaded)}", err=True)
-        for path in out:
-            if not is_stream(path):
-                say(f"wrote {path}", err=True)
-    last_words(keeper, f"what {film.path_sets} paths of each point found is written")
+
+        def lines(written: list[Path]) -> Iterator[str]:
+            yield from _summary(found)
+            yield f"  {light_of(loaded)}"
+            if at.grid is not None:
+                yield f"  {at.grid.described(loaded)}"
+            yield from (f"wrote {path}" for path in written if not is_stream(path))
+
+        outcome.leave(
+            lambda: save_all(saves, rescue, "What was measured is kept in {}."),
+            lines,
+            lambda _: f"what {outcome.film.path_sets} paths of each point found is written",
+        )
 
 
 def _summary(found: Irradiance) -> Iterator[str]:

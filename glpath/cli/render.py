@@ -6,7 +6,6 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 
 from __future__ import annotations
 
-import logging
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,8 +30,6 @@ from glpath.film.metadata import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.rendering.options import default_spp_text
 from glpath.system.files import check_writable
-
-log = logging.getLogger("glpath")
 
 _EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
@@ -221,12 +218,5 @@ def render(
     if many is not None:
         FramesToRender(many, out, movies, fps, picture, run).render(loaded, scenes, options)
         return
-    if run.stats is not None:
-        check_writable(run.stats)
-    asked = outcome.Outcome(out, picture, run, spp)
     with checkpointed(out, run) as (keeper, begun):
-        before = 0 if begun is None else begun.path_sets
-        if begun is not None and keeper is not None:
-            log.info("going on with %s path sets of %s", before, keeper.path)
-        film, failure = running.film_of(start, run, keeper, begun)
-        asked.leave(film, failure, keeper, before)
+        outcome.leave_picture(running.outcome_of(start, run, keeper, begun), out, picture, spp)

@@ -19,6 +19,7 @@ from glpath.cli.signals import go_on_later
 from glpath.cli.values import check_choice, interval, seconds
 from glpath.errors import UsageError
 from glpath.rendering.run_options import RunOptions
+from glpath.system.files import check_writable
 from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 
@@ -149,6 +150,8 @@ class RunRequest:
         _ = self.interval, self.silence, self.options()
         if self.threads is not None:
             limit_threads(self.threads)
+        if self.stats is not None:
+            check_writable(self.stats)
         if self.keeps:
             go_on_later()
         if self.verbose:
@@ -201,8 +204,8 @@ class RunRequest:
 #: Of commands that render; of those that render no pictures; of a solver, which needs no device; and of the matrix
 #: of view factors, whose rows are kept as often as that takes no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
-OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("stats", "verbose"))
-_OF_DEVICES = ("backend", "device", "require_gpu", "time_limit", "noise", "cluster")
+OF_FILMS = tuple(name for name in OF_RENDERS if name != "verbose")
+_OF_DEVICES = ("backend", "device", "require_gpu", "time_limit", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit"))
 

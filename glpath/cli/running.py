@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from glpath.cli.outcome import Outcome
 from glpath.cli.run_request import OF_RENDERS
 from glpath.cli.signals import hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from glpath.rendering.progress import Progress
     from glpath.rendering.run_options import RunOptions, Workers
     from glpath.scene import Scene
+
+log = logging.getLogger("glpath")
 
 # Renders, with the options of a run.
 Start = Callable[["RunOptions"], "Film"]
@@ -79,14 +83,22 @@ def workers_of(address: str | None) -> Iterator[Workers | None]:
         yield cluster
 
 
-def film_of(
-    start: Start, run: RunRequest, keeper: Checkpoint | None, begun: Film | None
-) -> tuple[Film, GlpathError | None]:
-    """The film, or what there is of it when a signal ends the render, or workers fail, and why; KeyboardInterrupt
-    before there is one.
+def outcome_of(start: Start, run: RunRequest, keeper: Checkpoint | None, begun: Film | None) -> Outcome:
+    """The film, or what there is of it when a signal ends the render, or workers fail; KeyboardInterrupt before
+    there is one.
 
     keeper, begun : the checkpoint, and the film to go on with
     """
+    before = 0 if begun is None else begun.path_sets
+    if keeper is not None and begun is not None:
+        log.info("going on with %s path sets of %s", before, keeper.path)
+    film, failure = _film_of(start, run, keeper, begun)
+    return Outcome(film, failure, run, keeper, before)
+
+
+def _film_of(
+    start: Start, run: RunRequest, keeper: Checkpoint | None, begun: Film | None
+) -> tuple[Film, GlpathError | None]:
     from glpath.jobs.chunks import ChunksFailedError
     from glpath.rendering import RenderInterrupted
     from glpath.rendering.going_on import AnotherRenderError
