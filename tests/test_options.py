@@ -292,6 +292,12 @@ def test_keywords_for_type_checkers_are_the_options() -> None:
         assert RunKeywords.__annotations__[field.name].__forward_arg__ == field.type
 
 
+def test_workers_get_what_holds_for_a_part_of_a_render() -> None:
+    device: dict[str, Any] = {"backend": "egl", "device": 1, "require_gpu": True, "threads": 3, "timings": True}
+    asked = RunOptions(**device, noise=0.1, time_limit=9.0, on_step=print, on_progress=print, progress="bar")
+    assert asked.for_workers() == RunOptions(**device)
+
+
 MISSPELT = """
 from glpath.rendering.calls import render, render_frames
 render("cornell-box", spp=3, max_depth=2, time_limit=1.0, progress="lines")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.scene import Scene
+    from glpath.system.reporting import Mode
 
 
 class Workers(Protocol):
@@ -45,7 +46,7 @@ class RunKeywords(TypedDict, total=False):
     film: Film | None
     on_step: Callable[[Film], None] | None
     timings: bool
-    progress: bool | str
+    progress: bool | Mode
     on_progress: Callable[[Progress], None] | None
     cluster: Workers | None
 
@@ -83,7 +84,7 @@ class RunOptions:
     film: Film | None = None
     on_step: Callable[[Film], None] | None = None
     timings: bool = False
-    progress: bool | str = False
+    progress: bool | Mode = False
     on_progress: Callable[[Progress], None] | None = None
     cluster: Workers | None = None
 

@@ -6,14 +6,15 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Any, TextIO, TypeVar
+from typing import Any, Literal, TextIO, TypeVar, get_args
 
 from glpath.system.terminal import clean, clean_console
 
 _Progress = TypeVar("_Progress")
 
+Mode = Literal["auto", "bar", "lines", "json", "none"]
 #: Of the command line; a notebook may show something else by "auto".
-MODES = ("auto", "bar", "lines", "json", "none")
+MODES: tuple[str, ...] = get_args(Mode)
 
 # Seconds between two lines: five at first, then a twentieth of the time that went by, and at most two minutes. So
 # neither short work nor long fills a log, and continuous integration, which ends what is silent for long, hears it.
