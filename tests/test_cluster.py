@@ -40,7 +40,7 @@ from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
 from glpath.jobs.cluster import Cluster
 from glpath.rendering import RenderJob, run, session
 from glpath.rendering.factory import plan_of
-from glpath.rendering.going_on import AnotherRenderError
+from glpath.rendering.resume import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
 from tests.engines import with_depth
 

@@ -175,7 +175,7 @@ def lightmap(
     with aside("camera"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
-    with checkpointed([out], run) as (keeper, begun):
+    with checkpointed([out], run) as (checkpoint, begun):
         from glpath.bake.files import check_keepable
         from glpath.bake.lightmap import Bake
 
@@ -185,7 +185,7 @@ def lightmap(
         asked = {name: value for name, value in given.items() if value is not None}
         bake = Bake.of(loaded, say=announce, **asked)
 
-        outcome = outcome_of(bake.film, run, keeper, begun)
+        outcome = outcome_of(bake.film, run, checkpoint, begun)
         film = outcome.film
         made: list[Lightmap] = []
         files: list[Path] = []
@@ -222,8 +222,8 @@ def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[s
     left_out = f", but for {hidden:,} sides that are inside closed solids" if hidden else ""
     yield f"  all {len(baked.scene.triangles):,} triangles are in it{left_out}"
     error = film.relative_error()
-    told = "" if error is None else f", error about {percent(error)}"
-    yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{told}"
+    noise = "" if error is None else f", error about {percent(error)}"
+    yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{noise}"
     if error is not None and error > _NOISY and not denoised:
         more = film.path_sets * math.ceil((error / _CLEAN) ** 2)
         yield f"  for less noise: --noise {_CLEAN:g} (some {more:,} path sets), --integrator gather, or --denoise"

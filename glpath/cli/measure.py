@@ -219,8 +219,8 @@ def measure(
             **vars(run),
         ).film
 
-    with checkpointed(out, run, films=False) as (keeper, begun):
-        outcome = outcome_of(start, run, keeper, begun)
+    with checkpointed(out, run, films=False) as (checkpoint, begun):
+        outcome = outcome_of(start, run, checkpoint, begun)
         from glpath.rendering.points import Irradiance
 
         found = Irradiance(outcome.film, len(at.points))
@@ -284,11 +284,11 @@ def _figures(spread: Spread, digits: int = 4) -> str:
         _with_error(x, f"{x.value:.{digits}g}", unit)
         for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
     )
-    told = f"mean {mean}, minimum {least}, maximum {most}"
+    text = f"mean {mean}, minimum {least}, maximum {most}"
     if not spread.mean.value > 0:
-        return told
+        return text
     u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
-    return f"{told}; U0 {u0}, Ud {ud}"
+    return f"{text}; U0 {u0}, Ud {ud}"
 
 
 def _with_error(of: Estimate, value: str, unit: str = "") -> str:

@@ -44,14 +44,14 @@ class Outcome:
     """A film when its render has ended, however that was.
 
     failure : why it is not whole
-    keeper  : its checkpoint
+    checkpoint  : its checkpoint
     before  : path sets that it came with
     """
 
     film: Film
     failure: GlpathError | None
     run: RunRequest
-    keeper: Checkpoint | None
+    checkpoint: Checkpoint | None
     before: int
 
     def leave(
@@ -70,21 +70,21 @@ class Outcome:
 
         Raises `failure`, ImageError for outputs that cannot be written, and `typer.Exit` with the exit code.
         """
-        film, keeper, failure = self.film, self.keeper, self.failure
+        film, checkpoint, failure = self.film, self.checkpoint, self.failure
         complete = film.metadata.stop_rule in RULES
-        if keeper is not None and by_scheduler() and not complete:
-            end = leave_for_later(keeper, film)
+        if checkpoint is not None and by_scheduler() and not complete:
+            end = leave_for_later(checkpoint, film)
             self._write_stats([])
             raise end
         written: list[Path] = []
         if film.path_sets:
             written, unsaved = write()
             failure = failure or unsaved
-        if keeper is not None and complete and by_scheduler() and failure is None:
+        if checkpoint is not None and complete and by_scheduler() and failure is None:
             forget()
         ended_early = arrived()
-        if keeper is not None and keeper.path not in written and film.path_sets:
-            settle(keeper, film, failure)
+        if checkpoint is not None and checkpoint.path not in written and film.path_sets:
+            settle(checkpoint, film, failure)
         try:
             self._write_stats(written)
         except ImageError as error:
@@ -94,7 +94,8 @@ class Outcome:
         elif not self.run.quiet and film.path_sets:
             if self.before == film.path_sets and complete:
                 say(
-                    f"all {self.before} path sets were in {keeper.path if keeper else 'the film'} already", err=True
+                    f"all {self.before} path sets were in {checkpoint.path if checkpoint else 'the film'} already",
+                    err=True,
                 )
             for line in lines(written):
                 say(line, err=True)
@@ -105,18 +106,23 @@ class Outcome:
                 there(written) if written else "before the first path set was done; nothing is written"
             )
             raise typer.Exit(INTERRUPTED)
-        if keeper is not None and keeper.failure is not None and keeper.path not in written:
-            raise without_checkpoint(keeper)
+        if checkpoint is not None and checkpoint.failure is not None and checkpoint.path not in written:
+            raise without_checkpoint(checkpoint)
 
     def _write_stats(self, files: Sequence[Path]) -> None:
         if self.run.stats is not None and self.film.path_sets:
-            write_stats(self.run.stats, self.film, self.keeper, self.before, files)
+            write_stats(self.run.stats, self.film, self.checkpoint, self.before, files)
 
     def _say_interrupted(self, there: str) -> None:
         say(f"glpath: interrupted: {there}", err=True)
-        keeper, film = self.keeper, self.film
-        if film.path_sets and film.metadata.stop_rule == INTERRUPTED_RULE and keeper and keeper.failure is None:
-            say(_GO_ON.format(keeper.path), err=True)
+        checkpoint, film = self.checkpoint, self.film
+        if (
+            film.path_sets
+            and film.metadata.stop_rule == INTERRUPTED_RULE
+            and checkpoint
+            and checkpoint.failure is None
+        ):
+            say(_GO_ON.format(checkpoint.path), err=True)
 
 
 def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: int | None) -> None:
@@ -132,8 +138,8 @@ def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: 
     def there(written: list[Path]) -> str:
         films = [path for path in written if path.suffix.lower() == ".npz"]
         text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
-        keeper, interrupted = outcome.keeper, film.metadata.stop_rule == INTERRUPTED_RULE
-        by_itself = films and interrupted and (keeper is None or keeper.failure is not None)
+        checkpoint, interrupted = outcome.checkpoint, film.metadata.stop_rule == INTERRUPTED_RULE
+        by_itself = films and interrupted and (checkpoint is None or checkpoint.failure is not None)
         return f"{text}\n{_GO_ON.format(films[0])}" if by_itself else text
 
     def event() -> dict[str, Any]:

@@ -173,7 +173,7 @@ def radiosity(
         loaded = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
-    keeper = _checkpoint(out[0], run)
+    checkpoint = _checkpoint(out[0], run)
     if adaptive is None:
         adaptive = 2 if baked and method == "progressive" else 0
     options: dict[str, Any] = {
@@ -181,25 +181,25 @@ def radiosity(
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
         "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
-        "seed": seed, "checkpoint": keeper, "shafts": _shafts(shaft),
+        "seed": seed, "checkpoint": checkpoint, "shafts": _shafts(shaft),
     }  # fmt: skip
-    with keeper or nullcontext():
-        if keeper is not None and not run.resume:
-            check_absent(keeper.path)
-        with watched(run.silence, left_in(keeper.path if keeper is not None else None), SOLVING):
+    with checkpoint or nullcontext():
+        if checkpoint is not None and not run.resume:
+            check_absent(checkpoint.path)
+        with watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None), SOLVING):
             if radiosity is not None:
                 solution: RadiositySolution | None = _loaded(radiosity, loaded)
             else:
                 solution = _solve(loaded, options, run.mode)
-        if keeper is not None and by_scheduler():
-            if keeper.failure is not None:
-                raise ImageError(keeper.failure)
-            say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
+        if checkpoint is not None and by_scheduler():
+            if checkpoint.failure is not None:
+                raise ImageError(checkpoint.failure)
+            say(f"glpath: ended by a signal: {checkpoint.path} is what --resume goes on with", err=True)
             raise typer.Exit(GO_ON_LATER)
         if solution is not None:
             _save(solution, loaded, out, exposure)
-        if keeper is not None and not arrived():
-            keeper.remove()
+        if checkpoint is not None and not arrived():
+            checkpoint.remove()
     _end(solution, out, loaded, not run.talks, solved=radiosity is None)
     if check and solution is not None:
         from glpath.rendering import element_error

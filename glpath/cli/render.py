@@ -218,5 +218,5 @@ def render(
     if many is not None:
         FramesToRender(many, out, movies, fps, picture, run).render(loaded, scenes, options)
         return
-    with checkpointed(out, run) as (keeper, begun):
-        outcome.leave_picture(running.outcome_of(start, run, keeper, begun), out, picture, spp)
+    with checkpointed(out, run) as (checkpoint, begun):
+        outcome.leave_picture(running.outcome_of(start, run, checkpoint, begun), out, picture, spp)

@@ -83,25 +83,25 @@ def workers_of(address: str | None) -> Iterator[Workers | None]:
         yield cluster
 
 
-def outcome_of(start: Start, run: RunRequest, keeper: Checkpoint | None, begun: Film | None) -> Outcome:
+def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None) -> Outcome:
     """The film, or what there is of it when a signal ends the render, or workers fail; KeyboardInterrupt before
     there is one.
 
-    keeper, begun : the checkpoint, and the film to go on with
+    checkpoint, begun : the checkpoint, and the film to go on with
     """
     before = 0 if begun is None else begun.path_sets
-    if keeper is not None and begun is not None:
-        log.info("going on with %s path sets of %s", before, keeper.path)
-    film, failure = _film_of(start, run, keeper, begun)
-    return Outcome(film, failure, run, keeper, before)
+    if checkpoint is not None and begun is not None:
+        log.info("going on with %s path sets of %s", before, checkpoint.path)
+    film, failure = _film_of(start, run, checkpoint, begun)
+    return Outcome(film, failure, run, checkpoint, before)
 
 
 def _film_of(
-    start: Start, run: RunRequest, keeper: Checkpoint | None, begun: Film | None
+    start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None
 ) -> tuple[Film, GlpathError | None]:
     from glpath.jobs.chunks import ChunksFailedError
     from glpath.rendering import RenderInterrupted
-    from glpath.rendering.going_on import AnotherRenderError
+    from glpath.rendering.resume import AnotherRenderError
 
     films: list[Film] = []
 
@@ -113,11 +113,11 @@ def _film_of(
     try:
         try:
             with (
-                watched(run.silence, left_in(keeper.path if keeper is not None else None)),
+                watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None)),
                 workers_of(run.cluster) as workers,
             ):
                 options = run.options(
-                    film=begun, on_step=keeper, progress=run.mode, on_progress=watch, cluster=workers
+                    film=begun, on_step=checkpoint, progress=run.mode, on_progress=watch, cluster=workers
                 )
                 return result_of(lambda: start(options)), None
         except ChunksFailedError as error:
@@ -126,13 +126,13 @@ def _film_of(
             films[:] = [stop.film]
             interrupted(stop.number)
         except AnotherRenderError as error:
-            assert keeper is not None, "only a checkpoint is gone on with"
+            assert checkpoint is not None, "only a checkpoint is gone on with"
             raise UsageError(
-                f"{keeper.path}: cannot be gone on with: {error.reason}.",
+                f"{checkpoint.path}: cannot be gone on with: {error.reason}.",
                 "Ask for what it was made with; or remove it, and the render begins anew.",
             ) from error
         except Exception as error:
-            keep_after_failure(keeper, error)
+            keep_after_failure(checkpoint, error)
             raise
     except KeyboardInterrupt:  # on the way here from the render
         if not films:

@@ -6,7 +6,7 @@
 The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
 solution go to each worker once, path sets in chunks of some seconds (`chunks`), whose films are merged as they
 come. A worker that is lost costs the chunks that it had, which others render again; a chunk that fails everywhere
-is told of at the end, with a film of all others.
+is reported at the end, with a film of all others.
 
 Cost:     a start of Python, a context and the shaders for each worker; a film's sums for each chunk over the
           network, 24 bytes a pixel and batch of path sets.
@@ -155,7 +155,7 @@ class _Render:
         """The rule that ended it; "" where path sets failed."""
         last_look = -_LOOK_AROUND_S
         alone_since = time.monotonic()
-        told = False
+        warned = False
         while True:
             if interrupted:
                 raise KeyboardInterrupt
@@ -166,9 +166,9 @@ class _Render:
                 last_look = now
             if self._workers:
                 alone_since = now
-            elif now - alone_since > _SILENCE_S and not told:
+            elif now - alone_since > _SILENCE_S and not warned:
                 log.warning("cluster %s: no worker is there; waiting for one", self.cluster.address)
-                told = True
+                warned = True
             if not self._workers:
                 heartbeat.beat()  # a cluster may take its time; that is no hang
             self._hand_out(chunks)

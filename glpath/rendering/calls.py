@@ -146,11 +146,11 @@ def run_job(
     pictured : what `progress` shows of a film that is no picture
     """
     if options.cluster is not None:
-        with reporting_to(options, pictured) as told:
-            return options.cluster.render(job, scene, replace(told, cluster=None))
+        with reporting_to(options, pictured) as reported:
+            return options.cluster.render(job, scene, replace(reported, cluster=None))
     session = Session(job, scene, options, context=context)
-    with session, reporting_to(options, pictured) as told:
-        film = session.render(job, scene, told)
+    with session, reporting_to(options, pictured) as reported:
+        film = session.render(job, scene, reported)
     for text in session.remarks(film):
         warn(text)
     return film
@@ -217,11 +217,11 @@ def render_frames(
             if workers is None and (session is None or not session.follows(job, shown)):
                 until_done.close()  # what is on the device is of no use for another scene
                 session = until_done.enter_context(Session(job, shown, run_options))
-            with reporting_to(run_options) as told:
+            with reporting_to(run_options) as reported:
                 if session is not None:
-                    film = session.render(job, shown, told, started)
+                    film = session.render(job, shown, reported, started)
                 elif workers is not None:
-                    film = workers.render(job, shown, replace(told, cluster=None))
+                    film = workers.render(job, shown, replace(reported, cluster=None))
             yield film
 
 

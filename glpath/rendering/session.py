@@ -14,10 +14,10 @@ from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Plan, plan_of, sensor_in
-from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
+from glpath.rendering.resume import check_same_render
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
