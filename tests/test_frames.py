@@ -175,5 +175,5 @@ def test_each_frame_ends_by_its_own_noise() -> None:
     for camera, made in zip(cameras, films, strict=True):
         still = glpath.render("cornell-box-36", camera=camera, noise=0.2, **small)
         assert np.array_equal(still.radiance_sums, made.radiance_sums)
-    with pytest.raises(glpath.UsageError, match="each has its own"):
+    with pytest.raises(glpath.UsageError, match="each frame has its own"):
         next(glpath.render_frames("cornell-box-36", cameras, film=films[0]))

@@ -29,7 +29,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.denoise import denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.radiosity.memory import require_memory
@@ -364,7 +364,7 @@ class Bake:
         spp: int | None = None,
         first_path_set: int = 0,
         say: Callable[[str], None] | None = None,
-        **options: Any,
+        **options: Unpack[IntegratorKeywords],
     ) -> Bake:
         """See `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
         if denoise:
