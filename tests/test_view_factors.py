@@ -653,7 +653,7 @@ def test_sigterm_ends_the_command_within_a_row(tmp_path: Path) -> None:
     start = time.monotonic()
     _, said = running.communicate(timeout=60)
     assert time.monotonic() - start < 20  # of which the most is to load what ends it, on a machine that is busy
-    assert running.returncode == 130
+    assert running.returncode == 75
     assert "go on with: glpath viewfactors office" in said
 
 
