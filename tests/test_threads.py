@@ -427,8 +427,8 @@ from typer.testing import CliRunner
 from glpath.cli.main import app
 from glpath.system import machine
 for command, *more in (
-    ("render", "-o", "a.npz"), ("measure", "-o", "a.npz", "--plane", "y=1"), ("lightmap", "-o", "a.glb"),
-    ("radiosity", "-o", "a.npz"), ("viewfactors", "-o", "a.npz"),
+    ("render", "-o", "a.npz"), ("measure", "-o", "a.npz", "--plane", "y=1"),
+    ("lightmap", "-o", "a.glb", "--uv", "keep"), ("radiosity", "-o", "a.npz"), ("viewfactors", "-o", "a.npz"),
 ):
     machine.limit_threads(64)
     done = CliRunner().invoke(app, [command, "no-such-scene", *more, "--threads", "1"])
